@@ -8,6 +8,7 @@
     GET  /jobs, /jobs/<id>[?wait=s][&after=n]    the caller's jobs; one with its answer, its events
     DELETE /jobs/<id>                            cancel
 
+Calls and their answers are JSON, or CBOR where Content-Type and Accept say so.
 Data resources are named by ``?data=robot:robots/NAO`` or the member ``$data`` of the body.
 """
 
@@ -20,7 +21,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import CBOR_TYPE, JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask.errors import UnknownTermError, UsageError
@@ -28,6 +29,7 @@ from rtask.services import ServiceHost
 from rtask.services.call import Invocation
 from rtask.services.host import MAX_JOB_S, MAX_TIMEOUT_S
 from rtask.services.jobs import Job
+from rtask.services.outward.frames import pack, packed, unpack
 from rtask.services.task import Task
 from rtask.wire.message import strict_json
 
@@ -99,7 +101,8 @@ def _plan_call(
 ) -> Plan:
     definition, found = host.find(name, method)
     authorise(auth, request, caller, found.scope, f"{definition.name}/{method}")
-    args = json_object(request)
+    is_binary = request.content_type[0] == CBOR_TYPE
+    args = unpack(request.body) if is_binary else json_object(request)
     data = _data(request, args.pop(DATA, None))
     is_job = "respond-async" in request.header("prefer")
     timeout_s = _seconds(request, "timeout", MAX_JOB_S if is_job else MAX_TIMEOUT_S)
@@ -114,22 +117,23 @@ def _plan_call(
         return task.done
 
     return Plan(
-        lambda: _answer(task),
+        lambda: _answer(task, CBOR_TYPE in request.header("accept")),
         timeout_s=task.call.timeout_s,
         elsewhere=Elsewhere(start, task.call.late, task.cancel),
     )
 
 
-def _answer(task: Task) -> Response:
+def _answer(task: Task, is_binary: bool) -> Response:
     """Return the response to a call that has ended."""
-    body = task.result().to_json()
+    answer = task.result()
+    body = pack(packed(answer)) if is_binary else answer.to_json()
     timing = f"queue;dur={task.queued_ms:.3f}, run;dur={task.run_ms:.3f}"
     headers = (
         ("RTASK-Service", task.service),
         ("RTASK-Call", task.call.id),
         ("Server-Timing", timing),
     )
-    return Response(200, body, JSON_TYPE, headers)
+    return Response(200, body, CBOR_TYPE if is_binary else JSON_TYPE, headers)
 
 
 def _accepted(job: Job) -> Response:

@@ -24,6 +24,7 @@ _RUN = secrets.token_hex(4)
 _NUMBERS = itertools.count(1)
 
 JSON_TYPE = "application/json"
+CBOR_TYPE = "application/cbor"
 FORM_TYPE = "application/x-www-form-urlencoded"
 
 

@@ -138,13 +138,18 @@ def _on_range(task: Task[T], one: Range) -> T:
 
 
 class Ray:
-    """Runs on a Ray cluster; ``ray`` is imported and started here only.
+    """Runs on a Ray cluster that is running; ``ray`` is imported here only.
 
     Parameters
     ----------
     address
-        Of a running cluster; None starts one on this machine, which listens on ports of its own
-        choice and so needs a firewall.
+        Of the cluster; None = the one that this program is connected to. None is ever started
+        here, because a cluster listens on all interfaces.
+
+    Raises
+    ------
+    ValueError
+        Ray is not installed, or there is no cluster.
     """
 
     def __init__(self, address: str | None = None, workers: int = 0) -> None:
@@ -152,9 +157,17 @@ class Ray:
             self._ray: Any = importlib.import_module("ray")
         except ImportError as error:
             raise ValueError("executor 'ray' needs the package ray: pip install ray") from error
-        self._started = not self._ray.is_initialized()
-        if self._started:
-            self._ray.init(address=address, include_dashboard=False, logging_level="ERROR")
+        self._connected = not self._ray.is_initialized()
+        if self._connected and address is None:
+            raise ValueError(
+                "executor 'ray' needs the address of a running cluster: start one by `ray start "
+                "--head` and name it, or auto for the one of this machine"
+            )
+        if self._connected:
+            try:
+                self._ray.init(address=address, logging_level="ERROR")
+            except ConnectionError as error:
+                raise ValueError(f"no Ray cluster at {address}: {error}") from error
         self.workers = workers or int(self._ray.cluster_resources().get("CPU", 1))
 
     def _submit(self, task: Task[T], ranges: Sequence[Range]) -> list[Any]:
@@ -184,7 +197,7 @@ class Ray:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._started:
+        if self._connected:
             self._ray.shutdown()
 
 
@@ -203,6 +216,8 @@ def open_executor(
     ----------
     workers
         0 = one for each core that this process may use.
+    address
+        Of a running Ray cluster; None = the one that this program is connected to.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,6 +69,7 @@ class RemoteClient(Client):
         self._token = token
         self._timeout_s = timeout_s
         self._http: httpx.Client | None = None
+        self._opening = threading.Lock()
 
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
@@ -206,13 +208,14 @@ class RemoteClient(Client):
     def _session(self) -> httpx.Client:
         import httpx
 
-        if self._http is None:
-            headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
-            near = (urlsplit(self.url).hostname or "") in ("localhost", "127.0.0.1", "::1")
-            self._http = httpx.Client(
-                base_url=self.url, headers=headers, timeout=self._timeout_s, trust_env=not near
-            )
-        return self._http
+        with self._opening:
+            if self._http is None:
+                headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+                near = (urlsplit(self.url).hostname or "") in ("localhost", "127.0.0.1", "::1")
+                self._http = httpx.Client(
+                    base_url=self.url, headers=headers, timeout=self._timeout_s, trust_env=not near
+                )
+            return self._http
 
 
 def _address(service: str) -> str:

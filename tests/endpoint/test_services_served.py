@@ -17,6 +17,7 @@ from websockets.sync.client import connect
 import rtask
 from rtask.cli import cli
 from rtask.errors import CallFailedError
+from rtask.services.outward.frames import pack, unpack
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow  # starts a server
@@ -72,6 +73,19 @@ def test_problems_say_what_was_wrong(http, path, body, status, slug, words):
     assert (answer.status_code, problem["type"]) == (status, f"/errors/{slug}")
     assert words in problem["detail"]
     assert "Traceback" not in answer.text
+
+
+def test_calls_may_be_cbor_with_arrays_and_bytes_as_they_are(http):
+    both = {"Content-Type": "application/cbor", "Accept": "application/cbor"}
+    given = {"joints": np.zeros(2), "scale": 2}
+    answer = http.post("/services/lab/Arm/forward", content=pack(given), headers=both)
+    assert answer.headers["Content-Type"] == "application/cbor"
+    pose = unpack(answer.content)["pose"]
+    assert pose.shape == (4, 4)
+    assert pose[0, 3] == 4.0
+    broken = http.post("/services/lab/Arm/forward", content=b"\xff", headers=both)
+    assert broken.status_code == 400
+    assert "not CBOR" in broken.json()["detail"]
 
 
 def test_a_failed_start_says_when_to_come_back(http):

@@ -20,6 +20,7 @@ from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
     from grasp.push import Outline, PushPlan
+    from grasp.push.shards import Executor
 
 
 @click.group()
@@ -152,12 +153,29 @@ grasp.add_command(train)
 )
 @click.option(
     "--executor",
-    type=click.Choice(["serial", "threads", "processes", "ray"]),
+    type=click.Choice(["serial", "threads", "processes", "server", "ray"]),
     default="serial",
     show_default=True,
-    help="Push: where the trials run.",
+    help="Push: where the trials run. server: on that of --server and the workers connected to it; "
+    "ray: on the running cluster of --cluster.",
 )
-@click.option("--workers", default=0, help="Push: workers of the executor; 0 = one for each core.")
+@click.option(
+    "--server",
+    metavar="URL",
+    envvar="RTASK_SERVER",
+    show_envvar=True,
+    help="Push: server of --executor server. Its token is read from RTASK_TOKEN.",
+)
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Push: address of a running Ray cluster, or auto for the one of this machine.",
+)
+@click.option(
+    "--workers",
+    default=0,
+    help="Push: workers of the executor; 0 = one for each core, of a server eight calls at a time.",
+)
 @limit_option(10, "Number of grasps to print, and to store.", former=["--top"])
 @click.option(
     "--min-confidence",
@@ -234,7 +252,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     """Plan push grasps; tell whether any of them closes."""
     import math
 
-    from grasp.push import Elimination, Racing, as_part, open_executor, plan_push_grasps
+    from grasp.push import Elimination, Racing, as_part, plan_push_grasps
     from rtask.errors import UsageError
 
     outline, thing = _outline(source, data, options)
@@ -251,7 +269,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
     with (
         Working("planning"),
-        open_executor(options["executor"], options["workers"]) as executor,
+        _executor(options) as executor,
     ):
         found = plan_push_grasps(
             part.vertices,
@@ -273,6 +291,22 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
     return bool(found.quality > 0)
+
+
+def _executor(options: dict[str, Any]) -> Executor:
+    """Return what runs the trials; a context manager."""
+    import os
+
+    from grasp.push import open_executor
+    from rtask.errors import UsageError
+
+    if options["executor"] != "server":
+        return open_executor(options["executor"], options["workers"], options["cluster"])
+    from rtask.client.trials import ServerExecutor
+
+    if not options["server"]:
+        raise UsageError("--executor server needs --server URL")
+    return ServerExecutor(options["server"], os.environ.get("RTASK_TOKEN"), options["workers"])
 
 
 _PLANNED = (

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from rtask.services.builtin.grasping import Grasping
 from rtask.services.builtin.pipeline import Pipeline
+from rtask.services.builtin.push_trials import PushTrials
 from rtask.services.builtin.segmentation import Segmentation
 
-__all__ = ["BUILTIN", "Grasping", "Pipeline", "Segmentation"]
+__all__ = ["BUILTIN", "Grasping", "Pipeline", "PushTrials", "Segmentation"]
 
-BUILTIN = (Segmentation, Grasping, Pipeline)
+BUILTIN = (Segmentation, Grasping, Pipeline, PushTrials)

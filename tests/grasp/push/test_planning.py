@@ -122,17 +122,24 @@ def test_parallel_runs_equal_the_serial_run(kind: str) -> None:
 
 def test_ray_equals_the_serial_run() -> None:
     """All shards, and those that finish first: trial by trial what the serial run gives."""
-    pytest.importorskip("ray", reason="ray is optional: pip install 'rtask-kg[ray]'")
+    ray = pytest.importorskip("ray", reason="ray is optional: pip install 'rtask-kg[ray]'")
     part = as_part(stand_in("A"))
     test, tolerance = PushTest(0.25 * part.diameter), Tolerance.default(part)
     serial = _plan(samples=80).analysis.codes
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with open_executor("ray", 2) as executor:
-            parallel = _plan(samples=80, executor=executor)
-            early = analyse_early(
-                part, sample_grasps(part), test, tolerance, samples=16, shards=10, executor=executor
-            )
+        with pytest.raises(ValueError, match="address of a running cluster"):
+            open_executor("ray", 2)
+        ray.init(num_cpus=2, include_dashboard=False, logging_level="ERROR")
+        try:
+            with open_executor("ray", 2) as executor:
+                parallel = _plan(samples=80, executor=executor)
+                early = analyse_early(
+                    part, sample_grasps(part), test, tolerance, samples=16, shards=10,
+                    executor=executor,
+                )  # fmt: skip
+        finally:
+            ray.shutdown()
     assert np.array_equal(parallel.analysis.codes, serial)
     taken = np.concatenate([serial[:, 8 * k : 8 * k + 8] for k in early.shards], axis=1)
     assert np.array_equal(early.analysis.codes, taken)

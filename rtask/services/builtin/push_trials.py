@@ -1,0 +1,149 @@
+"""Trials of push grasps as a service, so that workers on many machines share an analysis.
+
+One call is one shard: some perturbed parts, on which all grasps are tried (Kehoe 2014, 3.6).
+"""
+
+from __future__ import annotations
+
+import zlib
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+
+from rtask.errors import ServiceError
+from rtask.services.service import Service, method, startup
+from rtask.wire.message import Message
+from rtask.wire.types import Array, ArrayOf, Bytes, Carried, Flag, Json, Number, Whole
+
+if TYPE_CHECKING:
+    from grasp.push.trials import Trials
+
+__all__ = ["NAME", "PushTrials", "codes_of", "request_of"]
+
+NAME = "rtask/PushTrials"
+_MAX_TRIALS = 100_000
+_MAX_EVALUATIONS = 50_000_000
+
+
+def _rows(columns: int, form: str, most: int) -> Any:
+    kind = Carried("string", "Sequence[Sequence[float]]", None)
+    return Annotated[NDArray[np.float64], ArrayOf(columns, "", most, form), kind]
+
+
+class Shard(Message):
+    """Trials of grasps on one part, all lengths in radii of the part."""
+
+    ring: _rows(2, "[x, y]", 2000)  # type: ignore[valid-type]
+    """outline, with the centroid as origin"""
+    com: Array
+    """centre of mass, x and y"""
+    rows: _rows(5, "five numbers", 200_000)  # type: ignore[valid-type]
+    """grasps"""
+    width: Number
+    """of the jaw"""
+    diameter: Number
+    """of the part"""
+    vertex_std: Array
+    """standard deviation of a vertex: one number, or one for each vertex"""
+    com_std: Number
+    """standard deviation of the centre of mass"""
+    pose_std: Array
+    """standard deviations of the lateral position and of the rotation in rad"""
+    com_follows: Flag
+    """whether the centre of mass is the centroid of each perturbed part"""
+    correlation: Number | None = None
+    """length over which vertices deviate alike; default: each deviates on its own"""
+    test: Json
+    """parameters of the test of a grasp"""
+    key: Annotated[Whole, Ge(0)]
+    """number from which the perturbations follow"""
+
+
+class PushTrials(Service):
+    """Trials of push grasps on perturbed parts, one shard at a time."""
+
+    name = NAME
+    version = "1.0.0"
+    timeout_s = 300.0
+
+    @startup
+    def compile(self) -> None:
+        """Compile the kernels; they are kept on disk."""
+        from grasp.push import warm_up
+
+        warm_up()
+
+    @method(output="codes")
+    def run(
+        self,
+        shard: Shard,
+        first: Annotated[Whole, Ge(0)],
+        count: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)],
+    ) -> Bytes:
+        """Result of every grasp on every perturbed part, one byte each, compressed by zlib.
+
+        Parameters
+        ----------
+        shard
+            Part, grasps and test.
+        first
+            Number of the first perturbation.
+        count
+            How many perturbations.
+        """
+        if count * len(shard.rows) > _MAX_EVALUATIONS:
+            raise ServiceError(
+                f"{count} trials of {len(shard.rows)} grasps are too many for a call"
+            )
+        try:
+            codes = _trials(shard)(first, count)
+        except (ValueError, TypeError) as error:
+            raise ServiceError(str(error)) from error
+        return zlib.compress(codes.tobytes(), 1)
+
+
+def request_of(trials: Trials) -> dict[str, Any]:
+    """Return the trials of an analysis as a request carries them."""
+    from dataclasses import asdict
+
+    given = trials.tolerance
+    return {
+        "ring": trials.ring.tolist(),
+        "com": trials.com.tolist(),
+        "rows": trials.rows.tolist(),
+        "width": trials.width,
+        "diameter": trials.diameter,
+        "vertex_std": np.atleast_1d(given.vertex_std).tolist(),
+        "com_std": given.com_std,
+        "pose_std": list(given.pose_std),
+        "com_follows": given.com_follows,
+        **({} if given.correlation is None else {"correlation": given.correlation}),
+        "test": asdict(trials.test),
+        "key": int(trials.key),
+    }
+
+
+def codes_of(packed: bytes, grasps: int) -> NDArray[np.int8]:
+    """Return the results (grasps, count) that an answer holds."""
+    return np.frombuffer(zlib.decompress(packed), np.int8).reshape(grasps, -1)
+
+
+def _trials(shard: Shard) -> Trials:
+    from grasp.push.perturb import Tolerance
+    from grasp.push.trials import PushTest, Trials
+
+    for name, two in (("com", shard.com), ("pose_std", shard.pose_std)):
+        if len(two) != 2:
+            raise ValueError(f"{name}: expected two numbers, got {len(two)}")
+    lateral, rotation = shard.pose_std.tolist()
+    std = shard.vertex_std
+    tolerance = Tolerance(
+        float(std[0]) if len(std) == 1 else std, shard.com_std, (lateral, rotation),
+        shard.com_follows, shard.correlation,
+    )  # fmt: skip
+    return Trials(
+        shard.ring, shard.com, shard.rows, shard.width, shard.diameter, tolerance,
+        PushTest(**shard.test), shard.key,
+    )  # fmt: skip

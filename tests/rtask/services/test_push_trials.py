@@ -1,0 +1,112 @@
+"""Push analyses whose shards are calls of a server, and of a worker that is connected to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grasp.push import Elimination, PushTest, Tolerance, analyse, as_part, sample_grasps
+from grasp.push.early import analyse_early
+from grasp.push.parts import stand_in
+from grasp.push.trials import Trials
+from rtask.client.trials import ServerExecutor
+from rtask.errors import ServiceError, UsageError
+from rtask.services.builtin.push_trials import PushTrials, codes_of, request_of
+from rtask.services.host import ServiceHost
+from tests.servers import RunningServer, running_server
+
+
+def trials(**settings: float) -> Trials:
+    part = as_part(stand_in("A"))
+    grasps = sample_grasps(part)
+    tolerance = Tolerance(0.045 * part.radius, 0.08 * part.radius, (0.01, 0.1), **settings)
+    return Trials.of(part, grasps, PushTest(0.25 * part.diameter), tolerance, 3)
+
+
+@pytest.mark.parametrize("settings", [{}, {"com_follows": True}, {"correlation": 0.5}])
+def test_a_shard_that_went_through_json_gives_the_same_results(settings):
+    one = trials(**settings)
+    given = json.loads(json.dumps({"shard": request_of(one), "first": 5, "count": 9}))
+    with ServiceHost([PushTrials]) as host:
+        answer = host.call("rtask/PushTrials", "run", given)
+    np.testing.assert_array_equal(codes_of(answer["codes"], len(one.rows)), one(5, 9))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("test", {"jaw_width": -1.0}, "jaw_width must be positive"),
+        ("test", {"jaw": 1.0}, "jaw"),
+        ("pose_std", [1.0], "pose_std: expected two numbers, got 1"),
+        ("com_std", -1.0, "at least 0"),
+        ("com", [1.0], "com: expected two numbers, got 1"),
+    ],
+)
+def test_a_shard_that_cannot_be_run_says_why(field, value, words):
+    shard = {**request_of(trials()), field: value}
+    with ServiceHost([PushTrials]) as host, pytest.raises(ServiceError, match=words):
+        host.call("rtask/PushTrials", "run", {"shard": shard, "first": 0, "count": 1})
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[RunningServer]:
+    with running_server(None) as running:
+        yield running
+
+
+@pytest.mark.slow
+def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tmp_path: Path):
+    command = [sys.executable, "-m", "rtask", "worker", "rtask.services.builtin.push_trials"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    part = as_part(stand_in("A"))
+    grasps = sample_grasps(part)
+    test, tolerance = PushTest(0.25 * part.diameter), Tolerance.default(part)
+    drop = Elimination((11, 50), 0.5)
+    serial = analyse(part, grasps, test, tolerance, elimination=drop)
+    with (
+        subprocess.Popen(
+            [*command, "--server", server.url], stdout=subprocess.PIPE, text=True, env=environment
+        ) as worker,
+        ServerExecutor(server.url, workers=4) as executor,
+    ):
+        try:
+            assert worker.stdout is not None
+            assert worker.stdout.readline() == "serving rtask/PushTrials@1.0.0\n"
+            shared = analyse(part, grasps, test, tolerance, elimination=drop, executor=executor)
+            early = analyse_early(
+                part, grasps, test, tolerance, samples=16, shards=10, executor=executor
+            )
+        finally:
+            worker.kill()
+    np.testing.assert_array_equal(shared.codes, serial.codes)
+    np.testing.assert_array_equal(shared.order, serial.order)
+    every = analyse(part, grasps, test, tolerance, samples=80).codes
+    taken = np.concatenate([every[:, 8 * k : 8 * k + 8] for k in early.shards], axis=1)
+    np.testing.assert_array_equal(early.analysis.codes, taken)
+
+
+@pytest.mark.slow
+def test_the_command_plans_on_a_server_as_it_does_alone(server, tmp_path: Path):
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps([[0, 0], [0.1, 0], [0.12, 0.05], [0, 0.04]]))
+    command = [sys.executable, "-m", "rtask", "grasp", "plan", str(part), "--json"]
+    more = ["--executor", "server", "--server", server.url]
+    alone, shared = (
+        json.loads(subprocess.run([*command, *one], capture_output=True, check=True).stdout)
+        for one in ([], more)
+    )
+    assert alone["grasps"] == shared["grasps"]
+    assert alone["grasps"]
+
+
+@pytest.mark.slow
+def test_what_is_no_trial_of_push_grasps_is_refused(server):
+    with ServerExecutor(server.url) as executor, pytest.raises(UsageError, match="not function"):
+        executor.map(lambda first, count: first + count, [(0, 1)])
