@@ -153,6 +153,11 @@ def _query(name: str) -> str:
     return PREFIXES + text
 
 
+def query_text(name: str) -> str:
+    """Return one of the queries in the folder ``queries``, to be shown and run again."""
+    return _query(name)
+
+
 def solutions(
     name: str, *, limit: int | None = None, offset: int = 0, **terms: NamedNode | str
 ) -> Solutions:

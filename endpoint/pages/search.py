@@ -36,6 +36,7 @@ _PAGES = (
     ("/classes", "Classes", "ontology tree kinds"),
     ("/robots", "Robots", ""),
     ("/feedback", "Outcomes", "feedback attempts judge verdicts"),
+    ("/learning", "Learning", "success curves beliefs experience shared alone"),
     ("/services", "Services", "algorithms methods forms call"),
     ("/tools/grasp", "Grasp editor", "tool push outline polygon whiskers plan"),
     ("/tools/arm", "Arm and planning", "tool kinematics motion path trajectory joints"),

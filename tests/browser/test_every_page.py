@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 OBJECT = "urn:lab/object/1"
 PATHS = (
     "/", "/activity", "/sparql", "/objects", f"/object?iri={OBJECT}", "/classes?iri=rt:Mug",
-    "/robots", "/feedback", "/services", "/services/example/Grasping",
+    "/robots", "/feedback", "/learning", "/services", "/services/example/Grasping",
     "/setup", "/datasets", "/datasets/robots/Point", "/jobs", "/tools/grasp", "/tools/arm",
     "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",

@@ -1,0 +1,90 @@
+"""Page about learning: how often attempts hold, and what earlier attempts have to do with it."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from endpoint.pages.drawn import belief_over
+from endpoint.pages.render import Model, page, query_text, select
+
+__all__ = ["learned"]
+
+MAX_ATTEMPTS = 5000
+MAX_GRASPS = 100
+MAX_CURVE = 500
+_QUERY = "learning"
+_KNOWN = {
+    (False, False): "nobody had tried the object",
+    (True, False): "only the robot itself had",
+    (False, True): "only other robots had",
+    (True, True): "the robot and others had",
+}
+_COUNTS = ((0, "none"), (1, "1"), (4, "2 to 4"), (9, "5 to 9"), (10**9, "10 or more"))
+
+
+@page("/learning", "learning.html")
+def learning() -> Model:
+    """Return success by what was known before, by robot and by grasp; one query."""
+    rows = select(_QUERY, limit=MAX_ATTEMPTS)[::-1]
+    return {**learned(rows), "most": MAX_ATTEMPTS, "query": query_text(_QUERY)}
+
+
+def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
+    """Return what attempts show about learning.
+
+    Parameters
+    ----------
+    attempts
+        With robot, object, grasp and success, the oldest first.
+
+    Examples
+    --------
+    >>> tried = {"object": "o", "grasp": "g", "object_name": "cup", "robot_name": None}
+    >>> found = learned([{**tried, "robot": "a", "success": False},
+    ...                  {**tried, "robot": "b", "success": True}])
+    >>> [(one["name"], one["attempts"], one["held"]) for one in found["known"]]
+    [('nobody had tried the object', 1, 0), ('only other robots had', 1, 1)]
+    """
+    tried: dict[str, Counter[str]] = defaultdict(Counter)
+    known: dict[str, list[bool]] = defaultdict(list)
+    counts: dict[str, list[bool]] = defaultdict(list)
+    robots: dict[str, list[bool]] = defaultdict(list)
+    grasps: dict[tuple[str, str], list[bool]] = defaultdict(list)
+    names: dict[str, str] = {}
+    total = 0
+    for row in attempts:
+        robot, thing, held = str(row["robot"]), str(row["object"]), bool(row["success"])
+        before = tried[thing]
+        number, own = before.total(), before[robot]
+        known[_KNOWN[own > 0, number > own]].append(held)
+        counts[next(words for most, words in _COUNTS if number <= most)].append(held)
+        robots[robot].append(held)
+        grasps[thing, str(row["grasp"])].append(held)
+        names[robot], names[thing] = row["robot_name"] or "", row["object_name"] or ""
+        before[robot] += 1
+        total += 1
+    curves = [
+        {**_share(names[robot], judged), "robot": robot, "belief": belief_over(judged[-MAX_CURVE:])}
+        for robot, judged in sorted(robots.items())
+    ]
+    beliefs = [
+        {**_share(names[thing], judged), "object": thing, "grasp": grasp}
+        for (thing, grasp), judged in grasps.items()
+    ]
+    beliefs.sort(key=lambda one: (-one["attempts"], -one["mean"], one["grasp"]))
+    return {
+        "attempts": total,
+        "known": [_share(name, known[name]) for name in _KNOWN.values() if name in known],
+        "counts": [_share(name, counts[name]) for _, name in _COUNTS if name in counts],
+        "robots": curves,
+        "grasps": beliefs[:MAX_GRASPS],
+        "grasp_count": len(beliefs),
+    }
+
+
+def _share(name: str, judged: list[bool]) -> Model:
+    """Return how many attempts held, and the belief in the next with its 90 % interval."""
+    (last,) = belief_over(judged)[-1:]
+    return {"name": name, "attempts": len(judged), "held": sum(judged), **last}
