@@ -200,21 +200,27 @@ def _hidden(
     told: Sequence[Remembered],
     weights: Weights,
 ) -> NDArray[np.float64]:
-    """Return what attempts at the object itself leave of each option's quality, (n,)."""
-    if not weights.policy.causes:
-        return np.ones(len(candidates))
-    seen = [(trial.x, float(trial.held), 1.0) for trial in memory.trials]
+    """Return what attempts at the object itself leave of each option's quality, (n,).
+
+    Both are grasps from above; a grasp in space is another way to hold the object.
+    """
+    hidden = np.ones(len(candidates))
+    above = [k for k, option in enumerate(candidates) if isinstance(option.grasp, PlanarGrasp)]
+    if not (weights.policy.causes and above):
+        return hidden
+    seen = [(one.x, float(one.held), 1.0) for one in memory.trials if one.quaternion is None]
     seen += [
         (one.x, float(tally.held), tally.count * weights.trust(one, tally))
         for one in told
-        if not one.of_class
+        if not one.of_class and one.quaternion is None
         for tally in one.tallies
     ]
     x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
     length = scene.size[0]
-    places = np.array([option.in_object[0] for option in candidates]) / length
+    places = np.array([candidates[k].in_object[0] for k in above]) / length
     half_finger = scene.gripper.finger_width / 2 / length
-    return hidden_share(places, half_finger, x / length, held, weight)
+    hidden[above] = hidden_share(places, half_finger, x / length, held, weight)
+    return hidden
 
 
 def _opening(one: Remembered, hand: ParallelGripper) -> float:
