@@ -120,11 +120,12 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     ahead /= length
     side = np.cross(up, ahead)
     options = [*_planes(seen, ahead, side), *_turns(seen, up, ahead, side)]
-    judged = [_contradiction(views, option.apply(drawn)) for option in options]
-    best = min(range(len(options)), key=lambda k: judged[k][1])
-    if judged[best][0] > _PLAUSIBLE_M:
+    images = np.stack([option.apply(drawn) for option in options])
+    against, order = _contradictions(views, images)
+    best = int(np.argmin(order))
+    if against[best] > _PLAUSIBLE_M:
         return None
-    return replace(options[best], contradiction=judged[best][0])
+    return replace(options[best], contradiction=float(against[best]))
 
 
 def _planes(seen: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
@@ -221,18 +222,25 @@ def _behind(local, low, cell, depth):  # type: ignore[no-untyped-def]
     return out
 
 
-def _contradiction(views: list[_View], image: FloatArray) -> tuple[float, float]:
+def _contradictions(views: list[_View], images: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what speaks against completed points, and what orders guesses that nothing speaks
-    against, both as means over the points, m.
+    against, both as means over the points of each guess (o,), m.
 
     Space seen empty, in front or beside, contradicts. Of two guesses that nothing contradicts the
     smaller is the likelier: what lies far behind the visible surface costs a little.
+
+    Parameters
+    ----------
+    images : (o, n, 3), m
+        The completed points of each guess.
     """
+    flat = images.reshape(-1, 3)
     # What any camera saw as empty is empty.
-    behind = np.min([view.behind(image) for view in views], axis=0)
+    behind = np.min([view.behind(flat) for view in views], axis=0).reshape(images.shape[:2])
     front = np.clip(-behind, 0.0, _CAP_M)
     front[np.isneginf(behind)] = _OUTSIDE_M
-    return float(front.mean()), float(np.mean(front + _BEHIND * np.clip(behind, 0.0, None)))
+    far = _BEHIND * np.clip(behind, 0.0, None)
+    return front.mean(axis=1), (front + far).mean(axis=1)
 
 
 def _hidden(cloud: SurfaceCloud, points: FloatArray) -> NDArray[np.bool_]:
