@@ -27,7 +27,7 @@ from scipy.stats import spearmanr
 
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.gripper import panda_hand
+from grasp.spatial.gripper import ParallelGripper, panda_hand
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
@@ -56,6 +56,7 @@ class Lying:
     body: int
     rest: BodyPose
     mass: float
+    hand: ParallelGripper = HAND
 
     @property
     def world_from_object(self) -> np.ndarray:
@@ -67,12 +68,12 @@ class Lying:
         """Return candidates with scores, ranked; all that were drawn without ``screen``."""
         normal = tuple(self.rest.rotation.T @ [0.0, 0.0, 1.0])
         around = Surroundings(Support(-self.rest.z, normal))
-        found = propose_on_mesh(self.mesh, HAND, around, seed=seed, screen=screen)
+        found = propose_on_mesh(self.mesh, self.hand, around, seed=seed, screen=screen)
         scored = score_grasps(
-            list(found), self.mesh, HAND, NOISE, seed=seed, exact=100, sweep=around.sweep,
+            list(found), self.mesh, self.hand, NOISE, seed=seed, exact=100, sweep=around.sweep,
             load=Load(self.mass, normal),
         )  # fmt: skip
-        plain = score_grasps(list(found), self.mesh, HAND, NOISE, seed=seed, exact=0)
+        plain = score_grasps(list(found), self.mesh, self.hand, NOISE, seed=seed, exact=0)
         return rank(
             [
                 replace(c, scores={**c.scores, "line": p.scores["confidence"]})
@@ -84,11 +85,13 @@ class Lying:
         """Execute a grasp with the gripper off by ``error`` (4, 4) and say whether it held."""
         pose = self.world_from_object @ candidate.frame_from_gripper
         pose = pose if error is None else pose @ error
-        opening = candidate.opening or HAND.max_opening
+        opening = candidate.opening or self.hand.max_opening
         # The error is the object's; where the table is, is known.
-        low = TABLE.below(pose[None], HAND.boxes(opening)[None])[0]
+        low = TABLE.below(pose[None], self.hand.boxes(opening)[None])[0]
         pose[2, 3] += max(TABLE.clearance - low, 0.0)
-        return execute(self.world, self.body, HAND, pose, opening, self.rest, friction=1.0).held
+        return execute(
+            self.world, self.body, self.hand, pose, opening, self.rest, friction=1.0
+        ).held
 
 
 def objects(args: argparse.Namespace) -> Iterator[Lying]:

@@ -37,12 +37,13 @@ PEERS = ("Flat", "IVF", "BinaryFlat", "BinaryHNSW")
 PARAMS = RecogniserParams()
 
 
-def turntable_views(cache: Path, rng: np.random.Generator) -> Stored:
-    """Return all views of the YCB turntable in random order."""
+def turntable_views(cache: Path, rng: np.random.Generator, every: int, step: int) -> Stored:
+    """Return the views of every so manieth object of the YCB turntable in random order."""
     folder = ycb_folder()
     if folder is None:
         raise SystemExit("ycb not found; set RTASK_SHARED_DATA to its parent")
-    views = [(n, f) for n in ycb_names(folder) for f in described_views(folder, n, 5, 0, cache)]
+    names = ycb_names(folder)[::every]
+    views = [(n, f) for n in names for f in described_views(folder, n, step, 0, cache)]
     return [views[k] for k in rng.permutation(len(views))]
 
 
@@ -157,6 +158,8 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=10_000)
     parser.add_argument("--queries", type=int, default=40)
     parser.add_argument("--cache", type=Path, help="described views of the turntable")
+    parser.add_argument("--every", type=int, default=1, help="cache: every so many objects")
+    parser.add_argument("--step", type=int, default=5, help="cache: degrees between views")
     parser.add_argument("--peers", default=",".join(PEERS), help="structures of faiss, or none")
     parser.add_argument("--peer-queries", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
@@ -164,7 +167,10 @@ def main() -> None:
     peers = [name for name in PEERS if name in args.peers.split(",")]
     rng = np.random.default_rng(args.seed)
     total = args.views + args.queries
-    views = turntable_views(args.cache, rng) if args.cache else synthetic_views(total, rng)
+    if args.cache:
+        views = turntable_views(args.cache, rng, args.every, args.step)
+    else:
+        views = synthetic_views(total, rng)
     stored, asked = views[: args.views], views[args.views : total]
     warm_up()
     with tempfile.TemporaryDirectory() as folder:
@@ -232,6 +238,7 @@ def ask_while_growing(index: RecognitionIndex, asked: Stored) -> None:
         ask(view)
     for k, (name, view) in enumerate(arriving):
         query = queries[k % len(queries)][1]
+        ask(query)
         before = ask(query)
         index.add(f"new:{k}", name, "class:x", view)
         compared = timed(lambda k=k: recogniser.prepare([f"new:{k}"]) or 0)[2]

@@ -6,7 +6,6 @@
     python tests/benchmarks/bench_pose.py --views 1 2 4 8      # against models that grow
     python tests/benchmarks/bench_pose.py --fit                # refit the confidence
     python tests/benchmarks/bench_pose.py --bop FOLDER         # a dataset of the BOP benchmark
-    python tests/benchmarks/bench_pose.py --kehoe FOLDER/ycb   # Kehoe 2014, table 4.2
 
 Tables of ``tabletop_scenes.py``, kind ``normal``: occluding, mostly strongly concave objects, of
 which at least 400 px are visible; identity and model known. A pose is right within 5 mm and 5
@@ -298,29 +297,6 @@ def _trial(
     )
 
 
-# Of YCB, things of the shapes in Kehoe's table: bottles, boxes, a tub; the second names his object.
-KEHOE = {
-    "bleach_cleanser": ("air freshener", 2), "gelatin_box": ("candy", 0),
-    "cracker_box": ("juice", 1), "mustard_bottle": ("mustard", 2),
-    "master_chef_can": ("peanut butter", 2), "pudding_box": ("soap", 0),
-}  # fmt: skip
-
-
-def run_kehoe(ycb: Path, params: PoseParams) -> None:
-    """Print Kehoe 2014, table 4.2: 15 poses of six single objects, beside his failures."""
-    models = Models()
-    print("object                (his)            failures of 15, his; CPU s each, median")
-    total = []
-    for name, (his, failures) in KEHOE.items():
-        scenes = [make_scene("ycb", 500 + k, ycb, alone=name) for k in range(15)]
-        trials = run(scenes, models, params, "predicted")
-        wrong = 15 - sum(t.is_right for t in trials)  # one that was not found counts as well
-        total.append(wrong)
-        took = np.median([t.seconds for t in trials]) if trials else float("nan")
-        print(f"{name:20s} {his:16s} {wrong:6d} {failures:11d} {took:12.2f}", flush=True)
-    print(f"together {wilson(sum(total), 15 * len(total))}, his {wilson(7, 90)}")
-
-
 def _share(of: np.ndarray) -> float:
     return float(of.mean()) if len(of) else float("nan")
 
@@ -332,7 +308,7 @@ def wilson(held: int, of: int) -> str:
     share, z = held / of, 1.96
     middle = (share + z * z / (2 * of)) / (1 + z * z / of)
     reach = z / (1 + z * z / of) * np.sqrt(share * (1 - share) / of + z * z / (4 * of * of))
-    return f"{share:.3f} [{middle - reach:.3f}, {middle + reach:.3f}]"
+    return f"{share:.3f} [{max(middle - reach, 0.0):.3f}, {min(middle + reach, 1.0):.3f}]"
 
 
 def report(title: str, trials: list[Trial], threshold: float) -> None:
@@ -406,13 +382,9 @@ def main() -> None:
     parser.add_argument("--save-plot", type=Path, help="PNG, with --views")
     parser.add_argument("--no-peer", action="store_true")
     parser.add_argument("--bop", type=Path, help="a dataset in the layout of the BOP benchmark")
-    parser.add_argument("--kehoe", type=Path, help="YCB objects, for Kehoe 2014, table 4.2")
     parser.add_argument("--split", default="test", help="of the dataset")
     parser.add_argument("--results", type=Path, help="CSV for the benchmark's server, with --bop")
     args = parser.parse_args()
-    if args.kehoe is not None:
-        run_kehoe(args.kehoe, PoseParams(starts=args.starts))
-        return
     if args.bop is not None:
         run_bop(args.bop, args.split, PoseParams(starts=args.starts), args.results)
         return
