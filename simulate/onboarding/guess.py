@@ -212,7 +212,9 @@ def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) ->
         for arm in robot.arms.values():
             tried = 0
             first = [[stated[j] for j in arm.joints]] if set(arm.joints) <= set(stated) else []
-            postures = itertools.chain(map(np.array, first), home_postures(robot, arm, seed))
+            postures = itertools.chain(
+                map(np.array, first), home_postures(_alone(robot, arm, homes), arm, seed)
+            )
             for posture in postures:
                 tried += 1
                 if not contacts.touching({**homes, arm.name: posture}):
@@ -230,6 +232,19 @@ def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) ->
         for name, arm in robot.arms.items()
     }
     return replace(robot, arms=arms)
+
+
+def _alone(robot: RobotDescription, arm: Arm, homes: Mapping[str, Floats]) -> RobotDescription:
+    """Return the robot with the arms at home that have one, and without the others' shapes."""
+    waiting = [one for one in robot.arms.values() if one is not arm and one.name not in homes]
+    moving = {name for one in waiting for name in (*one.joints, *one.fingers)}
+    bare = {joint.child for joint in robot.joints if joint.name in moving}
+    arms = {
+        name: replace(one, home=tuple(float(v) for v in homes[name])) if name in homes else one
+        for name, one in robot.arms.items()
+    }
+    links = tuple(replace(link, shapes=()) if link.name in bare else link for link in robot.links)
+    return replace(robot, arms=arms, links=links)
 
 
 _STATED = {"urdf", "strict", "model", "base_frame", "gripper", "name"}

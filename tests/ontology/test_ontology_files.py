@@ -114,7 +114,7 @@ def test_a_term_is_declared_once(declared: Counter[str]) -> None:
 
 
 def test_terms_used_in_data_files_are_declared(declared: Counter[str], whole: rdflib.Graph) -> None:
-    texts = [*(ROOM / "rules").glob("*.rq"), *(ROOM / "queries").glob("*.rq")]
+    texts = [*(ROOM / "rules").glob("*.rq"), *(ROOM / "queries").rglob("*.rq")]
     used = {str(term) for triple in whole for term in triple if str(term).startswith(RT)}
     for path in [*texts, *TURTLE, ROOM / "examples" / "sample.trig"]:
         used |= {ontology.NS + name for name in re.findall(r"\brt:([A-Za-z]\w*)", path.read_text())}
