@@ -1,0 +1,133 @@
+"""Races of a near and a far answer, with events instead of delays, and with a server that stops."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from typing import Any
+
+import pytest
+
+import rtask
+from rtask.client.race import Attempt, race
+from rtask.errors import DeadlineError, UsageError
+from tests.servers import running_server
+
+LONG_S = 120.0
+
+
+def never(_: Attempt[Any]) -> Any:
+    threading.Event().wait(LONG_S)
+
+
+def fail(_: Attempt[Any]) -> Any:
+    raise LookupError("nothing known")
+
+
+def test_the_remote_answer_counts_within_the_patience_and_the_local_one_after_it():
+    near = threading.Event()
+
+    def local(_: Attempt[str]) -> str:
+        near.set()
+        return "near"
+
+    def remote(_: Attempt[str]) -> str:
+        assert near.wait(LONG_S)
+        return "far"
+
+    found = race(local, remote, patience_s=LONG_S, deadline_s=LONG_S)
+    assert (found.value, found.won_by, found.is_partial) == ("far", "remote", False)
+    found = race(local, never, patience_s=0.0, deadline_s=LONG_S)
+    assert (found.value, found.won_by, found.is_partial) == ("near", "local", False)
+
+
+def test_a_side_that_fails_leaves_the_race_to_the_other():
+    assert race(fail, lambda _: 1, patience_s=0, deadline_s=LONG_S).won_by == "remote"
+    assert race(lambda _: 1, fail, patience_s=LONG_S, deadline_s=LONG_S).won_by == "local"
+    with pytest.raises(LookupError, match="nothing known"):
+        race(fail, fail, deadline_s=LONG_S)
+
+
+@pytest.mark.slow  # waits for the deadline
+def test_at_the_deadline_the_best_answer_so_far_counts():
+    def growing(attempt: Attempt[int]) -> int:
+        attempt.offer(1)
+        attempt.offer(2)
+        threading.Event().wait(LONG_S)
+        return 3
+
+    found = race(growing, never, deadline_s=5.0, patience_s=0.0)
+    assert (found.value, found.won_by, found.is_partial) == (2, "local", True)
+    with pytest.raises(DeadlineError, match="no answer within"):
+        race(never, never, patience_s=0.0, deadline_s=0.05)
+
+
+@pytest.mark.slow  # waits for the deadline
+def test_the_better_of_two_answers_counts_where_both_are_there():
+    far = threading.Event()
+
+    def local(_: Attempt[int]) -> int:
+        return 5
+
+    def remote(attempt: Attempt[int]) -> int:
+        attempt.offer(9)
+        far.set()
+        threading.Event().wait(LONG_S)
+        return 9
+
+    def slow(attempt: Attempt[int]) -> int:
+        assert far.wait(LONG_S)
+        attempt.offer(5)
+        threading.Event().wait(LONG_S)
+        return 5
+
+    found = race(slow, remote, patience_s=0.0, deadline_s=5.0, better=lambda one: one)
+    assert (found.value, found.won_by) == (9, "remote")
+    assert race(local, remote, patience_s=0.0, deadline_s=LONG_S, better=lambda one: one).value == 5
+
+
+def test_the_loser_is_told_that_its_answer_is_not_wanted():
+    told = threading.Event()
+
+    def local(attempt: Attempt[str]) -> str:
+        while attempt.is_wanted:
+            threading.Event().wait(0.01)
+        told.set()
+        return "late"
+
+    assert race(local, lambda _: "far", deadline_s=LONG_S).value == "far"
+    assert told.wait(LONG_S)
+
+
+def test_a_patience_longer_than_the_deadline_is_refused():
+    with pytest.raises(UsageError, match="patience_s=2"):
+        race(fail, fail, patience_s=2, deadline_s=1)
+
+
+@pytest.mark.slow
+def test_a_robot_goes_on_with_its_slice_of_the_graph_while_the_server_does_not_answer():
+    question = "SELECT ?place { <urn:mug> <urn:on> ?place }"
+    with (
+        running_server(None) as server,
+        rtask.open(":memory:", plain=True) as kb,
+        rtask.connect(server.url, timeout_s=LONG_S) as far,
+    ):
+        far.update("INSERT DATA { <urn:mug> <urn:on> <urn:shelf> }")
+        kb.update("INSERT DATA { <urn:mug> <urn:on> <urn:table> }")
+
+        def local(_: Attempt[str]) -> str:
+            return str(next(iter(kb.query(question)))["place"].value)
+
+        def remote(_: Attempt[str]) -> str:
+            return str(far.query(question)[0]["place"])
+
+        linked = race(local, remote, patience_s=LONG_S, deadline_s=LONG_S)
+        assert (linked.value, linked.won_by) == ("urn:shelf", "remote")
+        server.process.send_signal(signal.SIGSTOP)
+        try:
+            cut = race(local, remote, patience_s=0.05, deadline_s=LONG_S)
+        finally:
+            server.process.send_signal(signal.SIGCONT)
+        assert (cut.value, cut.won_by) == ("urn:table", "local")
+        again = race(local, remote, patience_s=LONG_S, deadline_s=LONG_S)
+        assert (again.value, again.won_by) == ("urn:shelf", "remote")
