@@ -125,7 +125,8 @@ function fillJoints() {
 
 function showPose() {
   const posture = shown[edited()];
-  if (!posture || poseForm.contains(document.activeElement)) return;
+  const typing = document.activeElement.type === "number" && poseForm.contains(document.activeElement);
+  if (!posture || typing) return;
   numbersOf(posture.pose).forEach((value, index) => (poseForm.elements[index].value = String(round(value))));
   if (!missed) said.textContent = posture.clearance === null ? "" : `clearance ${(100 * posture.clearance).toFixed(1)} cm`;
 }
