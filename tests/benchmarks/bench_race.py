@@ -18,6 +18,7 @@ import socket
 import sys
 import tempfile
 import threading
+import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ import numpy as np
 import rtask
 from rtask.client import Client
 from rtask.client.race import Attempt, race
-from rtask.errors import RtaskError
+from rtask.errors import DeadlineError, RtaskError
 from tests.servers import running_server
 
 NS = "https://w3id.org/rtask-kg/ns#"
@@ -120,7 +121,7 @@ def main() -> None:
     asked = parser.parse_args()
     chance = random.Random(asked.seed)
     seconds: list[float] = []
-    won = {"local": 0, "remote": 0}
+    won = {"local": 0, "remote": 0, "nobody": 0}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         server = stack.enter_context(running_server(folder / "store"))
@@ -146,9 +147,12 @@ def main() -> None:
         for number in range(asked.tasks):
             cut = threading.Timer(chance.uniform(0, 0.03), link.cut)
             cut.start()
-            answer = race(local, remote, patience_s=0.05, deadline_s=0.3)
-            seconds.append(answer.seconds)
-            won[answer.won_by] += 1
+            began = time.perf_counter()
+            try:
+                won[race(local, remote, patience_s=0.05, deadline_s=0.3).won_by] += 1
+            except DeadlineError:
+                won["nobody"] += 1
+            seconds.append(time.perf_counter() - began)
             report = {"task_id": f"urn:bench:{number}", "success": chance.random() < 0.7}
             near.call("report_outcome", **report, **own)
             mend = threading.Timer(chance.uniform(0, 0.3), link.mend)
@@ -163,16 +167,16 @@ def main() -> None:
                 far.deliver()
         with rtask.connect(server.url, timeout_s=120) as check:
             there, here = outcomes(check), outcomes(near)
-    late = sum(one > 0.3 for one in seconds)
     found = {
-        "tasks": asked.tasks, "won_by": won, "later_than_300_ms": late,
+        "tasks": asked.tasks, "won_by": won,
         "p50_ms": round(1e3 * float(np.median(seconds)), 1),
+        "p95_ms": round(1e3 * float(np.quantile(seconds, 0.95)), 1),
         "max_ms": round(1e3 * max(seconds), 1), "kept_at_the_end": waiting,
         "reports": len(there), "lost": asked.tasks - len(there), "graphs_agree": there == here,
         "load": os.getloadavg(),
     }  # fmt: skip
     print(json.dumps(found))
-    sys.exit(0 if there == here and not late else 1)
+    sys.exit(0 if there == here and not won["nobody"] else 1)
 
 
 if __name__ == "__main__":
