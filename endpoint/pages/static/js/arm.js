@@ -1,5 +1,6 @@
 // Arm and planning: two postures, obstacles, the path between them. All kinematics is the server's.
 
+import { addressOf, readAddress, round } from "./arm_address.js";
 import { call, Newest, Refused } from "./calls.js";
 import { element } from "./dom.js";
 import { chart } from "./chart.js";
@@ -11,7 +12,6 @@ const PLANNING = "/services/example/Trajopt";
 const SETTLE_MS = 150;
 const FRAME_MS = 50;
 const ARROW = 0.14; // length of a pose's arrow as a share of the arm
-const round = (value) => Number(value.toFixed(4));
 const root = document.querySelector("[data-arm-page]");
 const find = (name) => root.querySelector(`[data-${name}]`);
 const [svg, sliders, balls, problem, lost, said, results, paths, clearance, player] = [
@@ -276,8 +276,7 @@ function stop() {
 function remember() {
   clearTimeout(remembering);
   remembering = setTimeout(() => {
-    const kept = { robot: state.robot, arm: state.arm, start: state.start.map(round).join(","), goal: state.goal.map(round).join(","), balls: state.balls.map((ball) => ball.join(",")).join(";"), camera: view.camera.join(",") };
-    history.replaceState(null, "", `#${new URLSearchParams(kept)}`);
+    history.replaceState(null, "", `#${addressOf(state, view.camera)}`);
   }, SETTLE_MS);
 }
 
@@ -322,15 +321,10 @@ function useArm(given) {
 }
 
 function restore() {
-  const kept = new URLSearchParams(location.hash.slice(1));
-  const list = (name) => kept.get(name)?.split(",").map(Number);
-  const robot = kept.get("robot") || robotField.value;
-  const camera = list("camera");
-  const example = scenes[robot];
-  view.look(camera?.length === 2 && camera.every(Number.isFinite) ? camera : (example?.look ?? "free"));
-  if (!kept.has("robot")) return useRobot({ robot, ...structuredClone(example) });
-  const points = (kept.get("balls") || "").split(";").filter(Boolean).map((ball) => ball.split(",").map(Number));
-  return useRobot({ robot, arm: kept.get("arm"), start: list("start"), goal: list("goal"), balls: points.filter((ball) => ball.length === 4 && ball.every(Number.isFinite)) });
+  const kept = readAddress(location.hash);
+  const robot = kept.robot || robotField.value;
+  view.look(kept.camera ?? scenes[robot]?.look ?? "free");
+  return useRobot(kept.robot ? kept : { robot, ...structuredClone(scenes[robot]) });
 }
 
 // Events
