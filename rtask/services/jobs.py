@@ -23,6 +23,8 @@ ENDED = frozenset(("succeeded", "failed", "cancelled", "timed_out"))
 KEPT_S = 3600.0
 MAX_JOBS = 1000
 MAX_OWN_JOBS = 100
+MAX_ANSWER_BYTES = 256 * 2**20
+"""Size of all answers that are kept for who comes back; estimated."""
 _EVENTS = 200
 
 
@@ -46,7 +48,8 @@ class Job:
         self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=_EVENTS)
         self._count = 0
         task.call.on_progress(self._progressed)
-        task.done.add_done_callback(lambda _: self._note({"state": self.state}))
+        self.answer_bytes = 0
+        task.done.add_done_callback(lambda _: self._ended())
 
     @property
     def state(self) -> str:
@@ -123,6 +126,11 @@ class Job:
         self.task.cancel()
         self._note({"state": self.state})
 
+    def _ended(self) -> None:
+        answer = self.answer()
+        self.answer_bytes = 0 if answer is None else _size(answer)
+        self._note({"state": self.state})
+
     def _progressed(self, fraction: float, text: str) -> None:
         self._note({"state": "running", "progress": fraction, "message": text})
 
@@ -135,6 +143,8 @@ class Job:
 
 class Jobs:
     """All jobs of a host; each is kept for an hour after it was made or ended.
+
+    The oldest go earlier when their answers take more than 256 MiB together.
 
     Parameters
     ----------
@@ -179,7 +189,9 @@ class Jobs:
         with self._lock:
             job = self._jobs.get(job_id)
         if job is None or job.owner != owner:
-            raise UnknownTermError(f"no job {job_id}; jobs are kept for an hour")
+            raise UnknownTermError(
+                f"no job {job_id}; jobs are kept for an hour, or until later answers need the room"
+            )
         return job
 
     def forget(self, job: Job) -> None:
@@ -201,11 +213,24 @@ class Jobs:
                 job.cancel()
 
     def _forget(self) -> None:
-        """Forget the jobs that ended long ago, and the oldest that ended if there are many."""
+        """Forget the jobs that ended long ago, and the oldest that ended if there are too many."""
         now = self._clock()
         ended = [job for job in self._jobs.values() if job.state in ENDED]
         surplus = len(self._jobs) - MAX_JOBS + 1
+        held = sum(job.answer_bytes for job in ended)
         for number, job in enumerate(ended):
             since = job.task.ended_s or job.task.call.deadline
-            if number < surplus or now - since > KEPT_S:
+            if number < surplus or held > MAX_ANSWER_BYTES or now - since > KEPT_S:
+                held -= job.answer_bytes
                 del self._jobs[job.id]
+
+
+def _size(value: Any) -> int:
+    """Return about how many bytes a JSON value takes as text."""
+    if isinstance(value, str | bytes):
+        return len(value)
+    if isinstance(value, dict):
+        return sum(len(key) + _size(one) for key, one in value.items())
+    if isinstance(value, list | tuple):
+        return sum(map(_size, value))
+    return 8

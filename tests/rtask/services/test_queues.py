@@ -18,6 +18,7 @@ from rtask.services import (
     Service,
     ServiceHost,
     data_resource,
+    jobs,
     method,
     shutdown,
 )
@@ -105,6 +106,24 @@ def test_a_job_keeps_its_answer(host):
     job.wait(30)
     assert job.answer() == {"distance": 1.0, "joints": [1.0]}
     assert job.facts()["progress"] == 1.0
+
+
+def test_the_oldest_answers_go_when_all_together_are_too_large(host, monkeypatch):
+    monkeypatch.setattr(jobs, "MAX_ANSWER_BYTES", 4_000)
+
+    def run() -> jobs.Job:
+        long = Invocation("lab/Arm", "stretch", {"joints": [1] * 200})
+        job = host.start_job(host.prepare(long), "me")
+        while not job.answer_bytes:  # an answer is measured after its caller has been woken
+            job.wait(30, after=job.wait(0, after=None))
+        return job
+
+    first, second, third = run(), run(), run()
+    last = run()  # what is too much goes when a new job comes
+    with pytest.raises(UnknownTermError, match="until later answers need the room"):
+        host.jobs.find(first.id, "me")
+    assert [one.id for one in host.jobs.of("me")] == [last.id, third.id, second.id]
+    assert second.answer()["joints"] == [1.0] * 200
 
 
 def test_calls_from_many_threads_are_all_answered():
