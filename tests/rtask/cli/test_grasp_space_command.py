@@ -140,7 +140,8 @@ def test_flipped_normals_and_holes_change_nothing_where_two_sides_are_left(
     # The open shell lets the fingers deeper in, to its middle: the order is by holding.
     assert odd["grasps"][0]["carry"] >= plain["grasps"][0]["carry"] - 0.1
     sure, plainly = (max(g["confidence"] for g in one["grasps"]) for one in (odd, plain))
-    assert sure >= plainly - 0.1
+    # Two standard errors of the difference of two shares of twenty samples around .8.
+    assert sure >= plainly - 0.25
 
 
 def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
