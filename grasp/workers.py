@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
 import statistics
 import threading
 import time
@@ -225,10 +226,9 @@ class _Run:
         if number not in self._open:
             return None
         self._deaths[number] += 1
-        if any(one.doing == number for one in children):
-            return None
         if self._deaths[number] < _TRIES:
-            self.put_back(number)
+            if not any(one.doing == number for one in children):
+                self.put_back(number)
             return None
         self._open.discard(number)
         words = f"its worker process ended with exit code {code}, {self._deaths[number]} times"
@@ -262,10 +262,16 @@ def _work(pipe: Connection, quiet: bool) -> None:
             pipe.send(Done(task(given)))
         except Exception as error:  # noqa: BLE001 - a task may break in any way; the parent says how
             trace = traceback.format_exc(limit=-4).strip()
-            try:
-                pipe.send(Done(None, error, trace))
-            except Exception:  # noqa: BLE001 - an exception that cannot be pickled
-                pipe.send(Done(None, RuntimeError(f"{type(error).__name__}: {error}"), trace))
+            pipe.send(Done(None, _portable(error), trace))
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an exception that the parent can read: many cannot be made again from their pickle."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001 - pickling runs the exception's own code
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _leave_with_parent() -> None:

@@ -29,6 +29,7 @@ __all__ = [
 _ENDINGS = (".json", ".toml", ".urdf")
 _MAX_BYTES = 1_000_000
 _PAIRS = {"approach": 2, "retreat": 2, "palm": 3, "wrist": 3}
+_LENGTHS = ("approach", "retreat", "palm", "wrist", "finger_thickness", "stem_radius")
 _TEXTS = ("name", "gripper_type", "joint")
 _OPTIONAL = (
     "palm", "wrist", "finger_thickness", "parent_from_gripper", "compliance", "stem_radius",
@@ -143,10 +144,10 @@ def read_end_effector(path: Path) -> ParallelGripper | SuctionCup:
         raise ValueError(f"{path.name}: a gripper's file ends in {', '.join(_ENDINGS)}")
     if path.stat().st_size > _MAX_BYTES:
         raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 1_000_000} MB")
-    text = path.read_text("utf-8")
     try:
+        text = path.read_text("utf-8")
         data = json.loads(text) if ending == ".json" else tomllib.loads(text)
-    except ValueError as error:  # both decoders' errors are
+    except (ValueError, RecursionError) as error:  # the decoders' errors are ValueErrors
         raise ValueError(f"{path.name} is no {ending[1:].upper()}: {error}") from error
     if not isinstance(data, dict):
         raise ValueError(f"{path.name}: expected an object with the fields of a gripper")
@@ -242,13 +243,19 @@ def _value(name: str, value: Any) -> Any:
         shape = (len(value) if isinstance(value, list) else 0, 2)
     try:
         numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.full((), np.nan)
     if isinstance(value, bool | str) or numbers.shape != shape or not np.isfinite(numbers).all():
         wanted = "a number" if not shape else f"numbers of shape {shape}"
         raise ValueError(f"{name}: expected {wanted}, got {value!r}")
     if name == "parent_from_gripper":
+        turn = numbers[:3, :3]
+        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0
+        if not (rigid and np.array_equal(numbers[3], [0, 0, 0, 1])):
+            raise ValueError(f"{name}: expected a rigid transform, got {value!r}")
         return numbers
+    if name in _LENGTHS and np.any(numbers < 0):
+        raise ValueError(f"{name}: expected lengths of at least 0 m, got {value!r}")
     if name == "joint_table":
         return tuple((float(a), float(b)) for a, b in numbers)
     return tuple(float(v) for v in numbers) if shape else float(numbers)

@@ -60,16 +60,18 @@ def replay(
     ----------
     table
         Of :func:`simulate.study.attempt_table.read_attempts`.
-    on_table
-        Products of a fleet.
+    fleets, on_table
+        Number of fleets, and products of each; at least 1.
     cap
         Attempts at one product; one never held counts one more.
 
     Raises
     ------
     UsageError
-        The table holds too few products for a fleet.
+        A number is out of range, or the table holds too few products for a fleet.
     """
+    if fleets < 1 or on_table < 1:
+        raise UsageError(f"--fleets and --table must be at least 1, got {fleets} and {on_table}")
     things = [thing for thing in table["products"] if thing["arms"]]
     if on_table > len(things):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")

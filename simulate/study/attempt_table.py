@@ -156,9 +156,9 @@ def read_attempts(path: Path) -> dict[str, Any]:
                 if len(arm["held"]) < 3:
                     raise ValueError(f"{thing['product']}: a grasp with fewer than 3 tries")
         gripper_named(str(data["settings"]["hand"]))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UsageError(
             f"{path} holds no table of attempts ({error}); "
-            "make one with: rtask simulate attempts --out FILE"
+            "make one with: rtask simulate attempts --out FOLDER"
         ) from error
     return data

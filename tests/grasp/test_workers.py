@@ -47,6 +47,19 @@ def fail(number: int) -> int:
     return number
 
 
+class TwoReasonsError(Exception):
+    """Cannot be made again from its pickle."""
+
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"{first}, {second}")
+
+
+def fail_in_two_ways(number: int) -> int:
+    if number == 1:
+        raise TwoReasonsError("late", "wrong")
+    return number
+
+
 def hang_once(folder: Path, number: int) -> int:
     """Never end the first try of piece 0; the second ends at once."""
     if number == 0:
@@ -97,6 +110,14 @@ def test_an_error_of_the_task_comes_back_with_its_trace():
     with pytest.raises(LookupError, match="no 1"):
         found[1].result()
     assert 'raise LookupError(f"no {number}")' in found[1].trace
+
+
+def test_an_error_that_no_other_process_can_read_comes_back_in_words():
+    with Processes(1) as workers:
+        found = dict(workers.finished(fail_in_two_ways, range(3)))
+    assert (found[0].value, found[2].value) == (0, 2)
+    with pytest.raises(RuntimeError, match="TwoReasonsError: late, wrong"):
+        found[1].result()
 
 
 def test_a_piece_that_hangs_is_given_to_an_idle_process_as_well(tmp_path: Path):

@@ -159,6 +159,9 @@ def test_toml_describes_a_gripper(tmp_path: Path) -> None:
         ({"name": "a", "max_opening": 0.1, "symmetric": 1}, "true or false"),
         ({"name": "a", "max_opening": 0.1, "joints": "j"}, "list of names"),
         ({"name": "a", "max_opening": -0.1}, "openings"),
+        ({"name": "a", "max_opening": 10**400}, "expected a number"),
+        ({"name": "a", "max_opening": 0.1, "palm": [-1, 1, 1]}, "at least 0 m"),
+        ({"name": "a", "max_opening": 0.1, "parent_from_gripper": [[0] * 4] * 4}, "rigid"),
     ],
 )
 def test_a_field_of_the_wrong_kind_is_named(data, words: str) -> None:
@@ -169,7 +172,7 @@ def test_a_field_of_the_wrong_kind_is_named(data, words: str) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [("a.json", "{", "no JSON"), ("a.toml", "=", "no TOML"), ("a.json", "[1]", "an object"),
-     ("a.json", '{"name": 1}', "a.json: ")],
+     ("a.json", '{"name": 1}', "a.json: "), ("a.json", "[" * 200_000, "no JSON")],
 )  # fmt: skip
 def test_a_file_that_is_none_is_named(tmp_path: Path, name: str, text: str, words: str) -> None:
     (tmp_path / name).write_text(text)

@@ -94,6 +94,9 @@ def test_the_seed_decides_the_replay() -> None:
 def test_a_table_that_is_too_small_is_refused() -> None:
     with pytest.raises(UsageError, match="a fleet takes 8 products, and the table has 2"):
         replay(_table([0, 1]), 1, 8, 6, seed=0)
+    for fleets, on_table in ((0, 1), (1, 0)):
+        with pytest.raises(UsageError, match="--fleets and --table must be at least 1"):
+            replay(_table([0, 1]), fleets, on_table, 6, seed=0)
 
 
 @pytest.mark.parametrize("settings", [{}, {"hand": "claw"}, {"hand": "none.json"}])
