@@ -334,7 +334,7 @@ class Application:
             job.plan = context.health.plan(address)
             return
         try:
-            job.caller = caller = context.auth.identify(request)
+            job.caller = caller = context.auth.identify(request, limited=True)
         except AccessError:
             context.limiter.admit_stranger(request.client)
             raise

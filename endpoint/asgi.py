@@ -264,7 +264,7 @@ class AsgiApplication:
 
     async def _check_sender(self, request: Request) -> None:
         """Identify the sender of a large body before reading it."""
-        self._context.auth.identify(request)
+        self._context.auth.identify(request, limited=True)
 
     async def _refuse(self, error: RtaskError, request: Request, transmit: Transmit) -> None:
         """Answer without reading the body; the connection cannot be reused."""

@@ -162,7 +162,8 @@ def token() -> None:
     metavar="RIGHT",
     help="What it allows beyond its role: rules, to change rules of the reasoner; replicate, to "
     "copy everything, as a follower does; deploy, to carry out calls of services, as a "
-    "worker does.",
+    "worker does. For a reader: read:<IRI>, to read that named graph and no other but those it "
+    "has the same right for; without any, it reads all.",
 )
 @json_option
 def create(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 
-from endpoint.access.auth import Caller, plan_ticket, preflight_headers
+from endpoint.access.auth import Caller, limited_refusal, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
@@ -31,6 +31,7 @@ from endpoint.sparql import check, graph_store, protocol
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
+from endpoint.sparql.readable import limit_query
 from endpoint.sparql.request import (
     METHODS,
     QUERY,
@@ -110,13 +111,15 @@ class Router:
         context = self._context
         if address in _PROTOCOL:
             return self._protocol(request, caller, _PROTOCOL[address])
+        if caller.access.reads is not None and not _is_graph_store(address):
+            raise limited_refusal(address)
         if address == check.ADDRESS:
             return check.plan_check(request)
         if address == TICKET:
             return plan_ticket(context.auth, request, caller)
         if request.method not in _SAFE_METHODS:
             context.limiter.admit_write(caller)
-        if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
+        if _is_graph_store(address):
             return self._store.plan(request, caller)
         if address.startswith("/engine/"):
             return plan_operation(context.engine, context.auth, request, caller, self._keys)
@@ -169,11 +172,13 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
         context = self._context
-        kept = self._asked.cache.find(request)
+        kept = self._asked.cache.find(request, caller.access)
         if kept is not None:
             return kept
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
+            if caller.access.reads is not None:
+                raise limited_refusal("the description of the service")
             return protocol.plan_description(
                 context.kb, request, context.config, updates=UPDATE in kinds
             )
@@ -182,4 +187,9 @@ class Router:
             context.limiter.admit_write(caller)
             return protocol.plan_update(context.kb, operation, request, caller, context.config)
         context.queries.check_room()
+        operation = limit_query(operation, caller.access, context.kb)
         return protocol.plan_query(operation, request, caller, context.config, self._asked)
+
+
+def _is_graph_store(address: str) -> bool:
+    return address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/")

@@ -89,11 +89,14 @@ class Authenticator:
         self.sessions = Sessions(clock)
         self.tickets = Tickets(clock)
 
-    def identify(self, request: Request, *, ticket_in_url: bool = False) -> Caller:
+    def identify(
+        self, request: Request, *, ticket_in_url: bool = False, limited: bool = False
+    ) -> Caller:
         """Return the caller of a request.
 
         Callers without a token: on loopback they are ``anonymous`` and may write until the first
-        token is issued, and may read afterwards; elsewhere every request requires a token.
+        token is issued, and may read afterwards, until one that is limited to some graphs is;
+        elsewhere every request requires a token.
 
         Parameters
         ----------
@@ -102,14 +105,23 @@ class Authenticator:
         ticket_in_url
             Whether ``?token=`` may carry a ticket, for browsers cannot set headers on a websocket.
             A token there is refused: addresses end up in histories and proxy logs.
+        limited
+            Whether to admit callers that may read some graphs only. Whoever says so answers them
+            from these graphs or refuses them; all other parts of the server are closed to them.
 
         Raises
         ------
         AuthenticationError
             A required token is missing or invalid.
         ForbiddenError
-            The Host is not a name of this server.
+            The Host is not a name of this server, or the caller may read some graphs only.
         """
+        caller = self._identify(request, ticket_in_url)
+        if caller.access.reads is not None and not limited:
+            raise limited_refusal(request.raw_path)
+        return caller
+
+    def _identify(self, request: Request, ticket_in_url: bool) -> Caller:
         self.check_host(request)
         text = self._token_text(request, ticket_in_url)
         if text is not None:
@@ -119,7 +131,7 @@ class Authenticator:
         signed_in = self._signed_in(request)
         if signed_in is not None:
             return signed_in
-        if not self._config.on_loopback:
+        if not self._config.on_loopback or self._tokens.ever_limited():
             raise AuthenticationError("a token is needed; send Authorization: Bearer <token>")
         if self._config.plain or not self._tokens.ever_issued():
             return Caller(_ANONYMOUS, address=request.client)
@@ -148,11 +160,15 @@ class Authenticator:
 
     def needs_no_token(self) -> bool:
         """Tell whether every local caller may write because no token was ever issued."""
-        return self._config.on_loopback and (self._config.plain or not self._tokens.ever_issued())
+        if not self._config.on_loopback or self._tokens.ever_limited():
+            return False
+        return self._config.plain or not self._tokens.ever_issued()
 
     def still_valid(self, caller: Caller) -> bool:
         """Tell whether the token behind a long-lived connection is still valid."""
-        return caller.token is None or self._tokens.is_valid(caller.token.id)
+        if caller.token is None:
+            return not self._tokens.ever_limited()
+        return self._tokens.is_valid(caller.token.id)
 
     def check_host(self, request: Request) -> None:
         """Refuse a Host that is not a name of this server, if the server is bound to loopback."""
@@ -221,6 +237,20 @@ class Authenticator:
                 )
             return values[-1]
         return None
+
+
+def limited_refusal(address: str) -> ForbiddenError:
+    """Return the error for a caller that may read some graphs only, at an address that reads all.
+
+    Parameters
+    ----------
+    address
+        Path of the request.
+    """
+    return ForbiddenError(
+        f"this token is limited to some graphs, and {address[:200]} reads all of them; "
+        "query /sparql or /query, or read /store?graph=<iri>"
+    )
 
 
 def plan_ticket(auth: Authenticator, request: Request, caller: Caller) -> Plan:

@@ -50,6 +50,10 @@ CREATE TABLE IF NOT EXISTS tokens (
     rights TEXT
 ) STRICT
 """
+_LOOK = """
+SELECT EXISTS (SELECT 1 FROM tokens),
+       EXISTS (SELECT 1 FROM tokens WHERE ' ' || rights LIKE '% read:%')
+"""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,8 @@ class Token:
     created, expires, revoked
         ISO 8601, UTC; the last two may be missing.
     rights
-        What the token allows beyond its role; see :class:`rtask.kb.commit.access.Access`.
+        What the token allows beyond its role, or the graphs to which it is limited; see
+        :class:`rtask.kb.commit.access.Access`.
     """
 
     id: str
@@ -120,6 +125,7 @@ class TokenStore:
         self._open: list[sqlite3.Connection] = []
         self._memory: sqlite3.Connection | None = None
         self._ever_issued = False
+        self._ever_limited = False
         self._look_again = 0.0
         self._known: dict[bytes, Token] = {}
         self._known_at = b""
@@ -162,7 +168,8 @@ class TokenStore:
         lifetime
             Time from now until it expires; none for a token that never does.
         rights
-            What the token allows beyond its role: ``rules``.
+            What the token allows beyond its role, or the graphs to which it is limited; see
+            :class:`rtask.kb.commit.access.Access`.
 
         Returns
         -------
@@ -195,6 +202,7 @@ class TokenStore:
                 (token.id, _digest(secret), agent, role, token.created, expires, _joined(granted)),
             )
         self._ever_issued = True
+        self._ever_limited |= token.access.reads is not None
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
@@ -271,13 +279,27 @@ class TokenStore:
         request asks, so the file is checked at most ten times a second; a first token created by
         another process is noticed within that time.
         """
-        now = time.monotonic()
-        if not self._ever_issued and now >= self._look_again:
-            self._look_again = now + _LOOK_EVERY_S
-            with self._reading() as connection:
-                found = connection.execute("SELECT 1 FROM tokens LIMIT 1").fetchone()
-            self._ever_issued = found is not None
+        self._look()
         return self._ever_issued
+
+    def ever_limited(self) -> bool:
+        """Tell whether any token was ever limited to some graphs.
+
+        From then on nobody reads without a token: the holder of such a token could otherwise read
+        everything by leaving it out. It is noticed as fast as a first token.
+        """
+        self._look()
+        return self._ever_limited
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if self._ever_limited or now < self._look_again:
+            return
+        self._look_again = now + _LOOK_EVERY_S
+        with self._reading() as connection:
+            any_token, limited = connection.execute(_LOOK).fetchone()
+        self._ever_issued |= bool(any_token)
+        self._ever_limited |= bool(limited)
 
     def all(self) -> list[Token]:
         """Return all tokens, oldest first."""

@@ -1,9 +1,9 @@
 """Cache of small answers to queries, each valid until the next commit.
 
 A request is looked up by everything of it on which the answer depends, as it was sent: address,
-query string, body, Accept, Accept-Encoding and Host (relative IRIs). All callers see the same
-statements, so rights are not part of it; they are checked before the cache is asked. An answer is
-kept when its question comes for the second time, because most questions come only once.
+query string, body, Accept, Accept-Encoding and Host (relative IRIs), and by the graphs to which its
+caller is limited: all other callers see the same statements. An answer is kept when its question
+comes for the second time, because most questions come only once.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import Metrics
 from endpoint.served import ServedGraph
+from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["AnswerCache"]
@@ -76,8 +77,8 @@ class AnswerCache:
         """
         return kb.seq, kb.readers.changes
 
-    def find(self, request: Request) -> Plan | None:
-        """Return the plan of a request whose answer is kept."""
+    def find(self, request: Request, access: Access) -> Plan | None:
+        """Return the plan of a request whose answer is kept for callers of these rights."""
         kb = self._kb
         if kb is None or request.method == "HEAD":
             return None
@@ -86,7 +87,7 @@ class AnswerCache:
                 self._kept.clear()
                 self.bytes = 0
                 self._version = version
-            kept = self._kept.get(_key(request))
+            kept = self._kept.get(_key(request, access))
         if kept is None:
             return None
         self._metrics.count("rtask_answer_cache_total", outcome="hit")
@@ -95,7 +96,7 @@ class AnswerCache:
         return kept.plan
 
     def keeper(
-        self, request: Request, form: str, text: str, etag: str
+        self, request: Request, access: Access, form: str, text: str, etag: str
     ) -> Callable[[Response], None] | None:
         """Return the function to call with the answer to a request; none if it is not to be kept.
 
@@ -104,7 +105,7 @@ class AnswerCache:
         kb = self._kb
         if kb is None or request.method == "HEAD" or is_unsteady(text):
             return None
-        key = _key(request)
+        key = _key(request, access)
         self._metrics.count("rtask_answer_cache_total", outcome="miss")
         with self._lock:
             if key not in self._asked:
@@ -138,11 +139,13 @@ class AnswerCache:
         return len(self._kept)
 
 
-def _key(request: Request) -> Key:
+def _key(request: Request, access: Access) -> Key:
     headers = request.headers
     given = (headers.get(name, "") for name in _HEADERS)
     sent = (request.method, request.site, request.raw_path, request.query_string, request.body)
-    return (*sent, *given)
+    if access.reads is None:
+        return (*sent, *given)
+    return (*sent, *given, *sorted(access.reads))
 
 
 def _size(key: Key, response: Response) -> int:

@@ -24,6 +24,7 @@ from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
+from endpoint.sparql.readable import require_read
 from endpoint.sparql.request import QueryRequest, absolute_iri
 from rtask.errors import VersionConflictError
 from rtask.kb.commit.transaction import Transaction
@@ -113,6 +114,7 @@ class GraphStore:
                 headers=(("Allow", ", ".join(METHODS)),),
             )
         graph = self._target(request, caller)
+        require_read(caller.access, graph, self._served)
         if request.method in ("GET", "HEAD"):
             return self._plan_read(request, caller, graph)
         self._auth.require_write(request, caller)

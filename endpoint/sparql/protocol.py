@@ -106,7 +106,7 @@ def plan_query(
     planned = _PlannedQuery(question, lookup, timeout_s, config, asked)
     keep = None
     if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
-        keep = asked.cache.keeper(request, form, query.text, etag)
+        keep = asked.cache.keeper(request, caller.access, form, query.text, etag)
     if lookup and asked.lookups.in_memory and (found := planned.look_up()) is not None:
         return Plan(lambda: found, None, "loop", form, query.text, keep=keep)
     is_point = lookup or is_quick(query.text)

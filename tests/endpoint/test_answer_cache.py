@@ -21,6 +21,7 @@ from endpoint.monitoring.metrics import Metrics
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.sparql import answer_cache
+from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from tests.servers import new_application
 
@@ -181,19 +182,19 @@ def test_questions_in_the_body_are_told_apart(pair: Pair) -> None:
 def test_an_answer_that_a_commit_overtook_is_not_kept() -> None:
     """The commit comes while a query is evaluated, and another request sees it first."""
     with rtask.open(":memory:", ontologies=False, reason=False) as kb:
-        cache = answer_cache.AnswerCache(kb, Metrics())
+        cache, access = answer_cache.AnswerCache(kb, Metrics()), Access(None, "reader")
         request, other = _ask({"query": TEXTS[0]}, {}), _ask({"query": TEXTS[1]}, {})
         answer = Response(200, b"answer")
         for is_overtaken in (True, False):
-            cache.find(request)
-            keep = cache.keeper(request, "SELECT", TEXTS[0], "etag")
-            keep = keep or cache.keeper(request, "SELECT", TEXTS[0], "etag")
+            cache.find(request, access)
+            keep = cache.keeper(request, access, "SELECT", TEXTS[0], "etag")
+            keep = keep or cache.keeper(request, access, "SELECT", TEXTS[0], "etag")
             assert keep is not None
             if is_overtaken:
                 kb.update("INSERT DATA { <urn:thing> <urn:p> 99 }")
-                cache.find(other)
+                cache.find(other, access)
             keep(answer)
-            assert (cache.find(request) is None) is is_overtaken
+            assert (cache.find(request, access) is None) is is_overtaken
 
 
 @pytest.mark.slow

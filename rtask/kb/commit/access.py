@@ -1,9 +1,14 @@
-"""Access rights: which caller may write which graph, decided on the exact delta of a commit."""
+"""Access rights: which caller may read and write which graph.
+
+Writing is decided on the exact delta of a commit; reading, by the server that answers a request.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal as OneOf
 from typing import TypeAlias
 
@@ -15,6 +20,8 @@ __all__ = ["RIGHTS", "Access", "Role"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy"))
+_READ = "read:"
+_GRAPH = re.compile(r"read:[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]+")
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 
@@ -34,7 +41,8 @@ class Access:
         What the caller may do beyond its role. ``rules``: add and remove rules of the reasoner,
         which of the roles only an ``admin`` may. ``replicate``: copy the whole knowledge base,
         tokens included, as a follower does. ``deploy``: carry out calls of services, as a worker
-        does.
+        does. ``read:<IRI>``, for a ``reader`` only and with no other kind of right: read that named
+        graph, and no graph for which it has no such right.
 
     Examples
     --------
@@ -58,8 +66,29 @@ class Access:
         if self.role in ("robot", "teacher") and not self.agent:
             raise UsageError(f"a {self.role} needs a name")
         if not self.rights <= RIGHTS:
-            unknown = min(self.rights - RIGHTS)
-            raise UsageError(f"unknown right {unknown!r}; one of {', '.join(sorted(RIGHTS))}")
+            self._check_reading()
+
+    def _check_reading(self) -> None:
+        """Refuse rights that do not exist, and rights to read that others would void."""
+        graphs = {right for right in self.rights if _GRAPH.fullmatch(right)}
+        unknown = self.rights - RIGHTS - graphs
+        if unknown:
+            known = ", ".join((*sorted(RIGHTS), "read:<IRI of a graph>"))
+            raise UsageError(f"unknown right {min(unknown)!r}; one of {known}")
+        if self.role != "reader":
+            raise UsageError(
+                f"{min(graphs)!r} limits what is read, and a {self.role} may read all; "
+                "give it to a reader"
+            )
+        if self.rights != graphs:
+            other = min(self.rights - graphs)
+            raise UsageError(f"{other!r} reads all graphs; give it and {min(graphs)!r} apart")
+
+    @cached_property
+    def reads(self) -> frozenset[str] | None:
+        """IRIs of the only graphs that this caller may read; none if it may read all."""
+        graphs = (right for right in self.rights if right.startswith(_READ))
+        return frozenset(right.removeprefix(_READ) for right in graphs) or None
 
     def bind(
         self,
