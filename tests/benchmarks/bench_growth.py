@@ -148,7 +148,7 @@ def run(stage: str, folder: Path, triples: int, limit_mb: float) -> Figures:
                 told, _ = child.communicate(timeout=0.2)
                 break
             except subprocess.TimeoutExpired:
-                held = psutil.Process(child.pid).memory_info().rss / 2**20
+                held = max(held, psutil.Process(child.pid).memory_info().rss / 2**20)
                 if held > limit_mb:
                     child.kill()
                     raise OutOfMemoryError(f"{stage} held {held:.0f} MB") from None
