@@ -197,8 +197,12 @@ def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bo
 
     A robot takes about a minute.
     """
-    from simulate.study.film import Film, film_robot, write_film
+    from simulate.robots import check_robot
+    from simulate.study.film import Film, check_film, film_robot, write_film
 
+    check_film(out)
+    for kind in kinds:
+        check_robot(kind)
     settings = Film(objects=objects, seed=seed)
     frames = []
     for kind in kinds:

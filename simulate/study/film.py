@@ -21,7 +21,7 @@ from simulate.world.portrait import LIGHT, portrait
 from simulate.world.scene import Placement, arrange
 from simulate.world.seeds import mix_seed, stream
 
-__all__ = ["Film", "film_robot", "write_film"]
+__all__ = ["Film", "check_film", "film_robot", "write_film"]
 
 _PRODUCTS, _TABLE = range(80, 82)
 _QUALITY = 80
@@ -94,6 +94,20 @@ def _first_plan(body: SimulatedBody, placements: Sequence[Placement], seed: int)
     raise RobotError(f"no object can be grasped at seed {seed}; try another --seed")
 
 
+def check_film(path: Path) -> None:
+    """Refuse a file that no film can be written to.
+
+    Raises
+    ------
+    UsageError
+        Its suffix is another than ``.webp``, ``.png`` or ``.gif``, or its folder is missing.
+    """
+    if path.suffix not in _SUFFIXES:
+        raise UsageError(f"{path}: expected a name ending in {', '.join(_SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}; make it first")
+
+
 def write_film(path: Path, robots: Sequence[Frames], film: Film) -> None:
     """Write the pictures of robots side by side as one animated picture.
 
@@ -107,10 +121,9 @@ def write_film(path: Path, robots: Sequence[Frames], film: Film) -> None:
     Raises
     ------
     UsageError
-        The suffix is another, or there is nothing to show.
+        As :func:`check_film`, or there is nothing to show.
     """
-    if path.suffix not in _SUFFIXES:
-        raise UsageError(f"{path}: expected a name ending in {', '.join(_SUFFIXES)}")
+    check_film(path)
     if not robots or not all(robots):
         raise UsageError("there are no pictures to show")
     count = max(map(len, robots))

@@ -32,6 +32,8 @@ def test_the_robot_that_has_finished_stands_still(tmp_path: Path) -> None:
 def test_another_suffix_and_an_empty_film_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="webp"):
         write_film(tmp_path / "robots.mp4", [_frames(1, 0)], Film())
+    with pytest.raises(UsageError, match="make it first"):
+        write_film(tmp_path / "none" / "robots.webp", [_frames(1, 0)], Film())
     with pytest.raises(UsageError, match="no pictures"):
         write_film(tmp_path / "robots.webp", [], Film())
 
