@@ -30,15 +30,13 @@ def draw(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def dies_in_two(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """A trial that takes its process along once in 0, and as often as it is tried again in 2."""
-    mark = Path(settings["folder"]) / "died"
-    for tries in range({0: 1, 2: 3}.get(number, 0)):
-        died = mark.with_name(f"died-{number}-{tries}")
-        if not died.exists():
-            died.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-    if number == 3 and not mark.with_name("raised").exists():
-        mark.with_name("raised").touch()
+    """A trial that takes its process along once in 0 and, until it is healed, always in 2."""
+    folder = Path(settings["folder"])
+    died, is_healed = folder / f"died-{number}", (folder / "healed").exists()
+    if (number == 0 and not died.exists()) or (number == 2 and not is_healed):
+        died.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 3 and not is_healed:
         raise ZeroDivisionError("three")
     return {"value": number}
 
@@ -117,6 +115,7 @@ def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_ke
         run(study, tmp_path / "run", 2, progress=told)
     assert "exit code -9" in told.getvalue()
     assert "ZeroDivisionError: three" in told.getvalue()
+    (tmp_path / "healed").touch()
     again = run(study, tmp_path / "run", 2, resume=True, progress=told)
     assert [result["value"] for result in again] == [0, 1, 2, 3, 4]
 
