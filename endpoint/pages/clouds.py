@@ -90,18 +90,10 @@ def _points_of_view(view: NamedNode, blob: str) -> Points:
     """Return the points of a view's cloud (n, 3), m, object frame, and their colours (n, 3)."""
     import numpy as np
 
-    from features.codec import decode
-    from features.geometry import Frame
     from grasp.spatial.frames import matrix_from_pose
 
     kb = embedded_graph()
-    found = decode(kb.blobs.read(blob))
-    if isinstance(found, Frame):
-        mask = found.object_mask() & (found.depth_m > 0)
-        points = found.points()[mask]
-        colours = None if found.rgb is None else found.rgb[mask]
-    else:
-        points, colours = found.positions, found.colours
+    points, colours = coloured_points(kb.blobs.read(blob))
     poses = [quad.object for quad in kb.match(view, RT.viewpoint)]
     if not poses:
         raise RefusedError(404, "not-found", f"nobody knows from where {view.value} was seen")
@@ -109,14 +101,39 @@ def _points_of_view(view: NamedNode, blob: str) -> Points:
     at = _numbers(poses[0], "x", "y", "z", "qx", "qy", "qz", "qw")
     object_from_camera = matrix_from_pose(np.array(at[:3]), np.array(at[3:]))
     moved = points @ object_from_camera[:3, :3].T + object_from_camera[:3, 3]
-    if colours is None:
-        colours = np.full((len(points), 3), _GREY, np.uint8)
-    return moved.astype(np.float32), np.asarray(colours, np.uint8)
+    return moved.astype(np.float32), colours
 
 
 def _numbers(node: NamedNode, *names: str) -> list[float]:
     kb = embedded_graph()
     return [float(str(python_value(kb.match(node, getattr(RT, name))[0].object))) for name in names]
+
+
+def coloured_points(data: bytes) -> Points:
+    """Return the points (n, 3), m, and colours (n, 3) of an encoded cloud or depth image.
+
+    In the camera's frame, of the object alone where it is marked; grey where there is no colour.
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
+    import numpy as np
+
+    from features.codec import decode
+    from features.geometry import Frame
+
+    found = decode(data)
+    if isinstance(found, Frame):
+        mask = found.object_mask() & (found.depth_m > 0)
+        points = found.points()[mask]
+        colours = None if found.rgb is None else found.rgb[mask]
+    else:
+        points, colours = found.positions, found.colours
+    if colours is None:
+        colours = np.full((len(points), 3), _GREY, np.uint8)
+    return np.asarray(points, np.float32), np.asarray(colours, np.uint8)
 
 
 def thinned(points: NDArray[np.float32], colours: NDArray[np.uint8], most: int) -> Points:

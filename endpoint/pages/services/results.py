@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from endpoint.pages.clouds import ply_of, thinned
+from endpoint.pages.clouds import coloured_points, ply_of, thinned
 from endpoint.pages.drawn import has_viewer
 from endpoint.pages.render import Model
 from rtask.wire.message import Answer
@@ -184,22 +184,11 @@ def _number(value: float) -> str:
 
 def _cloud(data: bytes) -> tuple[bytes, int] | None:
     """Return a cloud or depth image as PLY of few points, and how many it has; else None."""
-    from features.codec import decode
-    from features.geometry import Frame
-
     try:
-        found = decode(data)
+        points, colours = coloured_points(data)
     except ValueError:
         return None
-    if isinstance(found, Frame):
-        mask = found.object_mask() & (found.depth_m > 0)
-        points = found.points()[mask]
-        colours = None if found.rgb is None else found.rgb[mask]
-    else:
-        points, colours = found.positions, found.colours
-    if colours is None:
-        colours = np.full((len(points), 3), 128, np.uint8)
-    few = thinned(np.asarray(points, np.float32), np.asarray(colours, np.uint8), MAX_CLOUD_POINTS)
+    few = thinned(points, colours, MAX_CLOUD_POINTS)
     return ply_of(*few), len(points)
 
 
