@@ -82,7 +82,7 @@ def add(
     replace: bool,
     as_json: bool,
 ) -> None:
-    """Make a robot of URDF: find its arms and hands, a table that suits it, and cameras.
+    """Make a robot from a URDF file: find its arms, hands and cameras, and a table that suits it.
 
     Everything that the file does not say is guessed, and marked so in the settings, which are there
     to be edited. `rtask robot check` tells whether the robot works.
