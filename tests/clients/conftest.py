@@ -16,21 +16,24 @@ from tests.servers import RunningServer, running_server
 MakeToken = Callable[..., str]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
-    """A server without tokens: everybody on this machine may read and write."""
+    """A server without tokens: everybody on this machine may read and write.
+
+    Each file of tests has its own, so that none meets what another has stored.
+    """
     with running_server(tmp_path_factory.mktemp("open") / "store") as running:
         yield running
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     """A server for which tokens are made."""
     with running_server(tmp_path_factory.mktemp("guarded") / "store") as running:
         yield running
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def make_token(guarded: RunningServer) -> MakeToken:
     """Make a token with the command line, as an operator does while the server runs."""
 
@@ -50,14 +53,14 @@ def make_token(guarded: RunningServer) -> MakeToken:
     return make
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def nao_1(guarded: RunningServer, make_token: MakeToken) -> Iterator[httpx.Client]:
     """What the robot nao-1 sends."""
     with robot(guarded, make_token("--robot", "nao-1")) as client:
         yield client
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def nao_2(guarded: RunningServer, make_token: MakeToken) -> Iterator[httpx.Client]:
     """What the robot nao-2 sends."""
     with robot(guarded, make_token("--robot", "nao-2")) as client:
@@ -71,7 +74,7 @@ def robot(server: RunningServer, token: str) -> httpx.Client:
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def base(guarded: RunningServer) -> str:
     """IRI that starts every graph of the guarded server."""
     assert guarded.data is not None

@@ -187,13 +187,13 @@ def start_node(roscore: RosMaster) -> StartNode:
     return start
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def ros_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     with running_server(tmp_path_factory.mktemp("ros-server") / "store") as server:
         yield server
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def node(start_node: StartNode, ros_server: RunningServer) -> Iterator[Child]:
     """The node, ready, for a server that nobody else uses."""
     child = start_node(
@@ -205,7 +205,7 @@ def node(start_node: StartNode, ros_server: RunningServer) -> Iterator[Child]:
         yield child
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def robot(roscore: RosMaster, node: Child) -> Iterator[Robot]:
     made = Robot(roscore)
     with running(made.child):
