@@ -18,6 +18,8 @@ from rtask.errors import RtaskError, UsageError, nearest
 from rtask.services.call import Call
 from rtask.services.service import Service, method
 from rtask.services.task import Task
+from rtask.wire.fields import Kind, kind_of
+from rtask.wire.fitting import entry_of, kind_at, misfit, words_for
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Text
 
@@ -91,10 +93,11 @@ def _checked(
     Raises
     ------
     UsageError
-        A name is taken twice, a reference leads nowhere, an input does not exist, steps wait for
-        each other.
+        A name is taken twice, a reference leads nowhere or to a value of another type, an input
+        does not exist, steps wait for each other.
     """
     plan: dict[str, Step] = {}
+    methods: dict[str, Any] = {}
     fields: dict[str, list[str] | None] = {}
     for step in steps:
         if step.id in plan or step.id == _ITEM or "." in step.id:
@@ -105,13 +108,42 @@ def _checked(
             if own not in found.request.wire_names:
                 hint = nearest(own, list(found.request.wire_names))
                 raise UsageError(f"step {step.id}: {step.call} has no input {own!r}{hint}")
-        plan[step.id] = step
+        plan[step.id], methods[step.id] = step, found
         fields[step.id] = None if step.each is not None else list(found.answer.model_fields)
     for step in steps:
         _check_refs(f"step {step.id}", [step.inputs, step.each], fields, given, bool(step.each))
     _check_refs("output", [output], fields, given, False)
     _check_order(plan)
+    answers = {
+        name: Kind(methods[name].answer, is_list=step.each is not None)
+        for name, step in plan.items()
+    }
+    for name, step in plan.items():
+        _check_types(step, methods[name].request, answers)
     return plan
+
+
+def _check_types(step: Step, request: type[Message], answers: Mapping[str, Kind]) -> None:
+    """Refuse inputs that refer to values of other types, as far as declarations tell."""
+    item = None
+    if step.each is not None:
+        listed = _kind_of_ref(step.each, answers)
+        if listed is not None and not listed.is_list:
+            raise UsageError(f"step {step.id}: each: {words_for(listed)} is not a list")
+        item = listed and entry_of(listed)
+    for name, value in step.inputs.items():
+        kind = _kind_of_ref(value, answers if item is None else {**answers, _ITEM: item})
+        field = request.model_fields[request.wire_names[name]]
+        reason = misfit(kind, kind_of(field)) if kind is not None else ""
+        if reason:
+            raise UsageError(f"step {step.id}: {name}: {value[_REF]} does not fit: {reason}")
+
+
+def _kind_of_ref(value: Any, answers: Mapping[str, Kind]) -> Kind | None:
+    """Return the kind of what a reference stands for; None for values and what is not declared."""
+    kind, path = _ref(value) or ("", "")
+    start, _, rest = path.partition(".")
+    return kind_at(answers[start], rest) if kind == _REF and start in answers else None
 
 
 def _check_refs(

@@ -119,6 +119,21 @@ def test_values_go_from_step_to_step_and_only_the_output_comes_back(host):
             {},
             "these steps wait for each other: a, b",
         ),
+        (
+            [CUT, {**WEIGH, "each": {"$ref": "parts"}}],
+            {},
+            "step masses: each: a Parts is not a list",
+        ),
+        (
+            [CUT, {**WEIGH, "inputs": {"cloud": {"$ref": "item.pose"}}}],
+            {},
+            "step masses: cloud: item.pose does not fit: a geometry_msgs/Pose is not bytes",
+        ),
+        (
+            [CUT, {**ADD, "inputs": {"numbers": {"$ref": "parts.parts"}}}],
+            {},
+            "step sum: numbers: parts.parts does not fit: a list of: a Part is not a list of numb",
+        ),
         ([], {}, "steps: length 0 is below 1"),
     ],
 )
