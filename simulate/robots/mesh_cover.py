@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rtask.errors import RobotError
 from simulate.robots.description import Floats
+from simulate.robots.mesh_files import load_mesh
 
 __all__ = ["cover_mesh", "mesh_box", "read_vertices"]
 
@@ -28,18 +28,7 @@ def read_vertices(path: str) -> Floats:
     RobotError
         The file is missing, of an unknown format or without vertices.
     """
-    import trimesh
-
-    file = Path(path)
-    try:
-        mesh = trimesh.load_mesh(file, process=False, skip_materials=True)
-    except OSError as error:
-        raise RobotError(f"{file}: {error.strerror}; a link's shape is missing") from error
-    except (ValueError, NotImplementedError, ImportError) as error:
-        raise RobotError(f"{file}: cannot read the mesh: {error}") from error
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    if not len(vertices):
-        raise RobotError(f"{file}: the mesh has no vertices")
+    vertices = np.asarray(load_mesh(Path(path)).vertices, dtype=np.float64)
     vertices.flags.writeable = False
     return vertices
 

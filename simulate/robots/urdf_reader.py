@@ -56,7 +56,9 @@ class ReadRobot:
     warnings: tuple[str, ...] = ()
 
 
-def read_urdf(path: Path, *, strict: bool = True, shapes: bool = True) -> ReadRobot:
+def read_urdf(
+    path: Path, *, strict: bool = True, shapes: bool = True, meshes_in: Path | None = None
+) -> ReadRobot:
     """Read a robot.
 
     Parameters
@@ -68,6 +70,8 @@ def read_urdf(path: Path, *, strict: bool = True, shapes: bool = True) -> ReadRo
         Refuse a gap instead of filling it with a warning.
     shapes
         Read the shapes of the links; kinematics does without, and so without meshes.
+    meshes_in
+        The only folder that meshes may lie in, for files of strangers; None = anywhere.
 
     Raises
     ------
@@ -78,7 +82,7 @@ def read_urdf(path: Path, *, strict: bool = True, shapes: bool = True) -> ReadRo
         text = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from error
-    reader = _Reader(path, strict, shapes)
+    reader = _Reader(path, strict, shapes, meshes_in)
     tree = reader.parse(text)
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
@@ -88,8 +92,9 @@ def read_urdf(path: Path, *, strict: bool = True, shapes: bool = True) -> ReadRo
 class _Reader:
     """One reading of one file."""
 
-    def __init__(self, path: Path, strict: bool, shapes: bool) -> None:
+    def __init__(self, path: Path, strict: bool, shapes: bool, meshes_in: Path | None) -> None:
         self._path, self._strict, self._shapes = path, strict, shapes
+        self._meshes_in = meshes_in
         self._warnings: list[str] = []
 
     def parse(self, text: bytes) -> ET.Element:
@@ -209,7 +214,7 @@ class _Reader:
     def _mesh(self, where: str, part: ET.Element, pose: Pose) -> Iterator[Shape]:
         name = part.get("filename", "")
         scale = self._vector(where, part, "scale", (1.0, 1.0, 1.0))
-        found = find_mesh(self._path, name)
+        found = find_mesh(self._path, name, self._meshes_in)
         if found is None:
             self._gap(where, f"has the mesh {name!r}, which is not there", "left out")
             return

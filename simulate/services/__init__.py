@@ -1,4 +1,4 @@
-"""Services of robots: kinematics and motion planning, and the datasets with their models.
+"""Services of robots: kinematics, planning, self filter, and the datasets with their models.
 
 The models of the Nao and the Panda are written when they are first asked for.
 """
@@ -7,13 +7,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 
+from rtask.errors import RobotError
+from simulate.robots.description import Link
 from simulate.services.kinematics import Kinematics
 from simulate.services.planning import Trajopt
+from simulate.services.self_filter import SelfFilter
 
-__all__ = ["DATASETS", "SERVICES", "Kinematics", "Trajopt"]
+__all__ = ["DATASETS", "SERVICES", "Kinematics", "SelfFilter", "Trajopt"]
 
-SERVICES = (Kinematics, Trajopt)
+SERVICES = (Kinematics, Trajopt, SelfFilter)
 """Services that this module offers."""
 
 _JOINT = (
@@ -31,17 +36,34 @@ def _robot(name: str) -> Callable[[], Mapping[str, bytes]]:
     """Return the files of one of the robots of :mod:`simulate.robots`."""
 
     def files() -> Mapping[str, bytes]:
-        from dataclasses import replace
-
         from simulate.robots import describe, urdf_text
 
         robot = describe(name)
-        # Meshes stay where their owner installed them; kinematics needs none.
-        bare = replace(robot, links=tuple(replace(link, shapes=()) for link in robot.links))
+        meshes: dict[str, bytes] = {}
+        links = tuple(_with_meshes_beside(link, meshes) for link in robot.links)
         arms = {arm.name: arm.wrist for arm in robot.arms.values()}
-        return {"model": urdf_text(bare).encode(), "arms.json": json.dumps(arms).encode()}
+        model = urdf_text(replace(robot, links=links), frames=True)
+        return {"model": model.encode(), "arms.json": json.dumps(arms).encode(), **meshes}
 
     return files
+
+
+def _with_meshes_beside(link: Link, meshes: dict[str, bytes]) -> Link:
+    """Return a link whose meshes are files of the dataset, which are added to ``meshes``.
+
+    They are read where their owner installed them.
+    """
+    shapes = []
+    for shape in link.shapes:
+        if shape.kind == "mesh":
+            source = Path(shape.path)
+            name = f"meshes/{source.name}"
+            contents = source.read_bytes()
+            if meshes.setdefault(name, contents) != contents:
+                raise RobotError(f"two meshes of the robot are called {source.name}")
+            shape = replace(shape, path=name)
+        shapes.append(shape)
+    return replace(link, shapes=tuple(shapes))
 
 
 def _planar(lengths: tuple[float, ...]) -> Callable[[], Mapping[str, bytes]]:
