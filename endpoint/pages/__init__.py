@@ -19,7 +19,7 @@ from endpoint.pages import (
 )
 from endpoint.pages.graph import classes, proof, resource, workbench
 from endpoint.pages.render import blueprint
-from endpoint.pages.services import datasets, forms, jobs, setup, tools
+from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
 
 __all__ = [
     "activity",
@@ -36,6 +36,7 @@ __all__ = [
     "learning",
     "objects",
     "operations",
+    "pipeline",
     "proof",
     "resource",
     "search",

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from annotated_types import Ge, Le
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from rtask.errors import UsageError
@@ -20,8 +21,9 @@ from rtask.wire.fields import Kind, absence, kind_of
 from rtask.wire.message import Message
 from rtask.wire.types import ArrayOf, Unit, carried
 
-__all__ = ["Control", "controls_of", "read_form"]
+__all__ = ["Control", "controls_of", "filled_form", "read_form"]
 
+Filled = dict[str, str]
 Sort = Literal["text", "number", "choice", "flag", "lines", "json", "file", "group"]
 
 
@@ -195,12 +197,55 @@ def _value(sort: Sort, values: list[str], place: str) -> Any:
         lines = (line.strip() for value in values for line in value.splitlines())
         return [line for line in lines if line]
     text = values[0]
+    if sort in ("number", "flag"):
+        return _number(text)
     if sort != "json" and not (sort == "text" and text.startswith("{")):
         return text
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
         raise UsageError(f"{place}: not JSON that can be read", field=place) from None
+
+
+def _number(text: str) -> Any:
+    """Return a number or a flag that was typed; other text unchanged, to be refused in words."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def filled_form(model: type[BaseModel], request: Mapping[str, Any], path: str = "") -> Filled:
+    """Return what the controls of a form hold for a request, the reverse of :func:`read_form`.
+
+    Bytes are left out: the control of a file cannot be filled in.
+
+    Examples
+    --------
+    >>> class Cup(Message):
+    ...     height: float
+    ...     marks: list[str] = []
+    >>> filled_form(Cup, {"height": 0.1, "marks": ["a", "b"]})
+    {'height': '0.1', 'marks': 'a\\nb'}
+    """
+    found: Filled = {}
+    for name, field in model.model_fields.items():
+        kind, place, value = kind_of(field), path + name, request.get(name)
+        if value is None or kind.type is bytes:
+            continue
+        if kind.message is not None:
+            parts = value if kind.is_list and isinstance(value, list) else [value]
+            for k, part in enumerate(parts):
+                at = f"{place}.{k}." if kind.is_list else f"{place}."
+                if isinstance(part, Mapping):
+                    found |= filled_form(kind.message, part, at)
+        elif isinstance(value, str):
+            found[place] = value
+        elif _sort(kind) == "lines" and isinstance(value, list):
+            found[place] = "\n".join(map(str, value))
+        else:
+            found[place] = json.dumps(value, ensure_ascii=False)
+    return found
 
 
 def _entries(place: str, names: Iterable[str]) -> list[str]:

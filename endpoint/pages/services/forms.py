@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -145,15 +144,6 @@ def _shown(
 def _sample(method: Method, args: dict[str, Any] | None) -> dict[str, Any]:
     """Return what the code beside the form sends: what was sent, else the required fields."""
     if args:
-        numbers = {c.name for c in controls_of(method.request) if c.sort == "number"}
-        return {n: _number(v) if n in numbers else v for n, v in args.items()}
+        return args
     required = [n for n, one in method.request.model_fields.items() if one.is_required()]
     return dict.fromkeys(required, "...")
-
-
-def _number(value: Any) -> Any:
-    """Return a number that was typed; other values unchanged."""
-    try:
-        return json.loads(value)
-    except (TypeError, ValueError):
-        return value

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from rtask.engine.operations.table import OPERATIONS
 from rtask.errors import UsageError
-from rtask.wire.forms import controls_of, read_form
+from rtask.wire.forms import controls_of, filled_form, read_form
 from rtask.wire.message import Message, read
 from rtask.wire.types import Bytes, Flag, Number, Points, Text, Texts, Unit, Whole
 
@@ -97,12 +97,14 @@ def test_a_filled_form_means_a_request_without_what_is_blank():
     request = read_form(Hand, given, {"data": b"abc"})
     assert request == {
         "side": "left",
-        "open": "false",
+        "open": False,
         "words": ["a", "b", "c"],
         "at": [[0, 0, 1]],
         "data": b"abc",
-        "fingers": [{"length": "0.07"}, {"length": "0.08", "name": "ring"}],
+        "fingers": [{"length": 0.07}, {"length": 0.08, "name": "ring"}],
     }
+    filled = {name: [text] for name, text in filled_form(Hand, request).items()}
+    assert read_form(Hand, filled, {"data": b"abc"}) == request
     hand = read(Hand, request)
     assert (hand.open, hand.count, hand.thumb, hand.fingers[1].length) == (False, 3, None, 0.08)
 

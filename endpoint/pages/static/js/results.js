@@ -50,10 +50,15 @@ async function showClouds(figure) {
   show();
 }
 
-for (const figure of document.querySelectorAll("[data-poses]")) showPoses(figure);
-for (const figure of document.querySelectorAll("[data-clouds]")) showClouds(figure);
-for (const figure of document.querySelectorAll("[data-curves]")) {
-  const { name, lines } = JSON.parse(figure.dataset.curves);
-  figure.replaceChildren(...chart(lines, { label: name }));
-  figure.hidden = false;
+/** Draw what the answers in an element hold. */
+export function showResults(root) {
+  for (const figure of root.querySelectorAll("[data-poses]")) showPoses(figure);
+  for (const figure of root.querySelectorAll("[data-clouds]")) showClouds(figure);
+  for (const figure of root.querySelectorAll("[data-curves]")) {
+    const { name, lines } = JSON.parse(figure.dataset.curves);
+    figure.replaceChildren(...chart(lines, { label: name }));
+    figure.hidden = false;
+  }
 }
+
+showResults(document);

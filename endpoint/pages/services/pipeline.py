@@ -1,0 +1,340 @@
+"""Page on which a person composes services into a pipeline and runs it (Kehoe 2014, Fig. 5.4).
+
+The address holds the whole pipeline but files. Every change is a form that leads to another such
+address, so that back, reload and a link to somebody else work, without scripts as well.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+from urllib.parse import urlencode
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.access.auth import require_scope
+from endpoint.http.problems import details_of
+from endpoint.pages.render import Model, blueprint, context, current_request, page
+from endpoint.pages.services import composing
+from endpoint.pages.services.composing import INPUT, ITEM, MAX_STEPS, REF, Json, is_reference
+from endpoint.pages.services.datasets import readable_datasets
+from endpoint.pages.services.results import shown_answer
+from endpoint.pages.services.snippets import snippets
+from endpoint.pages.services.tools import service_named
+from endpoint.pages.signin import require_form
+from rtask.errors import RtaskError, UsageError
+from rtask.services.call import Invocation
+from rtask.services.definition import Definition
+from rtask.services.description import ros_service, ros_type
+from rtask.wire.fields import Kind, kind_of
+from rtask.wire.fitting import places_in, words_for
+from rtask.wire.forms import Control, controls_of, filled_form, read_form
+
+__all__: list[str] = []
+
+_ADDRESS = "/tools/pipeline"
+_TEMPLATE = "pipeline.html"
+_SERVICE, _RUN = "rtask/Pipeline", "run"
+_VALUE, _KEPT, _ASK = "", "kept", INPUT
+_MAX_SHOWN = 8
+_CONTROL = re.compile(r"add$|json$|s\d+\.|in\.")
+"""Controls at which the page says what was wrong."""
+
+
+@page(_ADDRESS, _TEMPLATE)
+def pipeline() -> Model:
+    """Return the pipeline in the address, each input with the outputs that may stand for it."""
+    return _model(composing.read_pipeline(flask.request.args.get("pipeline", ""), _find))
+
+
+@blueprint.route(_ADDRESS, methods=["POST"])
+def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
+    """Change the pipeline as a form asks and lead to its address, or run it and show what came."""
+    form = flask.request.form
+    caller = context().auth.identify(current_request())
+    require_form()
+    composed: Json = {"steps": [], "inputs": {}}
+    files: dict[str, Any] = {}
+    try:
+        composed = composing.read_pipeline(form.get("pipeline", ""), _find)
+        if form.get("more"):
+            return flask.render_template(_TEMPLATE, **_model(composed, more=form["more"]))
+        composed, files = _edited(composed)
+        if form.get("do") != "run":
+            return flask.redirect(_address(_changed(composed, form.get("do", ""))), 303)
+        definition = service_named(_SERVICE)
+        require_scope(caller.access, definition.methods[_RUN].scope)
+        results = _run(definition, composed, files, caller.access)
+    except RtaskError as error:
+        details = details_of(error)
+        if not _CONTROL.match(str(details.get("field", ""))):
+            details.pop("field", None)  # of a step's own request
+        shown = flask.render_template(_TEMPLATE, **_model(composed, problem=details))
+        return shown, details["status"]
+    return flask.render_template(_TEMPLATE, **_model(composed, results))
+
+
+def _find(service: str) -> Definition:
+    return context().services.registry.find(service)
+
+
+def _address(composed: Json) -> str:
+    text = composing.compact(composed)
+    return f"{_ADDRESS}?{urlencode({'pipeline': text})}" if text else _ADDRESS
+
+
+def _changed(composed: Json, wanted: str) -> Json:
+    """Carry out what a button says: add, remove.<number>, json, or nothing but the changes."""
+    what, _, number = wanted.partition(".")
+    form = flask.request.form
+    if what == "add":
+        return composing.add_step(composed, form.get("add", ""), _find)
+    if what == "remove" and number.isdecimal() and int(number) < len(composed["steps"]):
+        return composing.remove_step(composed, int(number))
+    return composing.read_pipeline(form.get("json", ""), _find) if what == "json" else composed
+
+
+def _edited(composed: Json) -> tuple[Json, dict[str, Any]]:
+    """Return a pipeline with what the form says of its steps, and the files for its inputs."""
+    form = dict(flask.request.form.lists())
+    taken: list[Json] = []
+    for number, step in enumerate(composed["steps"]):
+        shown = f"s{number}.id" in form
+        taken.append(_step_of_form(composed, number, form) if shown else step)
+    composed = composing.tidy({**composed, "steps": taken})
+    for number, step in enumerate(composed["steps"]):
+        name = (form.get(f"s{number}.id") or [step["id"]])[0].strip()
+        if name != step["id"]:
+            composed = composing.rename_step(composed, number, name)
+    sent = {name: one.read() for name, one in flask.request.files.items() if one.filename}
+    inputs, files = dict(composed["inputs"]), {}
+    for name, (request, field) in composing.asked_of(composed, _find).items():
+        path = f"in.{name}."
+        value = read_form(request, form, sent, path).get(field)
+        if isinstance(value, bytes):
+            files[name] = value
+        elif value is not None:
+            inputs[name] = value
+        elif any(key.startswith(path) for key in form):
+            inputs.pop(name, None)
+    return {**composed, "inputs": inputs}, files
+
+
+def _step_of_form(composed: Json, number: int, form: Mapping[str, list[str]]) -> Json:
+    """Return a step as the form says: from where each input comes, or its value."""
+    step = composed["steps"][number]
+    request = composing.method_of(step, _find).request
+    typed = read_form(request, form, {}, f"s{number}.")
+    inputs: Json = {}
+    for field in request.model_fields:
+        source = (form.get(f"from{number}.{field}") or [_VALUE])[0]
+        if source == _KEPT and field in step["inputs"]:
+            inputs[field] = step["inputs"][field]
+        elif source.startswith(f"{_ASK}."):
+            inputs[field] = {INPUT: source.partition(".")[2]}
+        elif source not in (_VALUE, _KEPT):
+            inputs[field] = {REF: source}
+        elif field in typed:
+            inputs[field] = typed[field]
+    changed: Json = {"id": step["id"], "call": step["call"], "inputs": inputs}
+    each = (form.get(f"each{number}") or [""])[0]
+    if each:
+        changed["each"] = {REF: each}
+    else:
+        changed["inputs"] = {name: value for name, value in inputs.items() if not _of_item(value)}
+    start = f"data{number}."
+    data = {name[len(start) :]: values[0].strip() for name, values in form.items()
+            if name.startswith(start) and values[0].strip()}  # fmt: skip
+    return {**changed, "data": data} if data else changed
+
+
+def _of_item(value: Any) -> bool:
+    path = value.get(REF, "") if isinstance(value, Mapping) else ""
+    return isinstance(path, str) and path.partition(".")[0] == ITEM
+
+
+def _run(
+    definition: Definition, composed: Json, files: Mapping[str, bytes], access: Any
+) -> dict[str, Model]:
+    """Run a pipeline, and return the answers of each step as pages show them."""
+    if not composed["steps"]:
+        raise UsageError("add a step first", field="add")
+    inputs = {**composed["inputs"], **files}
+    for name, (request, field) in composing.asked_of(composed, _find).items():
+        if name not in inputs:
+            (control,) = _controls(request, field, f"in.{name}.", {})
+            raise UsageError(f"{name}: needed to run", field=control.name)
+    asked = Invocation(definition.exact, _RUN, {**_request(composed), "inputs": inputs}, access)
+    services = context().services
+    task = services.prepare(asked)
+    services.start(task)
+    output = task.result()["output"]
+    found: dict[str, Model] = {}
+    for step in composed["steps"]:
+        answer = composing.method_of(step, _find).answer
+        value = output[step["id"]]
+        every = value if "each" in step else [value]
+        sent = {
+            name: inputs[one[INPUT]] if is_reference(one) and INPUT in one else one
+            for name, one in step["inputs"].items()
+        }
+        answers = [shown_answer(answer.model_validate(one), sent) for one in every[:_MAX_SHOWN]]
+        found[step["id"]] = {"answers": answers, "count": len(every)}
+    return found
+
+
+def _request(composed: Json) -> Json:
+    """Return a pipeline as a request that returns the whole answer of each step."""
+    output = {step["id"]: {REF: step["id"]} for step in composed["steps"]}
+    return {"steps": composed["steps"], "output": output}
+
+
+def _model(
+    composed: Json,
+    results: Mapping[str, Model] | None = None,
+    problem: Model | None = None,
+    more: str = "",
+) -> Model:
+    """Return what the page shows of a pipeline."""
+    definition = service_named(_SERVICE)
+    method = definition.methods[_RUN]
+    asked, compact = composing.asked_of(composed, _find), composing.compact(composed)
+    steps: list[Model] = []
+    given: dict[str, str] = {}
+    for number in range(len(composed["steps"])):
+        shown, filled = _step_shown(composed, number, more)
+        step_id = shown["id"]
+        shown["answers"] = (results or {}).get(step_id)
+        shown["problem"] = _problem_of(step_id, problem)
+        steps.append(shown)
+        given |= filled
+    inputs: list[Model] = []
+    for name, (request, field) in asked.items():
+        inputs += [
+            asdict(one)
+            for one in _controls(request, field, f"in.{name}.", composed["inputs"], more)
+        ]
+        value = composed["inputs"].get(name)
+        given |= filled_form(request, {field: value}, f"in.{name}.")
+    if more and flask.request.form:
+        given |= flask.request.form.to_dict()
+    sample = {name: composed["inputs"].get(name, "...") for name in asked}
+    ros = ros_service(definition.name, _RUN), ros_type(definition, method)
+    asks = {**_request(composed), **({"inputs": sample} if sample else {})}
+    return {
+        "service": definition.name,
+        "pipeline": compact,
+        "text": json.dumps(json.loads(compact), indent=2, ensure_ascii=False) if compact else "",
+        "address": _address(composed),
+        "steps": steps,
+        "inputs": inputs,
+        "given": given,
+        "board": composing.board(composed),
+        "methods": _methods(),
+        "most": MAX_STEPS,
+        "ran": results is not None,
+        "problem": problem or {},
+        "datasets": readable_datasets(),
+        "snippets": snippets(current_request().site, definition.exact, *ros, _RUN, asks, {}),
+    }
+
+
+@blueprint.app_template_filter("place_words")
+def place_words(path: str) -> str:
+    """Say in words where in the answers of steps a value is.
+
+    Examples
+    --------
+    >>> place_words("parts.objects.0.cloud"), place_words("item.cloud"), place_words("parts")
+    ('parts › objects › first › cloud', 'each › cloud', 'parts')
+    """
+    start, *rest = path.split(".")
+    words = ["first" if part == "0" else part for part in rest]
+    return " › ".join(["each" if start == ITEM else start, *words])
+
+
+def _methods() -> dict[str, list[str]]:
+    """Return the names of the methods of each service that a step may call."""
+    services = context().services.registry
+    names = [str(one["name"]) for one in context().services.listing()]
+    return {name: list(services.find(name).methods) for name in names if name != _SERVICE}
+
+
+def _step_shown(composed: Json, number: int, more: str) -> tuple[Model, dict[str, str]]:
+    """Return a step with a port for each input, and what its controls hold."""
+    step, before = composed["steps"][number], composed["steps"][:number]
+    method, prefix = composing.method_of(step, _find), f"s{number}."
+    offered = composing.places(before, _find)
+    if "each" in step:
+        item = composing.item_kind(step, before, _find)
+        if item is not None:
+            offered = [*places_in(item, ITEM), *offered]
+    values = {name: value for name, value in step["inputs"].items() if not is_reference(value)}
+    given = filled_form(method.request, values, prefix)
+    asked = composing.asked_of(composed, _find)
+    ports: list[Model] = []
+    for control in controls_of(method.request, given, more, prefix):
+        field = control.name.removeprefix(prefix).partition(".")[0]
+        if ports and ports[-1]["field"] == field:  # one more group of the same list
+            ports[-1]["controls"].append(asdict(control))
+            continue
+        kind = kind_of(method.request.model_fields[field])
+        source = _source(step["inputs"].get(field), kind)
+        known = composing.fitting(kind, offered, field)
+        inputs = [n for n, (request, f) in asked.items()
+                  if kind_of(request.model_fields[f]).type == kind.type]  # fmt: skip
+        if not source.startswith(_ASK):
+            inputs.append(field if field not in asked else f"{step['id']}_{field}")
+        ports.append({
+            "field": field, "name": f"from{number}.{field}", "source": source,
+            "required": control.is_required, "set": field in step["inputs"],
+            "words": words_for(kind), "is_file": kind.type is bytes,
+            "offered": known if source in known or not is_reference(step["inputs"].get(field))
+            or source.startswith(_ASK) else [*known, source],
+            "inputs": inputs,
+            "controls": [asdict(control)], "meaning": control.meaning, "absent": control.absent,
+        })  # fmt: skip
+    definition = _find(str(step["call"]).rpartition("/")[0])
+    return {
+        "number": number, "id": step["id"], "call": step["call"], "summary": method.summary,
+        "href": f"/services/{definition.exact}?{urlencode({'$method': method.name})}",
+        "ports": ports,
+        "each": step.get("each", {}).get(REF, ""), "lists": composing.lists_before(before, _find),
+        "gives": [(path.partition(".")[2], words_for(kind)) for path, kind in
+                  places_in(Kind(method.answer), step["id"], 1) if path.count(".") == 1],
+        "resources": [
+            {"name": name, "summary": need.summary, "default": need.default,
+             "value": step.get("data", {}).get(name, "")}
+            for name, need in definition.resources.items() if need.type != "graph"
+        ],
+    }, given  # fmt: skip
+
+
+def _source(value: Any, kind: Kind) -> str:
+    """Return from where an input comes, as its control names it."""
+    if not is_reference(value):
+        return _KEPT if value is not None and kind.type is bytes else _VALUE
+    return f"{_ASK}.{value[INPUT]}" if INPUT in value else str(value[REF])
+
+
+def _controls(
+    request: Any, field: str, path: str, inputs: Mapping[str, Any], more: str = ""
+) -> list[Control]:
+    """Return the controls of an input that is asked for when the pipeline is run."""
+    name = path.removeprefix("in.").removesuffix(".")
+    given = filled_form(request, {field: inputs.get(name)}, path)
+    controls = controls_of(request, given, more, path)
+    return [one for one in controls if one.name.removeprefix(path).partition(".")[0] == field]
+
+
+def _problem_of(step: str, problem: Model | None) -> str:
+    """Return what was wrong if it was wrong at a step."""
+    if not problem or problem.get("field"):  # it is said at the field
+        return ""
+    detail = str(problem["detail"])
+    start = f"step {step}: "
+    return detail.removeprefix(start) if detail.startswith(start) else ""

@@ -1,0 +1,267 @@
+"""The composer of pipelines in a real browser: by mouse, by keyboard, and without scripts."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import httpx
+import pytest
+
+from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.servers import RunningServer, running_server
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+SERVICE = '''
+"""A service for tests."""
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+
+from features.codec import decode, encode_cloud
+from rtask.errors import ServiceError
+from rtask.services import Service, method
+from rtask.wire.message import Answer
+from rtask.wire.types import Array, Cloud, Pose, Unit
+
+
+class Part(Answer):
+    """A part of a cloud."""
+
+    cloud: Cloud
+    pose: Pose
+
+
+class Parts(Answer):
+    """Parts of a cloud."""
+
+    parts: list[Part]
+    height: Annotated[float, Unit("m")]
+
+
+class Cut(Service):
+    """Cuts clouds and weighs them."""
+
+    name = "lab/Cut"
+
+    @method
+    def cut(self, cloud: Cloud, pieces: Annotated[int, Ge(1)] = 2) -> Parts:
+        """Cut a cloud into pieces of the same size.
+
+        Parameters
+        ----------
+        pieces
+            How many.
+        """
+        points = decode(cloud).positions
+        found = [Part(cloud=encode_cloud(one), pose=np.eye(4))
+                 for one in np.array_split(points, pieces)]
+        return Parts(parts=found, height=float(np.ptp(points[:, 2])))
+
+    @method(output="mass")
+    def weigh(
+        self, cloud: Cloud, density: float, turned: Annotated[float, Unit("rad")] = 0.0
+    ) -> Annotated[float, Unit("kg")]:
+        """Weigh a cloud."""
+        if density < 0:
+            raise ServiceError("nothing weighs less than nothing")
+        return len(decode(cloud).positions) * density
+'''
+CLOUD = b"ply\nformat ascii 1.0\nelement vertex 6\n" + b"".join(
+    b"property float %s\n" % axis for axis in (b"x", b"y", b"z")
+) + b"end_header\n" + b"".join(b"%d 0 1\n" % k for k in range(6))  # fmt: skip
+COMPOSED = {
+    "steps": [
+        {"id": "cut", "call": "lab/Cut/cut", "inputs": {"cloud": {"$input": "cloud"}, "pieces": 3}},
+        {
+            "id": "weigh",
+            "call": "lab/Cut/weigh",
+            "inputs": {"cloud": {"$ref": "item.cloud"}, "density": 0.5},
+            "each": {"$ref": "cut.parts"},
+        },
+    ]
+}
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    folder: Path = tmp_path_factory.mktemp("pipelines")
+    (folder / "cut.py").write_text(SERVICE, encoding="utf-8")
+    with running_server(folder / "store", "--service", str(folder / "cut.py")) as running:
+        yield running
+
+
+def _pipeline(page: Any) -> Any:
+    """Return the pipeline in the address."""
+    (text,) = parse_qs(urlsplit(page.url).query).get("pipeline", ["{}"])
+    return json.loads(text)
+
+
+def _choices(page: Any, label: str) -> list[str]:
+    options = page.locator("#step-weigh").get_by_label(label).locator("option")
+    return [option.get_attribute("value") for option in options.all()]
+
+
+def _add(page: Any, method: str, count: int) -> None:
+    page.get_by_label("next step").select_option(method)
+    page.get_by_role("button", name="Add the step").click()
+    page.locator(".step").nth(count - 1).wait_for()
+
+
+def _compose(page: Any, url: str) -> None:
+    """Compose the pipeline; each change leads to an address that holds it."""
+    page.goto(f"{url}/tools/pipeline")
+    _add(page, "lab/Cut/cut", 1)
+    page.locator("#step-cut summary").click()
+    page.get_by_label("pieces", exact=True).fill("3")
+    _add(page, "lab/Cut/weigh", 2)
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_steps_are_joined_where_their_types_fit_and_run(
+    browser: Any, server: RunningServer, look: str
+) -> None:
+    with open_page(browser, server.url, **LOOKS[look]) as page:
+        _compose(page, server.url)
+        assert _choices(page, "cloud *, from") == [
+            "",
+            "$input.cloud",
+            "$input.weigh_cloud",
+            "cut.parts.0.cloud",
+        ]
+        assert _choices(page, "density *, from") == ["", "$input.density", "cut.height"]
+        # A height in m is no angle in rad, so it is not offered for one.
+        page.locator("#step-weigh summary").click()
+        assert _choices(page, "turned, from") == ["", "$input.turned"]
+        page.get_by_label("call it").select_option("cut.parts")
+        page.locator('select option[value="item.cloud"]').wait_for(state="attached")
+        page.get_by_label("density *", exact=True).fill("0.5")
+        page.locator("#step-weigh").get_by_label("cloud *, from").select_option("item.cloud")
+        page.wait_for_url("**item.cloud**")
+        assert _pipeline(page) == COMPOSED
+        page.get_by_label("cloud *", exact=True).set_input_files(
+            {"name": "six.ply", "mimeType": "application/octet-stream", "buffer": CLOUD}
+        )
+        page.get_by_role("button", name="Run", exact=True).click()
+        page.get_by_role("heading", name="Answer of weigh: 3 calls").wait_for()
+        assert page.locator("#step-weigh [data-answers] dd").all_inner_texts()[:1] == ["1"]
+        assert "a cloud of 2 points" in page.locator("#step-cut [data-answers]").inner_text()
+        page.locator("#step-cut [data-clouds] canvas").first.wait_for()
+        assert page.locator(".board rect").count() == 3  # the step for each entry has two
+        assert page.locator(".board path").count() == 1
+        assert fits(page)
+        keep_picture(page, f"pipeline-{look}")
+        assert _pipeline(page) == COMPOSED
+        # The file stays chosen: what was changed is run again at once.
+        page.get_by_label("density *", exact=True).fill("1")
+        page.get_by_role("button", name="Run", exact=True).click()
+        page.locator("#step-weigh [data-answers] dd").first.get_by_text("2", exact=True).wait_for()
+        page.go_back()
+        page.wait_for_url(lambda url: "%22density%22%3A0.5" in url)
+        page.locator('[name="s1.density"][value="0.5"]').wait_for()
+
+
+def test_the_code_beside_it_is_the_call_that_programs_make(
+    browser: Any, server: RunningServer
+) -> None:
+    with open_page(browser, server.url, **LOOKS["laptop-light"]) as page:
+        page.goto(f"{server.url}/tools/pipeline")
+        page.get_by_text("As JSON", exact=True).click()
+        page.get_by_label("The pipeline as JSON").fill(json.dumps(COMPOSED))
+        page.get_by_role("button", name="Take this JSON").click()
+        page.locator("#step-weigh").wait_for()
+        code = page.locator("[data-language=JavaScript]").text_content()
+    body = json.loads(code.partition("JSON.stringify(")[2].partition("),\n")[0])
+    address = code.partition('fetch("')[2].partition('"')[0]
+    sent = {**body, "inputs": {"cloud": CLOUD.decode()}}
+    refused = httpx.post(address, json=sent, timeout=60)
+    assert refused.status_code == 400
+    assert "step cut: cloud" in refused.json()["detail"]
+    sent["inputs"]["cloud"] = base64.b64encode(CLOUD).decode()
+    answer = httpx.post(address, json=sent, timeout=60).json()
+    assert [one["mass"] for one in answer["output"]["weigh"]] == [1.0, 1.0, 1.0]
+
+
+def test_keyboard_alone_composes_renames_and_removes(browser: Any, server: RunningServer) -> None:
+    with open_page(browser, server.url, **LOOKS["phone-dark"]) as page:
+        _compose(page, server.url)
+        page.get_by_label("name of the step").first.focus()
+        page.keyboard.press("Control+a")
+        page.keyboard.type("pieces")
+        page.keyboard.press("Enter")
+        page.locator("#step-pieces").wait_for()
+        assert _pipeline(page)["steps"][1]["inputs"] == {"cloud": {"$ref": "pieces.parts.0.cloud"}}
+        page.get_by_role("button", name="Remove pieces").focus()
+        page.keyboard.press("Enter")
+        page.locator("#step-pieces").wait_for(state="detached")
+        assert _pipeline(page) == {"steps": [{"id": "weigh", "call": "lab/Cut/weigh",
+                                              "inputs": {}}]}  # fmt: skip
+
+
+def test_what_is_wrong_is_said_where_it_is(browser: Any, server: RunningServer) -> None:
+    with open_page(
+        browser, server.url, expected=("status of 4", "400 ", "422 "), **LOOKS["laptop-light"]
+    ) as page:
+        _compose(page, server.url)
+        page.get_by_label("density *", exact=True).fill("-1")
+        page.get_by_role("button", name="Run", exact=True).click()
+        page.get_by_text("cloud: needed to run").wait_for()
+        page.get_by_label("cloud *", exact=True).set_input_files(
+            {"name": "six.ply", "mimeType": "application/octet-stream", "buffer": CLOUD}
+        )
+        page.get_by_role("button", name="Run", exact=True).click()
+        said = page.locator("#step-weigh .problem")
+        said.wait_for()
+        assert said.inner_text() == "nothing weighs less than nothing"
+        page.get_by_label("name of the step").last.fill("cut")
+        page.get_by_role("button", name="Update").click()
+        page.locator("#step-weigh").get_by_text("expected a name of its own").wait_for()
+        page.get_by_text("As JSON", exact=True).click()
+        page.get_by_label("The pipeline as JSON").fill('{"steps": [')
+        page.get_by_role("button", name="Take this JSON").click()
+        page.get_by_text("not JSON that can be read").wait_for()
+
+
+def test_without_scripts_the_form_adds_removes_and_runs(
+    browser: Any, server: RunningServer
+) -> None:
+    with open_page(browser, server.url, java_script_enabled=False, viewport=PHONE) as page:
+        _compose(page, server.url)
+        page.get_by_label("call it").select_option("cut.parts")
+        page.get_by_role("button", name="Update").click()
+        page.get_by_label("density *", exact=True).fill("0.5")
+        page.locator("#step-weigh").get_by_label("cloud *, from").select_option("item.cloud")
+        page.get_by_label("cloud *", exact=True).set_input_files(
+            {"name": "six.ply", "mimeType": "application/octet-stream", "buffer": CLOUD}
+        )
+        page.get_by_role("button", name="Run", exact=True).click()
+        assert page.locator("#step-weigh [data-answers] dd").first.inner_text() == "1"
+        page.get_by_role("button", name="Remove weigh").click()
+        page.locator("#step-weigh").wait_for(state="detached")
+        page.locator("#step-cut").wait_for()
+        assert [step["id"] for step in _pipeline(page)["steps"]] == ["cut"]
+        assert fits(page)
+
+
+def test_the_twin_holds_the_pipeline_and_what_fits(server: RunningServer) -> None:
+    text = json.dumps(COMPOSED)
+    twin = httpx.get(f"{server.url}/tools/pipeline.json", params={"pipeline": text}).json()
+    ports = {port["field"]: port["offered"] for port in twin["steps"][1]["ports"]}
+    assert ports == {
+        "cloud": ["item.cloud", "cut.parts.0.cloud"],
+        "density": ["cut.height"],
+        "turned": [],
+    }
+    refused = httpx.get(f"{server.url}/tools/pipeline.json", params={"pipeline": "{"})
+    assert refused.status_code == 400
+    unknown = {"steps": [{"id": "a", "call": "lab/Cut/cutt"}]}
+    refused = httpx.get(
+        f"{server.url}/tools/pipeline.json", params={"pipeline": json.dumps(unknown)}
+    )
+    assert "has no method 'cutt'" in refused.json()["detail"]
