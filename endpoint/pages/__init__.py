@@ -5,6 +5,7 @@ from __future__ import annotations
 from endpoint.pages import (
     activity,
     admin,
+    benchmarks,
     clouds,
     curation,
     feedback,
@@ -24,6 +25,7 @@ from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tool
 __all__ = [
     "activity",
     "admin",
+    "benchmarks",
     "blueprint",
     "classes",
     "clouds",
