@@ -13,9 +13,10 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.activity.log import Event, as_json
 from endpoint.follow.activity import past_events, place_of
 from endpoint.http.messages import RefusedError
-from endpoint.pages.render import Model, blueprint, context, embedded_graph, page
+from endpoint.pages.render import Model, blueprint, context, embedded_graph, knowledge_base, page
 from rtask.errors import GoneError, UsageError
 from rtask.extras import naming_extras
+from rtask.knowledge_base import KnowledgeBase
 
 _ADDRESS = "/activity"
 MAX_ROWS = 200
@@ -38,6 +39,15 @@ def activity() -> Model:
     rows = [event for event in events if event.kind not in _SILENT]
     newest = [as_json(event) for event in reversed(rows[-MAX_ROWS:])]
     return {"place": place, "lanes": [asdict(lane) for lane in log.lanes()], "events": newest}
+
+
+def last_events(count: int) -> list[Model]:
+    """Return what happened last, the newest first; nothing where the graph is at another server."""
+    if not isinstance(knowledge_base(), KnowledgeBase):
+        return []
+    log = context().activity
+    events = [*_before(log.first_seq), *log.after(0)]
+    return [as_json(one) for one in reversed(events) if one.kind not in _SILENT][:count]
 
 
 def _before(seq: int) -> list[Event]:

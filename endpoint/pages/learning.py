@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -21,6 +22,9 @@ _KNOWN = {
     (False, True): "only other robots had",
     (True, True): "the robot and others had",
 }
+_MOST_OWN = 9
+_CURVES = {False: "nobody else had tried the object", True: "other robots had tried it before"}
+_BINS = 5
 _COUNTS = ((0, "none"), (1, "1"), (4, "2 to 4"), (9, "5 to 9"), (10**9, "10 or more"))
 
 
@@ -52,6 +56,8 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
     counts: dict[str, list[bool]] = defaultdict(list)
     robots: dict[str, list[bool]] = defaultdict(list)
     grasps: dict[tuple[str, str], list[bool]] = defaultdict(list)
+    own_tries: dict[bool, dict[int, list[bool]]] = {shared: defaultdict(list) for shared in _CURVES}
+    expected: dict[int, list[tuple[float, bool]]] = defaultdict(list)
     names: dict[str, str] = {}
     total = 0
     for row in attempts:
@@ -60,6 +66,11 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
         number, own = before.total(), before[robot]
         known[_KNOWN[own > 0, number > own]].append(held)
         counts[next(words for most, words in _COUNTS if number <= most)].append(held)
+        own_tries[number > own][min(own, _MOST_OWN)].append(held)
+        alpha, beta = row.get("alpha"), row.get("beta")
+        if alpha and beta:
+            before_it = float(alpha) / (float(alpha) + float(beta))
+            expected[min(int(before_it * _BINS), _BINS - 1)].append((before_it, held))
         robots[robot].append(held)
         grasps[thing, str(row["grasp"])].append(held)
         names[robot], names[thing] = row["robot_name"] or "", row["object_name"] or ""
@@ -78,6 +89,8 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
         "attempts": total,
         "known": [_share(name, known[name]) for name in _KNOWN.values() if name in known],
         "counts": [_share(name, counts[name]) for _, name in _COUNTS if name in counts],
+        "curves": [_over_tries(name, own_tries[shared]) for shared, name in _CURVES.items()],
+        "expected": [_beside_expected(number, expected[number]) for number in sorted(expected)],
         "robots": curves,
         "grasps": beliefs[:MAX_GRASPS],
         "grasp_count": len(beliefs),
@@ -88,3 +101,17 @@ def _share(name: str, judged: list[bool]) -> Model:
     """Return how many attempts held, and the belief in the next with its 90 % interval."""
     (last,) = belief_over(judged)[-1:]
     return {"name": name, "attempts": len(judged), "held": sum(judged), **last}
+
+
+def _over_tries(name: str, tries: Mapping[int, list[bool]]) -> Model:
+    """Return the belief at each number of own earlier attempts, up to the first nobody reached."""
+    reached = list(itertools.takewhile(tries.get, range(_MOST_OWN + 1)))
+    points = [{"attempts": len(tries[n]), **_share(str(n), tries[n])} for n in reached]
+    return {"name": name, "points": points, "most": _MOST_OWN}
+
+
+def _beside_expected(number: int, judged: list[tuple[float, bool]]) -> Model:
+    """Return what was believed before attempts of one range of beliefs, and how many held."""
+    name = f"{100 * number // _BINS} to {100 * (number + 1) // _BINS} %"
+    mean = sum(before for before, _ in judged) / len(judged)
+    return {**_share(name, [held for _, held in judged]), "expected": mean}

@@ -215,6 +215,12 @@ def object_url(iri: str) -> str:
     return f"/object?{urlencode({'iri': iri})}"
 
 
+@blueprint.app_template_filter("robot_url")
+def robot_url(iri: str) -> str:
+    """Return the address of the page about a robot."""
+    return f"/robot?{urlencode({'iri': iri})}"
+
+
 @blueprint.app_template_filter("about")
 def about(iri: str, address: str) -> str:
     """Return the address of another page about an object."""

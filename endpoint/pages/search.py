@@ -21,6 +21,7 @@ from endpoint.pages.render import (
     object_url,
     page,
     resource_url,
+    robot_url,
 )
 from endpoint.pages.render import select as run_select
 from endpoint.pages.services.datasets import readable_datasets
@@ -40,6 +41,8 @@ _PAGES = (
     ("/services", "Services", "algorithms methods forms call"),
     ("/tools/grasp", "Grasp editor", "tool push outline polygon whiskers plan"),
     ("/tools/arm", "Arm and planning", "tool kinematics motion path trajectory joints"),
+    ("/tools/pipeline", "Compose a pipeline", "tool services steps together run"),
+    ("/benchmarks", "Benchmarks", "speed figures peers compared"),
     ("/setup", "Set up a robot", "register gripper sensor camera urdf describe"),
     ("/datasets", "Datasets", "files versions fork merge"),
     ("/jobs", "Jobs", "calls progress cancel"),
@@ -104,7 +107,7 @@ def _read() -> Iterable[Entry]:
         shown = title(row["name"], kinds) if is_object else str(row["name"] or iri)
         detail = kinds if is_object else "robot"
         texts = (row["name"], row["id"], kinds)
-        address = object_url(iri) if is_object else resource_url(iri)
+        address = object_url(iri) if is_object else robot_url(iri)
         yield Entry(str(row["group"]), shown, detail, address, words_of(*texts))
     for row in run_select("search_terms"):
         iri = str(row["iri"])

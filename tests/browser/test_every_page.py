@@ -24,7 +24,7 @@ PATHS = (
     "/", "/activity", "/sparql", "/objects", f"/object?iri={OBJECT}", "/classes?iri=rt:Mug",
     "/robots", "/feedback", "/learning", "/services", "/services/example/Grasping",
     "/setup", "/datasets", "/datasets/robots/Point", "/jobs", "/tools/grasp", "/tools/arm",
-    "/tools/pipeline", "/benchmarks",
+    "/tools/pipeline", "/benchmarks", "/robot?iri=urn:lab/robot/nao-1",
     "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",
     f"/explain?s={OBJECT}&p=rdf:type&o=rt:Mug", "/search?q=mug", "/operations",

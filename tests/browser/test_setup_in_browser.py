@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -131,3 +132,34 @@ def test_a_stored_model_is_chosen_and_a_gripper_that_cannot_be_is_refused(
         page.locator('[name="end_effectors.0.min_opening"]').fill("0.01")
         page.get_by_role("button", name="Set up").click()
         page.get_by_role("heading", name="second is set up").wait_for()
+
+
+@pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no-scripts"])
+def test_a_sensor_is_taken_from_a_camera_info(
+    browser: Any, site: tuple[RunningServer, str], scripts: bool
+) -> None:
+    server, token = site
+    info = {"header": {"frame_id": "arm/head_optical"}, "width": 800, "height": 600,
+            "K": [700.5, 0, 400, 0, 701.5, 300, 0, 0, 1]}  # fmt: skip
+    with open_page(
+        browser, server.url, token, expected=("422",), java_script_enabled=scripts
+    ) as page:
+        page.goto(f"{server.url}/setup")
+        page.locator("[name=name]").fill("third")
+        for text in ("{", '{"width": 3}', json.dumps({**info, "K": [1, 2]})):
+            page.get_by_text("Take it from a camera_info").first.click()
+            page.get_by_label("sensor_msgs/CameraInfo as JSON").fill(text)
+            page.get_by_role("button", name="Fill in").click()
+            page.get_by_text("expected a sensor_msgs/CameraInfo as JSON").wait_for()
+            page.goto(f"{server.url}/setup?name=third")
+        page.get_by_text("Take it from a camera_info").first.click()
+        page.get_by_label("sensor_msgs/CameraInfo as JSON").fill(json.dumps(info))
+        page.get_by_role("button", name="Fill in").click()
+        page.locator('[name="cameras.0.fx"][value="700.5"]').wait_for()
+        fields = ("name", "frame_id", "width", "height", "fy", "cx", "cy")
+        shown = {
+            field: page.locator(f'[name="cameras.0.{field}"]').input_value() for field in fields
+        }
+        assert shown == {"name": "head_optical", "frame_id": "arm/head_optical", "width": "800",
+                         "height": "600", "fy": "701.5", "cx": "400.0", "cy": "300.0"}  # fmt: skip
+        assert page.locator("[name=name]").input_value() == "third"

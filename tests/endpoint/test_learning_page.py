@@ -37,6 +37,7 @@ def _facts() -> str:
                      f" rt:performedBy <urn:lab/robot/{robot}> ;"
                      f" rt:executesGrasp <urn:lab/grasp/{thing}> ;"
                      f" rt:hasOutcome <urn:lab/outcome/{number}> ;"
+                     f" rt:priorAlpha {1 + number}.0e0 ; rt:priorBeta 1.0e0 ;"
                      f" prov:endedAtTime '2026-01-01T10:00:0{number}Z'^^xsd:dateTime ."
                      f"<urn:lab/outcome/{number}> a rt:GraspOutcome ;"
                      f" rt:judgedSuccess {str(held).lower()} .")  # fmt: skip
@@ -83,3 +84,20 @@ def test_an_empty_graph_says_how_outcomes_come(tmp_path: Path) -> None:
         application = new_application(kb, NoEngine(), tokens, Config())
         page = create_app(application).test_client().get("/learning").text
     assert "No outcome is known yet" in page
+
+
+def test_curves_follow_own_attempts_with_and_without_those_of_others(client: FlaskClient) -> None:
+    alone, shared = client.get("/learning.json").get_json()["curves"]
+    # By own earlier attempts: object 1 by a: 0, 1; object 2 by b: 0, 1. Then others had tried.
+    assert [(one["attempts"], one["held"]) for one in alone["points"]] == [(2, 0), (2, 2)]
+    # Object 1 by b: 0; object 2 by a: 0, and by b, which had tried it twice: no point at 1.
+    assert [(one["attempts"], one["held"]) for one in shared["points"]] == [(2, 2)]
+
+
+def test_beliefs_before_are_shown_beside_what_happened(client: FlaskClient) -> None:
+    found = client.get("/learning.json").get_json()["expected"]
+    # Prior means of the seven attempts: 1/2, 2/3, 3/4, 4/5, 5/6, 6/7, 7/8.
+    assert [(one["name"], one["attempts"], one["held"]) for one in found] == [
+        ("40 to 60 %", 1, 0), ("60 to 80 %", 2, 2), ("80 to 100 %", 4, 3),
+    ]  # fmt: skip
+    assert found[1]["expected"] == pytest.approx((2 / 3 + 3 / 4) / 2)

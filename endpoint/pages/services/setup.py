@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from typing import Any
 
@@ -16,7 +18,7 @@ from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.services.tools import KINEMATICS, ROBOTS, service_named
 from endpoint.pages.signin import require_form
 from rtask.engine.operations.robots import RegisterRobot
-from rtask.errors import RtaskError
+from rtask.errors import RtaskError, UsageError
 from rtask.wire.forms import controls_of
 
 __all__: list[str] = []
@@ -26,6 +28,7 @@ _OPERATION = "register_robot"
 _MODEL = "model"
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]")
 _MAX_NAME = 64
+_INFO, _MATRIX = "camera_info", 9
 _GRIPPER, _CAMERA = "end_effectors", "cameras"
 
 
@@ -43,6 +46,11 @@ def setup_sent() -> str | tuple[str, int]:
     require_form()
     if form.get("more"):
         return _shown(form, more=form["more"])
+    if form.get("take"):
+        try:
+            return _shown(MultiDict({**form.to_dict(), **_of_camera_info(form.get(_INFO, ""))}))
+        except UsageError as error:
+            return _shown(form, problem=details_of(error)), 422
     require_scope(caller.access, "write")
     sent = flask.request.files.get("urdf")
     urdf = sent.read() if sent and sent.filename else b""
@@ -64,6 +72,34 @@ def setup_sent() -> str | tuple[str, int]:
         **_code(name, hand, caller),
     }
     return _shown(form, ready=ready)
+
+
+def _of_camera_info(text: str) -> dict[str, str]:
+    """Return the fields of the sensor that a sensor_msgs/CameraInfo as JSON says.
+
+    Raises
+    ------
+    UsageError
+        It is none, or it does not say where the picture's centre is.
+    """
+    try:
+        info = json.loads(text)
+        matrix = [float(value) for value in info.get("k") or info["K"]]
+        width, height = int(info["width"]), int(info["height"])
+        if len(matrix) != _MATRIX or not all(map(math.isfinite, matrix)) or matrix[0] <= 0:
+            raise ValueError("K: expected nine numbers, the focal length first")
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        said = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise UsageError(
+            f"expected a sensor_msgs/CameraInfo as JSON: {said}", field=_INFO
+        ) from None
+    header = info.get("header")
+    frame = str(header.get("frame_id", "")) if isinstance(header, dict) else ""
+    values: dict[str, object] = {"width": width, "height": height, "fx": matrix[0], "fy": matrix[4],
+              "cx": matrix[2], "cy": matrix[5]}  # fmt: skip
+    if frame:
+        values = {"name": frame.rpartition("/")[2], "frame_id": frame, **values}
+    return {f"{_CAMERA}.0.{name}": str(value) for name, value in values.items()}
 
 
 def _read(urdf: bytes, caller: Caller) -> Any:
@@ -118,7 +154,7 @@ def _shown(
     problem: Model | None = None,
     ready: Model | None = None,
 ) -> str:
-    values = {key: value for key, value in given.items() if key not in ("secret", "more")}
+    values = {key: value for key, value in given.items() if key not in ("secret", "more", "take")}
     controls = {one.name: one for one in controls_of(RegisterRobot, values, more)}
     parts = [one for one in controls.values() if one.sort == "group"]
     return flask.render_template(
