@@ -131,6 +131,32 @@ def call_service(
         click.echo(f"{field}: {value if isinstance(value, str) else json.dumps(value)}")
 
 
+@service.command("save")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@server_option
+@json_option
+def save_pipeline(file: Path, server: str | None, as_json: bool) -> None:
+    """Save a pipeline on a server, as a service with the method run.
+
+    FILE is JSON with the fields of rtask/Pipeline save: pipeline, steps, output, and perhaps
+    version, summary and defaults.
+    """
+    if not server:
+        raise UsageError("a pipeline is saved on a server: name it by --server")
+    try:
+        args = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{file}: {error}") from error
+    if not isinstance(args, dict):
+        raise UsageError(f"{file}: expected an object with pipeline, steps and output")
+    with _offered(server, ()) as offered:
+        found = offered.call("rtask/Pipeline", "save", args, {}, None)
+    if as_json:
+        print_json(found)
+        return
+    click.echo(f"{found['name']}@{found['version']}: {found['summary']}")
+
+
 @service.command("run", context_settings={"ignore_unknown_options": True})
 @click.argument("script", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)

@@ -315,7 +315,9 @@ class ServiceHost:
         bound: dict[str, Resource] = {}
         for name, dataset, _ in mapped:
             kind = WritableFiles if definition.resources[name].writable else Files
-            bound[name] = kind(dataset, self.datasets.view(self.datasets.find(dataset)))
+            folder = self.datasets.view(self.datasets.find(dataset))
+            bound[name] = files = kind(dataset, folder)
+            self.datasets.keep_view(folder, files)
         for name, need in definition.resources.items():
             if need.type == "graph" and self._kb is not None:
                 bound[name] = GraphResource(self._kb, need.writable)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from rtask.services.builtin import BUILTIN
 from rtask.services.builtin.engine import engine_service
+from rtask.services.builtin.pipeline import Pipeline, carry_out
 from rtask.services.datasets.store import Datasets
+from rtask.services.definition import define
 from rtask.services.host import ServiceHost
+from rtask.services.pipelines import SavedPipelines
 from rtask.services.registry import imported, installed, services_of
 
 if TYPE_CHECKING:
@@ -48,8 +52,10 @@ def open_host(
     'rtask/Segmentation@1.0.0'
     """
     kb = None if engine is None else engine.kb
-    if datasets is None and kb is not None and kb.folder is not None:
-        datasets = kb.folder / "datasets"
+    folder = None if kb is None else kb.folder
+    if datasets is None and folder is not None:
+        datasets = folder / "datasets"
+    pipelines = None if folder is None else folder / "pipelines"
     host = ServiceHost(BUILTIN, kb, Datasets(datasets))
     if engine is not None:
         host.registry.add(engine_service(engine))
@@ -62,6 +68,8 @@ def open_host(
             host.registry.forget(definition.name)
     for module in named:
         _offer(host, module)
+    saved = SavedPipelines(pipelines, host.registry, carry_out)
+    host.registry.replace(replace(define(Pipeline), make=lambda data: Pipeline(data, saved)))
     return host
 
 

@@ -71,9 +71,10 @@ class ChildProcess:
         is_outdated: Callable[[], bool] = lambda: False,
     ) -> None:
         self._commit, self._is_outdated = commit, is_outdated
+        self._resources = dict(resources)  # the process reads their files as long as it lives
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        arguments = (theirs, definition.source, definition.exact, dict(resources), check_every)
+        arguments = (theirs, definition.source, definition.exact, self._resources, check_every)
         self._process = context.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
         theirs.close()

@@ -83,6 +83,13 @@ class Registry:
         """Remove all versions of a service."""
         self._services.pop(name, None)
 
+    def remove(self, name: str, version: str) -> None:
+        """Remove one version of a service."""
+        versions = self._services.get(name, {})
+        versions.pop(_numbers(version), None)
+        if not versions:
+            self._services.pop(name, None)
+
     def find(self, name: str) -> Definition:
         """Return the newest version that fits ``name@version``; without a version, the newest.
 

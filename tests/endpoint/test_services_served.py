@@ -196,6 +196,40 @@ def test_the_command_line_calls_a_server(server):
     assert "lab/Arm@1.2.0  A planar arm" in listed.output
 
 
+def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http, tmp_path):
+    run = CliRunner().invoke
+    steps = [
+        {
+            "id": "stretched",
+            "call": "lab/Arm/stretch",
+            "inputs": {"joints": {"$input": "joints"}},
+        },
+        {
+            "id": "reached",
+            "call": "lab/Arm/forward",
+            "inputs": {"joints": {"$ref": "stretched.joints"}},
+        },
+    ]
+    output = {"pose": {"$ref": "reached.pose"}, "all": {"$ref": "stretched"}}
+    file = tmp_path / "pipeline.json"
+    file.write_text(json.dumps({"pipeline": "lab/Reach", "steps": steps, "output": output}))
+    words = ["service", "save", str(file), "--json"]
+    assert "--server" in str(run(cli, words).exception or run(cli, words).output)
+    saved = json.loads(run(cli, [*words, "--server", server.url]).output)
+    assert (saved["name"], saved["version"]) == ("lab/Reach", "1.0.0")
+    answer = http.post("/services/lab/Reach/run", json={"joints": [0, 0]})
+    assert answer.headers["RTASK-Service"] == "lab/Reach@1.0.0"
+    assert set(answer.json()) == {"pose", "all"}
+    with rtask.connect(server.url) as client:
+        assert client.service("lab/Reach").run(np.zeros(2)) == answer.json()
+    described = http.get("/openapi.json").json()
+    validate(described)
+    assert "/services/lab/Reach/run" in described["paths"]
+    gone = {"pipeline": "lab/Reach", "version": "1.0.0"}
+    assert http.post("/services/rtask/Pipeline/remove", json=gone).is_success
+    assert http.post("/services/lab/Reach/run", json={"joints": [0, 0]}).status_code == 404
+
+
 def test_the_description_covers_services(http):
     described = http.get("/openapi.json").json()
     validate(described)

@@ -8,14 +8,16 @@ runs; steps that do not wait for each other run together.
 from __future__ import annotations
 
 import concurrent.futures
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from annotated_types import Len
-from pydantic import Field
 
-from rtask.errors import RtaskError, UsageError, nearest
+from rtask.errors import RtaskError, UnsupportedError, UsageError, nearest
+from rtask.services.builtin.steps import INPUT, REF, Step, interface, ref_of, refs_in
 from rtask.services.call import Call
+from rtask.services.pipelines import SavedPipelines, Stored
+from rtask.services.resources import Resource
 from rtask.services.service import Service, method
 from rtask.services.task import Task
 from rtask.wire.fields import Kind, kind_of
@@ -23,25 +25,10 @@ from rtask.wire.fitting import entry_of, kind_at, misfit, words_for
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Text
 
-__all__ = ["Piped", "Pipeline", "Step"]
+__all__ = ["Piped", "Pipeline", "SavedPipeline", "Step", "carry_out"]
 
 MAX_STEPS, MAX_ITEMS, _AT_ONCE = 32, 256, 8
-_REF, _INPUT, _ITEM = "$ref", "$input", "item"
-
-
-class Step(Message):
-    """One call of a pipeline."""
-
-    id: Text
-    """name under which other steps refer to the answer"""
-    call: Text
-    """<namespace>/<name>[@version]/<method>"""
-    inputs: dict[str, Any] = Field(default_factory=dict)
-    """the request; {"$ref": "step.field"} and {"$input": "name"} stand for values"""
-    each: dict[str, Any] | None = None
-    """a list to call for each entry of, which is "item" in the inputs; default: one call"""
-    data: dict[str, str] | None = None
-    """datasets for the data resources; default: none"""
+_ITEM = "item"
 
 
 class Piped(Answer):
@@ -51,13 +38,35 @@ class Piped(Answer):
     """values by the names that the request gave them"""
 
 
+class SavedPipeline(Answer):
+    """A pipeline that is a service of its own."""
+
+    name: str
+    """of the service; its method is run"""
+    version: str
+    owner: str | None = None
+    """who may change or remove it; null = everybody who may write"""
+    summary: str
+    steps: list[Step]
+    output: dict[str, Any]
+    """the values that it answers, by name"""
+
+
 class Pipeline(Service):
     """Calls of services in one request; middle results stay on the server."""
 
     name = "rtask/Pipeline"
-    version = "1.0.0"
+    version = "1.1.0"
     max_workers = 8
     timeout_s = 600.0
+
+    def __init__(
+        self,
+        data_resources: Mapping[str, Resource] | None = None,
+        saved: SavedPipelines | None = None,
+    ) -> None:
+        super().__init__(data_resources)
+        self.saved = saved
 
     @method
     def run(
@@ -79,10 +88,119 @@ class Pipeline(Service):
             Values that steps take by {"$input": "name"}; default: none.
         """
         given = inputs or {}
-        plan = _checked(steps, output, given, call)
-        answers = _run(plan, given, call)
-        shown = {name: _shown(answer) for name, answer in answers.items()}
-        return Piped(output=_filled(output, shown, given))
+        return Piped(output=_carried_out(steps, output, given, given, call))
+
+    @method(scope="write")
+    def save(
+        self,
+        pipeline: Text,
+        steps: Annotated[list[Step], Len(1, MAX_STEPS)],
+        output: Annotated[dict[str, Any], Len(1, MAX_STEPS)],
+        call: Call,
+        version: Text = "1.0.0",
+        summary: Text | None = None,
+        defaults: dict[str, Any] | None = None,
+    ) -> SavedPipeline:
+        """Keep a pipeline as a service, which is called like any other.
+
+        Parameters
+        ----------
+        pipeline
+            Name of the service, <namespace>/<name>.
+        steps
+            The calls; what `{"$input": "name"}` stands for becomes the request of its method `run`.
+        output
+            The values of its answer, by name.
+        version
+            Of the service; what it does under one version never changes.
+        summary
+            What it is for; default: the calls of its steps.
+        defaults
+            Values of inputs that callers may leave out; default: none.
+        """
+        every = [[step.inputs, step.each] for step in steps]
+        named = {path: None for kind, path in refs_in([*every, output]) if kind == INPUT}
+        plan = _checked(steps, output, named, call)
+        methods = {name: call.find(*_called(step)) for name, step in plan.items()}
+        described = {
+            "name": pipeline,
+            "version": version,
+            "summary": summary or f"Pipeline of {', '.join(step.call for step in steps)}",
+            "timeout_s": self.timeout_s,
+            "methods": interface(plan, methods, output, defaults or {}),
+        }
+        stored = {
+            "steps": [step.model_dump(mode="json") for step in steps],
+            "output": output,
+            "description": described,
+        }
+        self._kept().save(stored, call.caller)
+        return _saved({"owner": call.caller.agent, **stored})
+
+    @method
+    def saved_pipelines(self) -> list[SavedPipeline]:
+        """Saved pipelines, sorted by name and version."""
+        return [_saved(one) for one in self._kept().listing()]
+
+    @method(output="removed", scope="write")
+    def remove(self, pipeline: Text, version: Text, call: Call) -> str:
+        """Forget one version of a saved pipeline.
+
+        Parameters
+        ----------
+        pipeline
+            Name of the service.
+        version
+            Which one.
+        """
+        self._kept().remove(pipeline, version, call.caller)
+        return f"{pipeline}@{version}"
+
+    def _kept(self) -> SavedPipelines:
+        if self.saved is None:
+            raise UnsupportedError("pipelines cannot be saved here: connect to a server")
+        return self.saved
+
+
+def carry_out(
+    stored: Stored, given: Mapping[str, Any], shown: Mapping[str, Any], call: Call
+) -> Any:
+    """Return the outputs of a saved pipeline by name.
+
+    Parameters
+    ----------
+    given, shown
+        Its inputs by name, as they were read and as JSON.
+    """
+    steps = [Step.model_validate(one) for one in stored["steps"]]
+    return _carried_out(steps, stored["output"], given, shown, call)
+
+
+def _carried_out(
+    steps: list[Step],
+    output: Mapping[str, Any],
+    given: Mapping[str, Any],
+    shown: Mapping[str, Any],
+    call: Call,
+) -> Any:
+    plan = _checked(steps, output, given, call)
+    answers = _run(plan, given, call)
+    return _filled(output, {name: _shown(answer) for name, answer in answers.items()}, shown)
+
+
+def _called(step: Step) -> tuple[str, str]:
+    """Return the service and the method that a step calls."""
+    service, _, name = step.call.rpartition("/")
+    return service, name
+
+
+def _saved(stored: Stored) -> SavedPipeline:
+    described = stored["description"]
+    return SavedPipeline(
+        name=described["name"], version=described["version"], owner=stored["owner"],
+        summary=described["summary"], steps=[Step.model_validate(one) for one in stored["steps"]],
+        output=stored["output"],
+    )  # fmt: skip
 
 
 def _checked(
@@ -102,8 +220,7 @@ def _checked(
     for step in steps:
         if step.id in plan or step.id == _ITEM or "." in step.id:
             raise UsageError(f"step {step.id!r}: expected a name of its own, without a dot")
-        service, _, name = step.call.rpartition("/")
-        found = call.find(service, name)
+        found = call.find(*_called(step))
         for own in step.inputs:
             if own not in found.request.wire_names:
                 hint = nearest(own, list(found.request.wire_names))
@@ -111,8 +228,8 @@ def _checked(
         plan[step.id], methods[step.id] = step, found
         fields[step.id] = None if step.each is not None else list(found.answer.model_fields)
     for step in steps:
-        _check_refs(f"step {step.id}", [step.inputs, step.each], fields, given, bool(step.each))
-    _check_refs("output", [output], fields, given, False)
+        _checkrefs_in(f"step {step.id}", [step.inputs, step.each], fields, given, bool(step.each))
+    _checkrefs_in("output", [output], fields, given, False)
     _check_order(plan)
     answers = {
         name: Kind(methods[name].answer, is_list=step.each is not None)
@@ -136,26 +253,26 @@ def _check_types(step: Step, request: type[Message], answers: Mapping[str, Kind]
         field = request.model_fields[request.wire_names[name]]
         reason = misfit(kind, kind_of(field)) if kind is not None else ""
         if reason:
-            raise UsageError(f"step {step.id}: {name}: {value[_REF]} does not fit: {reason}")
+            raise UsageError(f"step {step.id}: {name}: {value[REF]} does not fit: {reason}")
 
 
 def _kind_of_ref(value: Any, answers: Mapping[str, Kind]) -> Kind | None:
     """Return the kind of what a reference stands for; None for values and what is not declared."""
-    kind, path = _ref(value) or ("", "")
+    kind, path = ref_of(value) or ("", "")
     start, _, rest = path.partition(".")
-    return kind_at(answers[start], rest) if kind == _REF and start in answers else None
+    return kind_at(answers[start], rest) if kind == REF and start in answers else None
 
 
-def _check_refs(
+def _checkrefs_in(
     where: str,
     values: list[Any],
     fields: Mapping[str, list[str] | None],
     given: Mapping[str, Any],
     has_item: bool,
 ) -> None:
-    for kind, path in _refs(values):
+    for kind, path in refs_in(values):
         start, _, rest = path.partition(".")
-        if kind == _INPUT:
+        if kind == INPUT:
             if path not in given:
                 raise UsageError(f"{where}: there is no input {path!r}{nearest(path, list(given))}")
         elif start == _ITEM and has_item:
@@ -170,31 +287,9 @@ def _check_refs(
                 )
 
 
-def _refs(value: Any) -> Iterator[tuple[str, str]]:
-    """Yield each reference in a value: its kind and its path."""
-    found = _ref(value)
-    if found is not None:
-        yield found
-    elif isinstance(value, Mapping):
-        for one in value.values():
-            yield from _refs(one)
-    elif isinstance(value, list):
-        for one in value:
-            yield from _refs(one)
-
-
-def _ref(value: Any) -> tuple[str, str] | None:
-    """Return kind and path if a value is itself a reference; other values stand for themselves."""
-    if isinstance(value, Mapping) and len(value) == 1:
-        kind, path = next(iter(value.items()))
-        if kind in (_REF, _INPUT) and isinstance(path, str):
-            return kind, path
-    return None
-
-
 def _needs(step: Step) -> set[str]:
     """Return the names of the steps that one waits for."""
-    paths = (path for kind, path in _refs([step.inputs, step.each]) if kind == _REF)
+    paths = (path for kind, path in refs_in([step.inputs, step.each]) if kind == REF)
     return {path.partition(".")[0] for path in paths} - {_ITEM}
 
 
@@ -242,17 +337,17 @@ def _step(step: Step, answers: Mapping[str, Any], given: Mapping[str, Any], call
 
 
 def _start(step: Step, values: Mapping[str, Any], given: Mapping[str, Any], call: Call) -> Task:
-    service, _, name = step.call.rpartition("/")
+    service, name = _called(step)
     task: Task = call.submit(service, name, _filled(step.inputs, values, given), step.data)
     return task
 
 
 def _filled(value: Any, values: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
     """Return a value with what its references stand for."""
-    found = _ref(value)
+    found = ref_of(value)
     if found is not None:
         kind, path = found
-        return given[path] if kind == _INPUT else _at(path, values)
+        return given[path] if kind == INPUT else _at(path, values)
     if isinstance(value, Mapping):
         return {name: _filled(one, values, given) for name, one in value.items()}
     return [_filled(one, values, given) for one in value] if isinstance(value, list) else value

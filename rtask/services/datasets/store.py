@@ -47,6 +47,7 @@ from rtask.services.datasets.tree import (
     merge,
 )
 from rtask.services.datasets.version import HEAD, Version
+from rtask.services.datasets.views import Views
 
 __all__ = ["Datasets", "Version"]
 
@@ -94,6 +95,10 @@ class Datasets:
     @cached_property
     def _blobs(self) -> BlobStore:
         return BlobStore(self._root / "blobs")
+
+    @cached_property
+    def _views(self) -> Views:
+        return Views(self._root / "views")
 
     def offer(self, name: str, contents: Contents) -> None:
         """Add a dataset that comes with the product; it is stored when it is first asked for."""
@@ -308,15 +313,11 @@ class Datasets:
 
     def view(self, version: Version) -> Path:
         """Return a folder with the files of a version, to be read only."""
-        place = self._root / "views" / version.digest
-        if not place.exists():
-            made = Path(tempfile.mkdtemp(prefix="making-", dir=self._views()))
-            self._fill(made, version)
-            try:
-                made.rename(place)
-            except OSError:  # somebody else was faster
-                shutil.rmtree(made)
-        return place
+        return self._views.get(version.digest, lambda folder: self._fill(folder, version))
+
+    def keep_view(self, place: Path, user: object) -> None:
+        """Keep the folder of a version as long as the object that uses it lives."""
+        self._views.keep(place, user)
 
     @contextmanager
     def scratch(self, name: str, access: Access | None = None) -> Iterator[Path]:
@@ -324,14 +325,11 @@ class Datasets:
 
         Place, simulate, look, forget (Kehoe 2014, 6.2).
         """
-        made = Path(tempfile.mkdtemp(prefix="scratch-", dir=self._views()))
-        try:
+        with self._views.scratch() as made:
             for path, entry in self.find(name, access).files.items():
                 (made / path).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(self._blobs.path(PREFIX + entry.sha256), made / path)
             yield made
-        finally:
-            shutil.rmtree(made)
 
     def close(self) -> None:
         """Remove a temporary folder."""
@@ -339,11 +337,6 @@ class Datasets:
             shutil.rmtree(self._temporary, ignore_errors=True)
 
     # Inside
-
-    def _views(self) -> Path:
-        place = self._root / "views"
-        place.mkdir(exist_ok=True)
-        return place
 
     def _fill(self, folder: Path, version: Version) -> None:
         for path, entry in version.files.items():
