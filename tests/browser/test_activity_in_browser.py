@@ -133,6 +133,7 @@ def test_rows_are_filtered_held_back_and_found_again_after_a_reload(
         page.get_by_text("live", exact=True).wait_for()
         page.get_by_role("button", name="Pause").click()
         with robot(server, token) as nao:
+            nao.call("register_robot", name="nao-1", model="nao", end_effectors=[GRIPPER])
             nao.call(
                 "report_outcome", object="urn:lab/object/1", grasp="urn:lab/grasp/1",
                 outcome={"success": True},

@@ -2,82 +2,29 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import time
 from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 from urllib.parse import urlsplit
 
-import cv2
 import httpx
-import numpy as np
 import pytest
 
-import ontology
-import rtask
-from endpoint.access.tokens import TokenStore
+from tests.browser.attempts import WIDTHS, store_of_attempts
 from tests.servers import RunningServer, bearer, running_server
 
-PREFIXES = f"""
-PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
-PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>"""
-PHASES = ("placed", "pre_grasp", "held", "closed")  # not in the order of time
-WIDTHS = {"pre_grasp": 40, "closed": 50, "held": 60, "placed": 80}
 ATTEMPTS = 22
 
 pytestmark = pytest.mark.browser
-
-
-def _attempt(number: int, blobs: dict[str, str]) -> str:
-    begin = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
-    ended = (begin - dt.timedelta(minutes=number)).isoformat()
-    name = f"urn:lab/attempt/{number}"
-    pictures = "".join(
-        f"""<{name}/image/{place}> a rt:ColorImage ; rt:name "{phase}" ;
-            rt:hasBlob <{blobs[phase]}> ; prov:wasGeneratedBy <{name}> ."""
-        for place, phase in enumerate(PHASES, 1)
-    )
-    return f"""
-  <urn:lab/task/{number}> a rt:Grasp ; rt:handles <urn:lab/object/1> ; rt:through <{name}> .
-  <{name}> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao-1> ;
-    rt:activates <urn:lab/hand> ; rt:executesGrasp <urn:lab/grasp/1> ;
-    rt:requestId "urn:task:{number}" ; rt:hasOutcome <urn:lab/outcome/{number}> ;
-    prov:endedAtTime "{ended}"^^xsd:dateTime .
-  <urn:lab/outcome/{number}> a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ;
-    rt:hasFeedback <urn:lab/feedback/{number}> .
-  <urn:lab/feedback/{number}> a rt:PhysicsFeedback ; rt:verdict true . {pictures}"""
 
 
 @pytest.fixture
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServer, str, str]]:
     """A server with attempts and their pictures, and the tokens of two people."""
     folder = tmp_path_factory.mktemp("judging") / "store"
-    with rtask.open(folder, base="urn:lab/") as kb:
-        with kb.transaction(agent="nao-1") as tx:
-            blobs = {
-                phase: tx.blob(_picture(width), "image/png").value
-                for phase, width in WIDTHS.items()
-            }
-        attempts = "".join(_attempt(number, blobs) for number in range(ATTEMPTS))
-        kb.update(
-            f"""{PREFIXES} INSERT DATA {{
-            <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" .
-            <urn:lab/hand> a rt:Hand ; rt:gripperType "nao" .
-            <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue mug" ;
-              rt:hasGrasp <urn:lab/grasp/1> .
-            <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" . {attempts} }}""",
-            "nao-1",
-        )
-    with closing(TokenStore(folder)) as tokens:
-        ann, bob = (tokens.create("teacher", agent=name)[0] for name in ("ann", "bob"))
+    ann, bob = store_of_attempts(folder, ATTEMPTS)
     with running_server(folder) as running:
         yield running, ann, bob
-
-
-def _picture(width: int) -> bytes:
-    _, png = cv2.imencode(".png", np.full((30, width, 3), 128, np.uint8))
-    return bytes(png.tobytes())
 
 
 def signed_in(browser: Any, server: RunningServer, token: str, **options: Any) -> Any:

@@ -18,6 +18,7 @@ const kind = tools.querySelector("[data-kind]");
 const spoken = document.querySelector("[data-spoken]");
 const changed = new Map(); // robot -> its state
 let waiting = []; // events that are not drawn yet, the oldest first
+let drawnAt = -REDRAW_MS;
 let timer = 0;
 let unspoken = [];
 
@@ -84,6 +85,7 @@ function drawLane(lane) {
 
 function draw() {
   timer = 0;
+  drawnAt = performance.now();
   if (pause.getAttribute("aria-pressed") === "true") return;
   for (const lane of changed.values()) drawLane(lane);
   changed.clear();
@@ -112,7 +114,7 @@ function take(event) {
   if (waiting.length > MAX_ROWS) waiting.shift();
   if (event.kind === "outcome") unspoken.push(`${event.who} ${event.words}`);
   pause.textContent = pause.getAttribute("aria-pressed") === "true" ? `Resume (${waiting.length} waiting)` : "Pause";
-  timer ||= setTimeout(draw, REDRAW_MS);
+  timer ||= setTimeout(draw, Math.max(0, drawnAt + REDRAW_MS - performance.now())); // the first at once
 }
 
 function onState(state, detail) {
