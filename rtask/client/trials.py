@@ -1,17 +1,19 @@
-"""Trials of an analysis on the workers of a server (Kehoe 2014, 3.6 and 3.8)."""
+"""Plans on the workers of a server, shard by shard (Kehoe 2014, 3.6 and 3.8)."""
 
 from __future__ import annotations
 
 import base64
 import concurrent.futures
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Self, cast
 
 from grasp.push.shards import Range, T, Task
-from grasp.push.trials import Trials
 from rtask.client.remote import RemoteClient
 from rtask.errors import UsageError
-from rtask.services.builtin.push_trials import NAME, codes_of, request_of
+from rtask.services.builtin.push_trials import NAME as PUSH_TRIALS
+from rtask.services.builtin.push_trials import codes_of, request_of
+from rtask.services.builtin.space_plans import NAME as SPACE_PLANS
+from rtask.services.builtin.space_plans import planned_from, request_for
 
 __all__ = ["ServerExecutor"]
 
@@ -19,7 +21,7 @@ _CALLS = 8
 
 
 class ServerExecutor:
-    """Executor whose shards are calls of the service ``rtask/PushTrials``.
+    """Executor whose shards are calls of ``rtask/PushTrials`` and ``rtask/SpacePlans``.
 
     The server gives them to its own workers and to those that are connected to it, and once more to
     another where one dies. Results equal those of a serial run bit for bit.
@@ -55,17 +57,10 @@ class ServerExecutor:
         Raises
         ------
         UsageError
-            The task is no trials of push grasps.
+            The task is none of those that a server carries out.
         """
-        if not isinstance(task, Trials):
-            raise UsageError(
-                f"a server carries out trials of push grasps, not {type(task).__name__}"
-            )
-        shard = request_of(task)
-        jobs = {
-            self._threads.submit(self._call, shard, one, len(task.rows)): i
-            for i, one in enumerate(ranges)
-        }
+        call = self._caller(task)
+        jobs = {self._threads.submit(call, one): i for i, one in enumerate(ranges)}
         try:
             for job in concurrent.futures.as_completed(jobs):
                 yield jobs[job], cast("T", job.result())
@@ -73,10 +68,43 @@ class ServerExecutor:
             for job in jobs:
                 job.cancel()
 
-    def _call(self, shard: dict[str, Any], one: Range, grasps: int) -> Any:
-        given = {"shard": shard, "first": one[0], "count": one[1]}
-        answer = self._client.call_service(NAME, "run", given, None, self._timeout_s, True)
-        return codes_of(base64.b64decode(answer["codes"]), grasps)
+    def _caller(self, task: Any) -> Callable[[Range], Any]:
+        """Return what carries out a range of a task by calls."""
+        from grasp.batch import BatchPlan
+        from grasp.push.pose import PoseTrials
+        from grasp.push.trials import Trials
+
+        if isinstance(task, Trials):
+            return self._codes("run", task, {})
+        if isinstance(task, PoseTrials):
+            grid = {
+                "position_std": task.position_std.tolist(),
+                "rotation_std": task.rotation_std.tolist(),
+                "samples": task.samples,
+            }
+            return self._codes("pose", task.trials, grid)
+        if isinstance(task, BatchPlan):
+            return lambda one: [
+                planned_from(self._call(SPACE_PLANS, "plan", request_for(task, mesh)), mesh.name)
+                for mesh in task.meshes[one[0] : one[0] + one[1]]
+            ]
+        raise UsageError(
+            "a server carries out trials of push grasps and plans of meshes, not "
+            f"{type(task).__name__}"
+        )
+
+    def _codes(self, method: str, trials: Any, more: dict[str, Any]) -> Callable[[Range], Any]:
+        shard, grasps = request_of(trials), len(trials.rows)
+
+        def call(one: Range) -> Any:
+            given = {"shard": shard, "first": one[0], "count": one[1], **more}
+            answer = self._call(PUSH_TRIALS, method, given)
+            return codes_of(base64.b64decode(answer["codes"]), grasps)
+
+        return call
+
+    def _call(self, service: str, method: str, given: dict[str, Any]) -> dict[str, Any]:
+        return self._client.call_service(service, method, given, None, self._timeout_s, True)
 
     def __enter__(self) -> Self:
         return self

@@ -15,7 +15,7 @@ import numpy as np
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 
-__all__ = ["MESH_ENDINGS", "has_faces", "mesh_from_ply", "read_mesh"]
+__all__ = ["MESH_ENDINGS", "has_faces", "mesh_from_bytes", "mesh_from_ply", "read_mesh"]
 
 MESH_ENDINGS = (".stl", ".obj", ".ply")
 
@@ -46,11 +46,27 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
         raise ValueError(f"{path.name}: a mesh ends in {', '.join(MESH_ENDINGS)}")
     if path.stat().st_size > _MAX_BYTES:
         raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 2**20} MB")
-    data = path.read_bytes()
+    return mesh_from_bytes(path.read_bytes(), ending[1:], path.name, scale)
+
+
+def mesh_from_bytes(data: bytes, kind: str, name: str, scale: float = 1.0) -> Mesh:
+    """Return the cleaned mesh of a file's contents; errors as :func:`read_mesh`.
+
+    Parameters
+    ----------
+    kind
+        Ending of the file, without the dot.
+    name
+        Of the file, for errors.
+    """
+    if f".{kind}" not in MESH_ENDINGS:
+        raise ValueError(f"{name}: a mesh ends in {', '.join(MESH_ENDINGS)}")
+    if len(data) > _MAX_BYTES:
+        raise ValueError(f"{name} is larger than {_MAX_BYTES // 2**20} MB")
     try:
-        vertices, faces = _surface(data, ending[1:])
+        vertices, faces = _surface(data, kind)
     except (ArithmeticError, IndexError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path.name} is no {ending[1:].upper()} mesh: {error}") from error
+        raise ValueError(f"{name} is no {kind.upper()} mesh: {error}") from error
     return as_mesh(vertices, faces, scale)
 
 

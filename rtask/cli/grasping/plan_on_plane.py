@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.grasping.batch import batch
+from rtask.cli.grasping.executors import executor_options, open_named
 from rtask.cli.grasping.learning import train
 from rtask.cli.options import (
     data_option,
@@ -20,7 +22,6 @@ from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
     from grasp.push import Outline, PushPlan
-    from grasp.push.shards import Executor
 
 
 @click.group()
@@ -29,6 +30,7 @@ def grasp() -> None:
 
 
 grasp.add_command(train)
+grasp.add_command(batch)
 
 
 @grasp.command()
@@ -151,31 +153,7 @@ grasp.add_command(train)
     show_default=True,
     help="Push: independent perturbations, or evenly spread ones.",
 )
-@click.option(
-    "--executor",
-    type=click.Choice(["serial", "threads", "processes", "server", "ray"]),
-    default="serial",
-    show_default=True,
-    help="Push: where the trials run. server: on that of --server and the workers connected to it; "
-    "ray: on the running cluster of --cluster.",
-)
-@click.option(
-    "--server",
-    metavar="URL",
-    envvar="RTASK_SERVER",
-    show_envvar=True,
-    help="Push: server of --executor server. Its token is read from RTASK_TOKEN.",
-)
-@click.option(
-    "--cluster",
-    metavar="ADDRESS",
-    help="Push: address of a running Ray cluster, or auto for the one of this machine.",
-)
-@click.option(
-    "--workers",
-    default=0,
-    help="Push: workers of the executor; 0 = one for each core, of a server eight calls at a time.",
-)
+@executor_options("the trials", "Push: ")
 @limit_option(10, "Number of grasps to print, and to store.", former=["--top"])
 @click.option(
     "--min-confidence",
@@ -269,7 +247,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
     with (
         Working("planning"),
-        _executor(options) as executor,
+        open_named(options) as executor,
     ):
         found = plan_push_grasps(
             part.vertices,
@@ -291,22 +269,6 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
     return bool(found.quality > 0)
-
-
-def _executor(options: dict[str, Any]) -> Executor:
-    """Return what runs the trials; a context manager."""
-    import os
-
-    from grasp.push import open_executor
-    from rtask.errors import UsageError
-
-    if options["executor"] != "server":
-        return open_executor(options["executor"], options["workers"], options["cluster"])
-    from rtask.client.trials import ServerExecutor
-
-    if not options["server"]:
-        raise UsageError("--executor server needs --server URL")
-    return ServerExecutor(options["server"], os.environ.get("RTASK_TOKEN"), options["workers"])
 
 
 _PLANNED = (

@@ -6,7 +6,8 @@ from rtask.services.builtin.grasping import Grasping
 from rtask.services.builtin.pipeline import Pipeline
 from rtask.services.builtin.push_trials import PushTrials
 from rtask.services.builtin.segmentation import Segmentation
+from rtask.services.builtin.space_plans import SpacePlans
 
-__all__ = ["BUILTIN", "Grasping", "Pipeline", "PushTrials", "Segmentation"]
+__all__ = ["BUILTIN", "Grasping", "Pipeline", "PushTrials", "Segmentation", "SpacePlans"]
 
-BUILTIN = (Segmentation, Grasping, Pipeline, PushTrials)
+BUILTIN = (Segmentation, Grasping, Pipeline, PushTrials, SpacePlans)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rtask.errors import ServiceError
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Message
-from rtask.wire.types import Array, ArrayOf, Bytes, Carried, Flag, Json, Number, Whole
+from rtask.wire.types import Array, ArrayOf, Bytes, Carried, Flag, Json, Number, Unit, Whole
 
 if TYPE_CHECKING:
     from grasp.push.trials import Trials
@@ -65,7 +65,7 @@ class PushTrials(Service):
     """Trials of push grasps on perturbed parts, one shard at a time."""
 
     name = NAME
-    version = "1.0.0"
+    version = "1.1.0"
     timeout_s = 300.0
 
     @startup
@@ -99,6 +99,50 @@ class PushTrials(Service):
             )
         try:
             codes = _trials(shard)(first, count)
+        except (ValueError, TypeError) as error:
+            raise ServiceError(str(error)) from error
+        return zlib.compress(codes.tobytes(), 1)
+
+    @method(output="codes")
+    def pose(
+        self,
+        shard: Shard,
+        position_std: Array,
+        rotation_std: Annotated[Array, Unit("rad")],
+        samples: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)],
+        first: Annotated[Whole, Ge(0)],
+        count: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)],
+    ) -> Bytes:
+        """Result of one grasp on the part in many poses, one byte each, compressed by zlib.
+
+        The trials are numbered through a grid of uncertainties, ``samples`` for each pair of a
+        position and a rotation (Kehoe 2014, 3.8).
+
+        Parameters
+        ----------
+        shard
+            Part, one grasp, and a test by simulation.
+        position_std
+            Deviations of the lateral position, in radii of the part.
+        rotation_std
+            Deviations of the rotation about the centre of mass.
+        samples
+            Trials for each pair.
+        first
+            Number of the first trial.
+        count
+            How many trials.
+        """
+        from grasp.push.pose import PoseTrials
+
+        total = len(position_std) * len(rotation_std) * samples
+        if len(shard.rows) != 1 or first + count > total:
+            raise ServiceError(
+                f"expected one grasp and trials below {total}, got {len(shard.rows)} and "
+                f"{first + count}"
+            )
+        try:
+            codes = PoseTrials(_trials(shard), position_std, rotation_std, samples)(first, count)
         except (ValueError, TypeError) as error:
             raise ServiceError(str(error)) from error
         return zlib.compress(codes.tobytes(), 1)

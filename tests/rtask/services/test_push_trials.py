@@ -78,7 +78,7 @@ def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tm
     ):
         try:
             assert worker.stdout is not None
-            assert worker.stdout.readline() == "serving rtask/PushTrials@1.0.0\n"
+            assert worker.stdout.readline() == "serving rtask/PushTrials@1.1.0\n"
             shared = analyse(part, grasps, test, tolerance, elimination=drop, executor=executor)
             early = analyse_early(
                 part, grasps, test, tolerance, samples=16, shards=10, executor=executor

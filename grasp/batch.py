@@ -1,0 +1,79 @@
+"""Grasps in space of many objects, each planned by itself and so in any place (Kehoe 2014, 3.8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from grasp.spatial.candidate import Proposals
+from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.meshes.mesh_files import mesh_from_bytes
+
+__all__ = ["BatchPlan", "MeshFile", "Planned"]
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh as its file holds it, so that every machine reads the same.
+
+    ``kind`` is the ending of its name without the dot.
+    """
+
+    name: str
+    kind: str
+    contents: bytes
+
+    @classmethod
+    def read(cls, path: Path) -> MeshFile:
+        """Return the contents of a file."""
+        return cls(str(path), path.suffix.lower().lstrip("."), path.read_bytes())
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What became of one object: its grasps, or why its mesh could not be read."""
+
+    name: str
+    found: Proposals
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class BatchPlan:
+    """Task of an executor, called with a range of the meshes.
+
+    Parameters
+    ----------
+    meshes
+        What to plan on; z up where they stand on a support.
+    gripper
+        Of all plans.
+    options
+        The same for each; ``reachable`` is for one process only.
+    scale
+        Metres per unit of the files.
+    floating
+        Without a support below the lowest vertex.
+    """
+
+    meshes: tuple[MeshFile, ...]
+    gripper: ParallelGripper
+    options: SpatialOptions
+    scale: float = 1.0
+    floating: bool = False
+
+    def __call__(self, first: int, count: int) -> list[Planned]:
+        """Return the plans of ``count`` meshes from number ``first`` on."""
+        return [self.plan(mesh) for mesh in self.meshes[first : first + count]]
+
+    def plan(self, file: MeshFile) -> Planned:
+        """Plan grasps of one mesh; a mesh that cannot be used is no error of the others."""
+        try:
+            mesh = mesh_from_bytes(file.contents, file.kind, file.name, self.scale)
+            lowest = float(mesh.vertices[:, 2].min())
+            around = Surroundings(None if self.floating else Support(lowest))
+            return Planned(file.name, plan_on_mesh(mesh, self.gripper, around, self.options))
+        except ValueError as error:
+            return Planned(file.name, Proposals(reason="the mesh cannot be used"), str(error))

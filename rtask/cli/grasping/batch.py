@@ -1,0 +1,178 @@
+"""``rtask grasp batch``: grasps in space of many meshes, each planned wherever there is room."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.grasping.executors import executor_options, open_named
+from rtask.cli.options import json_option, limit_option, print_json
+from rtask.cli.progress import announce_compilation
+from rtask.errors import RtaskError, UsageError
+
+if TYPE_CHECKING:
+    from grasp.batch import BatchPlan, Planned
+
+__all__ = ["batch"]
+
+
+@click.command()
+@click.argument(
+    "meshes", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path)
+)
+@click.option(
+    "--gripper",
+    default="panda",
+    show_default=True,
+    help="nao, panda or jaw:STROKE in m, or a file that describes one: JSON, TOML or URDF.",
+)
+@click.option("--mass", type=float, help="Mass of each object, kg.  [default: not known]")
+@click.option("--scale", default=1.0, show_default=True, help="m per unit of the files.")
+@click.option("--floating", is_flag=True, help="There is no table under the objects.")
+@click.option("--samples", default=100, show_default=True, help="Perturbed poses of each grasp.")
+@click.option("--seed", default=0, show_default=True, help="Random seed of the perturbations.")
+@click.option(
+    "--position-std", type=float, help="Standard deviation of the position, m.  [default: 0.004]"
+)
+@click.option(
+    "--rotation-std-deg",
+    type=float,
+    help="Standard deviation of the rotation, degrees.  [default: 5.73]",
+)
+@executor_options("the plans")
+@click.option(
+    "--deadline",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Seconds after which no further result is waited for.  [default: all are]",
+)
+@limit_option(10, "Number of grasps of each object to return.")
+@click.option(
+    "--save-grasps",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write the grasps of each object to a file <name>.h5 in this folder as soon as they are "
+    "planned.",
+)
+@json_option
+def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+    """Plan grasps in space of many MESHES (.stl, .obj, .ply; z up).
+
+    Each object is planned by itself, and its line is printed as soon as it is done; results are the
+    same wherever they run. Exit code 1 if an object was not planned or has no grasp.
+    """
+    if options["limit"] < 1:
+        raise UsageError(f"--limit {options['limit']}: must be at least 1")
+    try:
+        task = _task(meshes, options)
+        files = _files(meshes, options["save_grasps"])
+        with announce_compilation():
+            found, seconds = _planned(task, options, files, as_json)
+    except ValueError as error:
+        if isinstance(error, RtaskError):
+            raise
+        raise UsageError(str(error)) from error
+    except OSError as error:
+        raise UsageError(f"{error.filename}: {error.strerror or error}") from error
+    if as_json:
+        print_json(_as_json(task, found, seconds, options))
+    else:
+        for mesh in task.meshes:
+            if mesh.name not in found:
+                click.echo(f"{mesh.name}: not planned by the deadline")
+        click.echo(f"{len(found)} of {len(task.meshes)} objects in {seconds:.1f} s")
+    if len(found) < len(task.meshes) or not all(one.found for one in found.values()):
+        raise click.exceptions.Exit(1)
+
+
+def _task(meshes: tuple[Path, ...], options: dict[str, Any]) -> BatchPlan:
+    from grasp.batch import BatchPlan, MeshFile
+    from grasp.spatial.grasp_plan import SpatialOptions
+    from grasp.spatial.gripper_files import gripper_named
+    from grasp.spatial.scoring.confidence import PoseNoise
+
+    if len(set(meshes)) < len(meshes):
+        raise UsageError("a mesh is named twice")
+    usual = PoseNoise()
+    position, rotation = options["position_std"], options["rotation_std_deg"]
+    noise = PoseNoise(
+        usual.position_std if position is None else position,
+        usual.rotation_std if rotation is None else math.radians(rotation),
+    )
+    wanted = SpatialOptions(
+        noise=noise, samples=options["samples"], mass=options["mass"], seed=options["seed"],
+        most=max(options["limit"], 50),
+    )  # fmt: skip
+    return BatchPlan(
+        tuple(MeshFile.read(mesh) for mesh in meshes), gripper_named(options["gripper"]), wanted,
+        options["scale"], options["floating"],
+    )  # fmt: skip
+
+
+def _files(meshes: tuple[Path, ...], folder: Path | None) -> dict[str, Path]:
+    """Return where the grasps of each mesh are written; two meshes never share a file."""
+    if folder is None:
+        return {}
+    files = {str(mesh): folder / f"{mesh.stem}.h5" for mesh in meshes}
+    if len(set(files.values())) < len(files):
+        raise UsageError("--save-grasps: two meshes have the same name, so their files would too")
+    folder.mkdir(parents=True, exist_ok=True)
+    return files
+
+
+def _planned(
+    task: BatchPlan, options: dict[str, Any], files: dict[str, Path], is_quiet: bool
+) -> tuple[dict[str, Planned], float]:
+    """Return what was planned by the deadline, by name, and how many seconds it took."""
+    from grasp.spatial.interchange import write_grasps
+
+    began = time.monotonic()
+    found: dict[str, Planned] = {}
+    ranges = [(i, 1) for i in range(len(task.meshes))]
+    with open_named(options) as executor:
+        for _, (one,) in executor.finished(task, ranges):
+            found[one.name] = one
+            if one.name in files and one.found:
+                kept = one.found.candidates[: options["limit"]]
+                write_grasps(files[one.name], kept, task.gripper, one.name, task.scale)
+            if not is_quiet:
+                click.echo(_line(one))
+            elif sys.stderr.isatty():
+                click.echo(f"{len(found)} of {len(ranges)}", err=True)
+            if options["deadline"] and time.monotonic() - began >= options["deadline"]:
+                break
+    return found, time.monotonic() - began
+
+
+def _line(one: Planned) -> str:
+    if not one.found:
+        return f"{one.name}: no grasp: {one.error or one.found.reason}"
+    best = max(candidate.scores["confidence"] for candidate in one.found)
+    return f"{one.name}: {len(one.found)} grasps, the best with confidence {best:.2f}"
+
+
+def _as_json(
+    task: BatchPlan, found: dict[str, Planned], seconds: float, options: dict[str, Any]
+) -> dict[str, Any]:
+    from grasp.messages import spatial_grasp_message
+
+    objects = []
+    for mesh in task.meshes:
+        one = found.get(mesh.name)
+        if one is None:
+            objects.append({"mesh": mesh.name, "planned": False, "grasps": [], "reason": ""})
+            continue
+        grasps = [
+            {
+                **{name: float(value) for name, value in candidate.scores.items()},
+                "width": float(candidate.width),
+                "message": spatial_grasp_message(candidate, task.gripper, "object"),
+            }
+            for candidate in one.found.candidates[: options["limit"]]
+        ]
+        reason = one.error or one.found.reason
+        objects.append({"mesh": mesh.name, "planned": True, "grasps": grasps, "reason": reason})
+    return {"gripper": task.gripper.name, "seconds": seconds, "objects": objects}
