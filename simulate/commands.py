@@ -41,6 +41,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @options.products(default="hard")
 @click.option(
     "--data",
+    "-d",
     default="rtask-demo",
     show_default=True,
     type=options.folder(),
@@ -109,6 +110,7 @@ def demo(
 @options.robots_in_turn
 @click.option(
     "--data",
+    "-d",
     default="rtask-fleet",
     show_default=True,
     type=options.folder(),

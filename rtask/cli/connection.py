@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rtask.client import Client
+    from rtask.client.reasoner import ReasonerClient
     from rtask.graph import Graph
     from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["base_of", "connection", "open_graph", "open_to_read"]
+__all__ = ["base_of", "connection", "open_graph", "open_to_read", "reasoner_of"]
 
 
 def open_to_read(data: Path) -> KnowledgeBase:
@@ -67,3 +68,10 @@ def connection(data: Path, server: str | None, agent: str | None = None) -> Iter
         return
     with rtask.open(data) as kb, rtask.connect(kb, agent=agent) as client:
         yield client
+
+
+def reasoner_of(server: str) -> ReasonerClient:
+    """Return a connection to the reasoner of a server; its token is read from RTASK_TOKEN."""
+    from rtask.client.reasoner import ReasonerClient
+
+    return ReasonerClient(server, os.environ.get("RTASK_TOKEN"))

@@ -59,8 +59,7 @@ def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_j
         found = episodes_of(kb, robot=agent, since=since)
     if as_json:
         print_json([one.to_json() for one in found])
-        return
-    for one in found:
+    for one in [] if as_json else found:
         judged = {True: "held", False: one.reason or "not held", None: "not judged"}[one.held]
         placed = ", placed" if one.placed else ""
         time = one.ended.isoformat(timespec="seconds")

@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import open_to_read
-from rtask.cli.options import data_option, json_option, print_json, term
+from rtask.cli.connection import open_to_read, reasoner_of
+from rtask.cli.options import (
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+    term,
+)
 from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
@@ -210,30 +217,54 @@ def _lines(report: dict[str, Any]) -> Iterable[str]:
 @click.argument("predicate")
 @click.argument("value", metavar="OBJECT")
 @data_option
+@server_option
 @json_option
-def explain(subject: str, predicate: str, value: str, data: Path, as_json: bool) -> None:
+def explain(
+    subject: str, predicate: str, value: str, data: Path, server: str | None, as_json: bool
+) -> None:
     """Explain why a statement holds: who asserted it, or what it follows from.
 
     Write terms as in Turtle: <IRI>, prefix:name, "text", 0.3. Exit code 1 if the statement does
     not hold.
     """
+    parts = (subject, "rdf:type" if predicate == "a" else predicate, value)
+    found = _explained_by(server, parts) if server else _explained(data, parts)
+    if as_json:
+        print_json(found)
+    else:
+        for name in found["asserted_in"]:
+            click.echo(f"asserted in {name}")
+        if found["proof"] is not None:
+            click.echo(found["proof"])
+        if not found["holds"]:
+            click.echo("does not hold", err=True)
+    exit_if_empty(found["holds"])
+
+
+def _explained(data: Path, parts: tuple[str, str, str]) -> dict[str, Any]:
+    """Return why a statement holds in a folder; a proof only where nobody asserted it."""
     with announce_compilation(), open_to_read(data) as kb:
-        predicate = "rdf:type" if predicate == "a" else predicate
-        triple = [term(part, kb.base) for part in (subject, predicate, value)]
+        triple = [term(part, kb.base) for part in parts]
         graphs = [str(quad.graph_name) for quad in kb.match(*triple)]
         asserted = [name for name in graphs if name != str(kb.graphs.inferred)]
         proof = None if asserted else kb.explain(*triple)
-        text = None if proof is None else proof.render()
-        steps = None if proof is None else proof.to_dict()
-    holds = bool(asserted) or text is not None
-    if as_json:
-        print_json({"holds": holds, "asserted_in": asserted, "proof": text, "steps": steps})
-    else:
-        for name in asserted:
-            click.echo(f"asserted in {name}")
-        if text is not None:
-            click.echo(text)
-        if not holds:
-            click.echo("does not hold", err=True)
-    if not holds:
-        raise SystemExit(1)
+        return {
+            "holds": bool(asserted) or proof is not None,
+            "asserted_in": asserted,
+            "proof": None if proof is None else proof.render(),
+            "steps": None if proof is None else proof.to_dict(),
+        }
+
+
+def _explained_by(server: str, parts: tuple[str, str, str]) -> dict[str, Any]:
+    """Return the same of a server."""
+    subject, predicate, value = (term(part, "") for part in parts)
+    with reasoner_of(server) as client:
+        found = client.explain((subject, predicate, value))
+    asserted = found["asserted_in"]
+    return {
+        "holds": found["holds"],
+        "asserted_in": asserted,
+        "proof": None if asserted else found["text"],
+        "steps": None if asserted else found["proof"],
+    }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rtask.cli.connection import open_to_read
+from rtask.cli.connection import open_to_read, reasoner_of
 from rtask.cli.options import (
     agent_option,
     data_option,
@@ -19,7 +19,7 @@ from rtask.cli.options import (
 from rtask.cli.progress import announce_compilation
 
 if TYPE_CHECKING:
-    from rtask.client.rules import RuleClient
+    from rtask.client.reasoner import ReasonerClient
     from rtask.kb.rules.rule import Rule
 
 
@@ -159,15 +159,12 @@ def _present(data: Path, server: str | None) -> list[Rule]:
         return kb.rules()
 
 
-def _connected(server: str, agent: str | None = None) -> RuleClient:
-    import os
-
-    from rtask.client.rules import RuleClient
+def _connected(server: str, agent: str | None = None) -> ReasonerClient:
     from rtask.errors import UsageError
 
     if agent:
         raise UsageError("--agent is for a folder; a server knows who asks by RTASK_TOKEN")
-    return RuleClient(server, os.environ.get("RTASK_TOKEN"))
+    return reasoner_of(server)
 
 
 def _counted(number: int) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from rtask.cli.options import json_option, print_json, server_option
+from rtask.cli.options import json_option, option, print_json, server_option
 from rtask.errors import UsageError
 
 __all__ = ["service"]
@@ -94,9 +94,10 @@ def show_service(name: str, server: str | None, sources: tuple[str, ...], as_jso
 @click.argument("name")
 @click.argument("method")
 @click.argument("arguments", nargs=-1)
-@click.option(
-    "--data",
+@option(
+    "--dataset",
     "mapping",
+    former=["--data"],
     multiple=True,
     metavar="RESOURCE=NAMESPACE/NAME",
     help="Dataset for a data resource of the service.",
@@ -120,7 +121,7 @@ def call_service(
     ARGUMENTS are FIELD=VALUE. A value is read as JSON, or else as text; @FILE stands for the
     contents of a file.
     """
-    data = dict(_pair(one, "--data") for one in mapping)
+    data = dict(_pair(one, "--dataset") for one in mapping)
     args = {field: _value(text) for field, text in (_pair(one, "") for one in arguments)}
     with _offered(server, sources) as offered:
         answer = offered.call(name, method, args, data, timeout)

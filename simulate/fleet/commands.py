@@ -238,7 +238,9 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     show_envvar=True,
     help="Server to ask, with the token in RTASK_TOKEN.  [default: an engine in this process]",
 )
-@click.option("--data", type=options.folder(), help="Knowledge base to use; default: a new one.")
+@click.option(
+    "--data", "-d", type=options.folder(), help="Knowledge base to use; default: a new one."
+)
 @click.option(
     "--taught/--untaught", default=True, help="Whether a person has named the products before."
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from rtask.cli.options import option
 from simulate import options
 
 __all__ = ["piles"]
@@ -17,7 +18,7 @@ __all__ = ["piles"]
 @click.option("--objects", default=None, type=click.IntRange(1, 20),
               help="Things in each; 6 in a pile, 10 on a table to clear.")  # fmt: skip
 @click.option("--clear", is_flag=True, help="Clear the table instead of picking once.")
-@click.option("--agent", is_flag=True,
+@option("--with-agent", "agent", is_flag=True, former=["--agent"],
               help="Clear by the robot's agent, which asks a graph that starts empty.")  # fmt: skip
 @click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
 @options.seed("things, piles, light, noise and choices")

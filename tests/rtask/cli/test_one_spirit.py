@@ -24,6 +24,29 @@ _GRAPH = "urn:lab/graph/agent/nao-1"
 Run = Callable[..., tuple[int, str, str]]
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
+_USED_IN_TWO_WAYS = {
+    "--limit": "serve: of a rate",
+    "--store": "serve: where statements are; grasp plan: whether to store",
+    "--count": "ros zenoh save: -n is a topic's number there",
+}
+_FORMER = {"--url", "--by", "--operator", "--processes", "--view", "--output", "--endpoint"}
+"""Names that other commands gave to what is called --server, --agent, --workers, --gui, --out."""
+_OF_FILES = {
+    "backup": "copies the folder; a server copies its own by POST /backup",
+    "demo": "runs a server of its own",
+    "doctor": "looks at this machine",
+    "episodes export": "reads pictures and clouds of the folder",
+    "episodes list": "as export",
+    "episodes import": "writes pictures and clouds into the folder",
+    "history": "reads the journal, whose statements no address gives",
+    "load": "loads files of this machine; a server takes them by the graph store protocol",
+    "ontology unload": "maintenance", "ontology upgrade": "maintenance",
+    "quarantine": "maintenance", "rebuild": "maintenance", "validate": "maintenance",
+    "verify": "maintenance", "reason": "builds a closure of its own",
+    "serve": "is the server",
+    "token create": "an operator's, on the machine of the server", "token expire": "as create",
+    "token list": "as create", "token revoke": "as create",
+}  # fmt: skip
 _WITHOUT_JSON = {"serve", "act-serve", "urdf", "changes", "node", "ros", "run"}
 
 
@@ -73,6 +96,36 @@ def test_each_command_can_print_json() -> None:
     assert {name.split()[-1] for name in without} <= _WITHOUT_JSON
 
 
+def _options(command: click.Command) -> list[click.Option]:
+    return [one for one in command.params if isinstance(one, click.Option)]
+
+
+def test_an_option_is_called_and_used_the_same_by_all_commands() -> None:
+    uses: dict[str, dict[tuple[bool, tuple[str, ...]], str]] = {}
+    meanings: dict[str, set[str]] = {}
+    for name, command in _commands(cli):
+        for one in _options(command):
+            long = next(opt for opt in one.opts if opt.startswith("--"))
+            short = tuple(opt for opt in one.opts if not opt.startswith("--"))
+            uses.setdefault(long, {})[one.is_flag, short] = name
+            for letter in short:
+                meanings.setdefault(letter, set()).add(long)
+    assert {long: found for long, found in uses.items()
+            if len(found) > 1 and long not in _USED_IN_TWO_WAYS} == {}  # fmt: skip
+    several = {letter: found for letter, found in meanings.items() if len(found) > 1}
+    assert several == {"-n": {"--limit", "--trials", "--count"}}  # always: how many
+    assert _FORMER & uses.keys() == set()
+
+
+def test_commands_on_a_graph_ask_a_server_too_or_have_a_reason() -> None:
+    without = set()
+    for name, command in _commands(cli):
+        opts = {opt for one in _options(command) for opt in one.opts}
+        if "--data" in opts and "--server" not in opts:
+            without.add(name)
+    assert without == _OF_FILES.keys()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
@@ -83,6 +136,11 @@ def test_each_command_can_print_json() -> None:
         ("stats",),
         ("history", "urn:mug", "-s"),
         ("explain", "urn:mug", "a", "rt:Container"),
+        ("entails", "urn:mug", "a", "rt:Container"),
+        ("episodes", "list"),
+        ("rules", "list"),
+        ("token", "list"),
+        ("token", "create", "--robot", "nao-2"),
         ("ontology", "list"),
         ("verify",),
         ("validate",),
@@ -95,6 +153,25 @@ def test_each_command_can_print_json() -> None:
 )
 def test_json_is_json_and_nothing_else(run: Run, arguments: tuple[str, ...]) -> None:
     _, out, _ = run(*arguments, "--json")
+    json.loads(out)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("ontology", "patches"),
+        ("ontology", "show", "rt:Mug", "--source", "bundled"),
+        ("robot", "list"),
+        ("service", "list"),
+        ("service", "show", "example/Kinematics"),
+        ("service", "call", "example/Kinematics", "describe"),
+        ("service", "call", "example/Kinematics", "describe", "--dataset", "robot=robots/Point"),
+    ],
+    ids=" ".join,
+)
+def test_json_of_commands_without_a_graph(run: Run, arguments: tuple[str, ...]) -> None:
+    code, out, _ = run(*arguments, "--json", folder=False)
+    assert code == 0
     json.loads(out)
 
 
@@ -208,4 +285,15 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         assert ask("update", "INSERT DATA { <urn:a> <urn:p> 1 }")[1] == "done\n"
         assert ask("query", "ASK { <urn:a> <urn:p> 1 }")[0] == 0
         assert ask("feedback")[0] == 1
+        code, out, _ = ask("explain", "urn:mug", "a", "rt:Container", "--json")
+        here = json.loads(run("explain", "urn:mug", "a", "rt:Container", "--json")[1])
+        assert (code, json.loads(out)) == (0, here)
+        assert ask("explain", "urn:mug", "a", "rt:Robot")[0] == 1
+        code, out, _ = ask("entails", "urn:mug", "a", "rt:Container")
+        assert (code, out.splitlines()[0]) == (0, "yes")
+        assert "rt:Container" in out  # the proof
+        (tmp_path / "more.ttl").write_text("<urn:mug> a <urn:Teapot> .")
+        code, out, _ = ask("entails", str(tmp_path / "more.ttl"))
+        assert code == 1
+        assert "missing: <urn:mug>" in out
         server.terminate()

@@ -1,0 +1,76 @@
+"""The reasoner of a server over HTTP: rules of the user, proofs, entailment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rtask.client.http import HttpClient
+from rtask.kb.rules.rule import Rule
+from rtask.rdf.terms import TripleKey, written
+
+__all__ = ["ReasonerClient"]
+
+_ADDRESS = "/reasoner/rules"
+_EXPLAIN, _ENTAILS = "/reasoner/explain", "/reasoner/entails"
+
+
+class ReasonerClient(HttpClient):
+    """Reads and changes the rules of a server, and asks what follows from its graph and why."""
+
+    def rules(self) -> list[Rule]:
+        """Return the rules, sorted by label."""
+        return [Rule.from_dict(one) for one in self._send("GET", _ADDRESS).json()["rules"]]
+
+    def add(self, rules: Iterable[Rule], replace: bool = False) -> dict[str, Any]:
+        """Add rules as one commit.
+
+        Returns
+        -------
+        dict
+            ``commit``, its number; ``derived``, how many statements followed; ``changed``, whether
+            any rule was new.
+        """
+        sent = [{"label": one.label, "text": one.text, "comment": one.comment} for one in rules]
+        body = {"rules": sent, "replace": replace}
+        made: dict[str, Any] = self._send("POST", _ADDRESS, json=body).json()
+        return made
+
+    def remove(self, names: Iterable[str]) -> dict[str, Any]:
+        """Remove rules, named by label or IRI, as one commit.
+
+        Returns
+        -------
+        dict
+            ``commit``, its number; ``withdrawn``, how many statements no longer follow.
+        """
+        named = {"label": list(names)}
+        made: dict[str, Any] = self._send("DELETE", _ADDRESS, params=named).json()
+        return made
+
+    def explain(self, triple: TripleKey) -> dict[str, Any]:
+        """Return whether a statement holds and why.
+
+        Returns
+        -------
+        dict
+            ``holds``; ``asserted_in``, the graphs that state it; ``proof``, and ``text``, the proof
+            in words; both None where it does not hold.
+        """
+        named = dict(zip("spo", map(written, triple), strict=True))
+        found: dict[str, Any] = self._send("GET", _EXPLAIN, params=named).json()
+        return found
+
+    def entails(self, triples: Iterable[TripleKey]) -> dict[str, Any]:
+        """Return whether statements follow, as :meth:`Entailment.to_dict` does.
+
+        Raises
+        ------
+        UsageError
+            A statement cannot be tested, or there are more than a server takes at once.
+        """
+        lines = "".join(f"{' '.join(map(written, triple))} .\n" for triple in triples)
+        headers = {"Content-Type": "application/n-triples"}
+        sent = {"content": lines.encode(), "headers": headers}
+        found: dict[str, Any] = self._send("POST", _ENTAILS, **sent).json()
+        return found
