@@ -19,6 +19,7 @@ from pathlib import Path
 
 from push_checks import bound, box2d, sobol
 from push_figures import belief, fig_3_8, fig_3_11, fig_3_13, fig_3_15, fig_3_23
+from push_nodes import fig_3_17
 from push_settings import Drawings
 from push_silhouettes import silhouettes
 from push_tables import grid, nominal, speed, table_3_1, table_3_2
@@ -33,6 +34,7 @@ ALL: dict[str, Callable[[], None]] = {
     "fig-3.11": fig_3_11,
     "fig-3.13": fig_3_13,
     "fig-3.15": fig_3_15,
+    "fig-3.17": fig_3_17,
     "fig-3.23": fig_3_23,
     "bound": bound,
     "box2d": box2d,
@@ -46,6 +48,8 @@ ALSO = {
     "fig-3.12": "fig-3.13",
     "fig-3.14": "fig-3.8",
     "fig-3.16": "fig-3.15",
+    "fig-3.18": "fig-3.17",
+    "fig-3.19": "fig-3.17",
 }
 """Figures that are drawn together with another."""
 
