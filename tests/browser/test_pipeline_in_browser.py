@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 import httpx
 import pytest
@@ -265,3 +265,24 @@ def test_the_twin_holds_the_pipeline_and_what_fits(server: RunningServer) -> Non
         f"{server.url}/tools/pipeline.json", params={"pipeline": json.dumps(unknown)}
     )
     assert "has no method 'cutt'" in refused.json()["detail"]
+
+
+@pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no-scripts"])
+def test_a_pipeline_is_kept_as_a_service_and_called_over_http(
+    browser: Any, server: RunningServer, scripts: bool
+) -> None:
+    name = f"lab/Weights{scripts}"
+    with open_page(
+        browser, server.url, expected=("status of 4", "400 "), java_script_enabled=scripts
+    ) as page:
+        page.goto(f"{server.url}/tools/pipeline?{urlencode({'pipeline': json.dumps(COMPOSED)})}")
+        page.get_by_text("Keep it as a service").click()
+        page.get_by_role("button", name="Keep it").click()
+        page.get_by_text("to keep it, it needs a name").wait_for()
+        page.get_by_label("name of the service").fill(name)
+        page.get_by_role("button", name="Keep it").click()
+        page.wait_for_url(f"**/services/{name}@1.0.0")
+        page.get_by_label("cloud *").wait_for()
+    sent = {"cloud": base64.b64encode(CLOUD).decode()}
+    answer = httpx.post(f"{server.url}/services/{name}/run", json=sent, timeout=60).json()
+    assert [one["mass"] for one in answer["weigh"]] == [1.0, 1.0, 1.0]

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rtask.errors import UsageError
-from rtask.services.builtin.pipeline import MAX_STEPS, Step
+from rtask.services.builtin.pipeline import MAX_STEPS
+from rtask.services.builtin.steps import INPUT, REF, Step, ref_of, refs_in
 from rtask.services.definition import Definition, Method
 from rtask.wire.fields import Kind, kind_of
 from rtask.wire.fitting import entry_of, kind_at, misfit, places_in
@@ -45,7 +46,7 @@ Json = dict[str, Any]
 Find = Callable[[str], Definition]
 """Returns a service by its name; raises an UnknownTermError."""
 
-INPUT, REF, ITEM = "$input", "$ref", "item"
+ITEM = "item"
 _BOX, _GAP = (150, 44), (20, 40)
 _NOT_IN_IDS = re.compile(r"[^A-Za-z0-9_-]")
 
@@ -213,17 +214,10 @@ def _free_input(pipeline: Json, step: str, field: str) -> str:
 
 def tidy(pipeline: Json) -> Json:
     """Return a pipeline without the inputs that no step takes any more."""
-    used = {path for step in pipeline["steps"] for path in _inputs_in(step["inputs"])}
+    every = [step["inputs"] for step in pipeline["steps"]]
+    used = {path for kind, path in refs_in(every) if kind == INPUT}
     inputs = {name: value for name, value in pipeline["inputs"].items() if name in used}
     return {**pipeline, "inputs": inputs}
-
-
-def _inputs_in(value: Any) -> Iterator[str]:
-    if isinstance(value, Mapping):
-        if set(value) == {INPUT}:
-            yield str(value[INPUT])
-        for one in value.values():
-            yield from _inputs_in(one)
 
 
 def _without_refs(step: Json, gone: str) -> Json:
@@ -253,7 +247,7 @@ def _renamed(value: Any, old: str, new: str) -> Any:
 
 def is_reference(value: Any) -> bool:
     """Tell whether an input of a step stands for another value."""
-    return isinstance(value, Mapping) and len(value) == 1 and set(value) <= {INPUT, REF}
+    return ref_of(value) is not None
 
 
 def board(composed: Json) -> Json:

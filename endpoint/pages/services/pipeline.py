@@ -16,7 +16,7 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
+from endpoint.access.auth import Caller, require_scope
 from endpoint.http.problems import details_of
 from endpoint.pages.render import Model, blueprint, context, current_request, page
 from endpoint.pages.services import composing
@@ -38,10 +38,10 @@ __all__: list[str] = []
 
 _ADDRESS = "/tools/pipeline"
 _TEMPLATE = "pipeline.html"
-_SERVICE, _RUN = "rtask/Pipeline", "run"
+_SERVICE, _RUN, _SAVE = "rtask/Pipeline", "run", "save"
 _VALUE, _KEPT, _ASK = "", "kept", INPUT
 _MAX_SHOWN = 8
-_CONTROL = re.compile(r"add$|json$|s\d+\.|in\.")
+_CONTROL = re.compile(r"add$|json$|save$|s\d+\.|in\.")
 """Controls at which the page says what was wrong."""
 
 
@@ -64,10 +64,12 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
         if form.get("more"):
             return flask.render_template(_TEMPLATE, **_model(composed, more=form["more"]))
         composed, files = _edited(composed)
-        if form.get("do") != "run":
-            return flask.redirect(_address(_changed(composed, form.get("do", ""))), 303)
-        definition = service_named(_SERVICE)
-        require_scope(caller.access, definition.methods[_RUN].scope)
+        definition, wanted = service_named(_SERVICE), form.get("do", "")
+        if wanted not in (_RUN, _SAVE):
+            return flask.redirect(_address(_changed(composed, wanted)), 303)
+        require_scope(caller.access, definition.methods[wanted].scope)
+        if wanted == _SAVE:
+            return flask.redirect(f"/services/{_saved(definition, composed, caller)}", 303)
         results = _run(definition, composed, files, caller.access)
     except RtaskError as error:
         details = details_of(error)
@@ -187,6 +189,23 @@ def _run(
     return found
 
 
+def _saved(definition: Definition, composed: Json, caller: Caller) -> str:
+    """Keep a pipeline as a service, and return its name with its version."""
+    form = flask.request.form
+    name, version = form.get("save_as", "").strip(), form.get("version", "").strip() or "1.0.0"
+    if not composed["steps"] or not name:
+        missing = "a name, such as lab/NameParts" if composed["steps"] else "a step"
+        raise UsageError(f"to keep it, it needs {missing}", field="save")
+    request = {**_request(composed), "pipeline": name, "version": version}
+    given = {"defaults": composed["inputs"]} if composed["inputs"] else {}
+    try:
+        context().services.call(definition.exact, _SAVE, {**request, **given}, caller.access)
+    except RtaskError as error:
+        raise type(error)(str(error), **{**error.details, "field": "save"}) from error
+    context().audit.event("save pipeline", by=caller.name, pipeline=f"{name}@{version}")
+    return f"{name}@{version}"
+
+
 def _request(composed: Json) -> Json:
     """Return a pipeline as a request that returns the whole answer of each step."""
     output = {step["id"]: {REF: step["id"]} for step in composed["steps"]}
@@ -220,7 +239,7 @@ def _model(
         ]
         value = composed["inputs"].get(name)
         given |= filled_form(request, {field: value}, f"in.{name}.")
-    if more and flask.request.form:
+    if (more or problem) and flask.request.form:
         given |= flask.request.form.to_dict()
     sample = {name: composed["inputs"].get(name, "...") for name in asked}
     ros = ros_service(definition.name, _RUN), ros_type(definition, method)

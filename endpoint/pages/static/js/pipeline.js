@@ -28,6 +28,7 @@ async function send(form, button) {
   const steps = form.querySelectorAll(".step").length;
   const response = await fetch(form.action, { method: "POST", body: new FormData(form, button), headers: { Accept: "text/html" } }).catch(() => null);
   root().removeAttribute("aria-busy");
+  if (response?.redirected && !new URL(response.url).pathname.startsWith("/tools/pipeline")) return location.assign(response.url);
   const text = await response?.text() ?? "";
   if (!replace(text)) {
     if (said) said.textContent = response ? problemOf(response, text).detail : "No answer from the server; nothing was changed.";
