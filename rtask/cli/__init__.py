@@ -26,6 +26,7 @@ _BUILT_IN = {
     "ask": "rtask.cli.people:ask",
     "backup": "rtask.cli.maintenance:backup",
     "camera": "rtask.cli.perception.camera:camera",
+    "contributors": "rtask.cli.people:contributors",
     "dataset": "rtask.cli.datasets:dataset",
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",

@@ -1,4 +1,4 @@
-"""``rtask ask`` and ``rtask feedback``: people ask for things, and judge what robots did."""
+"""``rtask ask``, ``feedback`` and ``contributors``: people ask for things, and judge robots."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rtask.client import Client
     from rtask.client.calls import ResolvedRequest
 
-__all__ = ["ask", "feedback"]
+__all__ = ["ask", "contributors", "feedback"]
 
 _LATEST = """
 SELECT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
@@ -202,3 +202,60 @@ def _list(client: Client, limit: int, as_json: bool) -> None:
             f"counts: {counts:8s}  {row['task']}"
         )
     exit_if_empty(rows)
+
+
+@click.group()
+def contributors() -> None:
+    """Compare what robots reported, and withdraw a contributor with all that followed."""
+
+
+@contributors.command("list")
+@click.argument("name", required=False)
+@data_option
+@server_option
+@json_option
+def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> None:
+    """List robots by how truthfully they report, the least first; NAME restricts it to one.
+
+    Robots that try the same grasp of the same object with the same kind of hand should find the
+    same. Exit code 1 if there are no reports.
+    """
+    wanted: dict[str, Any] = {} if name is None else {"contributor": name}
+    with connection(data, server) as client:
+        found = client.compare_contributors(**wanted)["contributors"]
+    if as_json:
+        print_json(found)
+    else:
+        for one in found:
+            click.echo(
+                f"{one['finding']:12s} {one['truthful']:5.3f}  {one['attempts']:5d} attempts  "
+                f"{one['text']}"
+            )
+    exit_if_empty(found)
+
+
+@contributors.command()
+@click.argument("name")
+@data_option
+@server_option
+@agent_option("Person who withdraws it, and whose graph the change goes to.")
+@json_option
+def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
+    """Withdraw all that the robot or person NAME told, and all that followed from it.
+
+    Attempts, outcomes, verdicts and places go; counts and beliefs are stated anew from what the
+    others told. Objects and grasps that others build on stay. `rtask objects undo COMMIT` undoes
+    it.
+    """
+    named = {} if agent is None else {"operator": agent}
+    with connection(data, server) as client:
+        done = client.withdraw_contributor(contributor=name, **named)
+    if as_json:
+        print_json(done)
+        return
+    click.echo(
+        f"{done['commit']}: {done['attempts']} attempts, {done['verdicts']} verdicts and "
+        f"{done['objects']} objects withdrawn; {done['kept']} objects stay, because others build "
+        f"on them; {done['grasps']} grasps are believed anew"
+    )
+    click.echo(f"to undo it: rtask objects undo {done['commit']}")

@@ -9,6 +9,8 @@ from typing import Any, Literal, NotRequired, Required, TypedDict
 __all__ = [
     "Calls",
     "Camera",
+    "ComparedContributors",
+    "Contributor",
     "Curated",
     "EndEffector",
     "Feedback",
@@ -38,6 +40,7 @@ __all__ = [
     "SimilarObjects",
     "StepTimes",
     "Taught",
+    "WithdrawnContributor",
 ]
 
 Bytes = str | bytes
@@ -613,6 +616,39 @@ class Curated(TypedDict):
 
     object: str
     commit: str
+    added: int
+    removed: int
+
+
+class Contributor(TypedDict):
+    """What a robot reported, and how it fits what others reported of the same grasps."""
+
+    name: str
+    attempts: int
+    comparable: int
+    agreement: float | None
+    interval95: list[float]
+    truthful: float
+    manner: str
+    finding: Literal["agrees", "doubtful", "contradicts"]
+    text: str
+
+
+class ComparedContributors(TypedDict):
+    """Contributors, the least truthful first."""
+
+    contributors: list[Contributor]
+
+
+class WithdrawnContributor(TypedDict):
+    """What went, and the commit, which can be undone."""
+
+    commit: str
+    attempts: int
+    verdicts: int
+    objects: int
+    kept: int
+    grasps: int
     added: int
     removed: int
 
@@ -1250,4 +1286,37 @@ class Calls(ABC):
             name of the person; default: the caller
         """
         answer: Curated = self._operate("curate_object", locals())
+        return answer
+
+    def compare_contributors(
+        self,
+        *,
+        contributor: str | None = None,
+    ) -> ComparedContributors:
+        """Tell how far the reports of each robot agree with those of the others.
+
+        Parameters
+        ----------
+        contributor
+            name of one robot; default: all
+        """
+        answer: ComparedContributors = self._operate("compare_contributors", locals())
+        return answer
+
+    def withdraw_contributor(
+        self,
+        *,
+        contributor: str,
+        operator: str | None = None,
+    ) -> WithdrawnContributor:
+        """Withdraw all that a robot or a person told, and all that followed from it.
+
+        Parameters
+        ----------
+        contributor
+            name of the robot or person
+        operator
+            name of the person who withdraws it; default: the caller
+        """
+        answer: WithdrawnContributor = self._operate("withdraw_contributor", locals())
         return answer

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from rtask.engine.decisions import Decision
 from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
+from rtask.engine.honesty import HonestyCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
@@ -59,7 +60,7 @@ class Context:
     ----------
     writing
         Lock under which IRIs are minted and statements made and stored.
-    names, grippers, classes, functions
+    names, grippers, classes, functions, honesty
         Catalogues, refreshed after each commit.
     reasons
         Codes of the outcome reasons of the ontology.
@@ -88,6 +89,7 @@ class Context:
         self.grippers = GripperCatalogue(kb)
         self.classes = ClassCatalogue(kb)
         self.functions = FunctionCatalogue(kb)
+        self.honesty = HonestyCatalogue(kb)
         self.reasons = known_reasons(kb)
         self.models = Models(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
@@ -146,3 +148,4 @@ class Context:
         self.grippers.forget_if_changed(change)
         self.classes.forget_if_changed(change)
         self.functions.forget_if_changed(change)
+        self.honesty.forget_if_changed(change)

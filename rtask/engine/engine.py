@@ -86,8 +86,8 @@ class Engine:
     >>> import rtask
     >>> from rtask.engine import Engine
     >>> with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
-    ...     sorted(engine.operations)[:2]
-    ['curate_object', 'give_feedback']
+    ...     sorted(engine.operations)[-2:]
+    ['teach_object', 'withdraw_contributor']
     """
 
     operations: Mapping[str, Operation[Any, Any]] = OPERATIONS

@@ -7,9 +7,20 @@ from hashlib import sha256
 
 from grasp.learning.bandit import Policy as Bandit
 
-__all__ = ["Policy"]
+__all__ = ["UNJUDGED", "Policy"]
 
 _SCHEME = 1
+UNJUDGED = (
+    "timed_out", "stopped_by_human", "hardware",
+    "no_match", "low_recognition", "wrong_object", "pose_unknown", "low_pose",
+    "no_grasp", "low_grasp",
+    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
+    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "tracking",
+)  # fmt: skip
+"""Reasons that concern the robot or the situation, not the grasp.
+
+Such attempts are stored like all others but not counted: that an arm could not reach an object
+says nothing about grasping it elsewhere."""
 
 
 @dataclass(frozen=True)

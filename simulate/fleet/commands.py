@@ -15,7 +15,7 @@ from rtask.cli.options import option
 from simulate import options
 from simulate.study.commands import print_table
 
-__all__ = ["attempts", "fetch", "run_fleet", "sharing"]
+__all__ = ["attempts", "fetch", "run_fleet", "sharing", "trust"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
@@ -222,6 +222,66 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
             f"{found['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
     click.echo(f"report  {out / 'replay.json'}")
+
+
+@click.command()
+@click.option(
+    "--from-attempts",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="Table of attempts to replay from; see `rtask simulate attempts`.",
+)
+@click.option("--fleets", default=20, show_default=True, help="Fleets, each with its own products.")
+@click.option("--robots", default=10, show_default=True, help="Robots per fleet.")
+@click.option("--liars", default=2, show_default=True, help="Robots that report falsely.")
+@click.option(
+    "--lie",
+    default="flipped",
+    show_default=True,
+    type=click.Choice(["flipped", "held", "random"]),
+    help="What they report: the opposite, that all held, or anything.",
+)
+@options.objects_on_table
+@click.option("--rounds", default=3, show_default=True, help="Times each robot meets each object.")
+@options.seed()
+@options.out("rtask-trust")
+@options.json_flag("figures")
+def trust(
+    from_attempts: Path,
+    fleets: int,
+    robots: int,
+    liars: int,
+    lie: str,
+    on_table: int,
+    rounds: int,
+    seed: int,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Measure what robots that report falsely cost the others, and how soon they are named."""
+    from simulate.fleet.sharing import MAX_ATTEMPTS
+    from simulate.fleet.trust import COLUMNS, replay_trust, trust_rows
+    from simulate.study.attempt_table import read_attempts
+
+    summary = replay_trust(
+        read_attempts(from_attempts), fleets, robots, liars, on_table, rounds, MAX_ATTEMPTS, seed,
+        lie,
+    )  # fmt: skip
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "trust.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table(
+        f"{fleets} fleets of {robots} robots, {liars} of them liars", COLUMNS, trust_rows(summary)
+    )
+    click.echo(
+        f"named: {summary['liars_named']} of {summary['of_liars']} liars, "
+        f"{summary['liars_named_within_50']} within 50 of their reports; "
+        f"{summary['truthful_named']} of {summary['of_truthful']} truthful robots by mistake, "
+        f"{summary['truthful_named_for_a_while']} for a while"
+    )
+    click.echo(f"report  {out / 'trust.json'}")
 
 
 @click.command()

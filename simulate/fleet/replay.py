@@ -12,6 +12,7 @@ hidden causes.
 from __future__ import annotations
 
 import datetime as dt
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,7 +31,7 @@ from rtask.errors import UsageError
 from simulate.study.intervals import bootstrap
 from simulate.world.seeds import stream
 
-__all__ = ["COLUMNS", "CONDITIONS", "replay", "replay_rows"]
+__all__ = ["COLUMNS", "CONDITIONS", "Luck", "Player", "Told", "replay", "replay_rows"]
 
 CONDITIONS = ("shared", "look-alikes", "another family", "random grasps")
 COLUMNS = (
@@ -43,7 +44,7 @@ _NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
 @dataclass(frozen=True)
-class _Told:
+class Told:
     """An attempt that a robot reported: the number of the grasp, and whether it held."""
 
     arm: int
@@ -76,8 +77,8 @@ def replay(
     if on_table > len(things):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
     policy, hand = policy or Policy(), gripper_named(str(table["settings"]["hand"]))
-    player = _Player(policy, hand, cap)
-    plain = _Player(replace(policy, causes=False), hand, cap)
+    player = Player(policy, hand, cap)
+    plain = Player(replace(policy, causes=False), hand, cap)
     rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}
     without: list[list[int]] = []
     oracle = [_oracle(thing) for thing in things]
@@ -85,7 +86,7 @@ def replay(
         rng = stream(seed, _REPLAY, fleet)
         drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
         for i in drawn:
-            one, two, other = (_Luck.draw(rng, cap) for _ in range(3))
+            one, two, other = (Luck.draw(rng, cap) for _ in range(3))
             first = player.play(things[i], one)
             alone = player.play(things[i], two)
             first_plain = plain.play(things[i], one)
@@ -112,7 +113,7 @@ def replay(
 
 
 @dataclass(frozen=True)
-class _Luck:
+class Luck:
     """Chance of one robot at one product, the same under every memory.
 
     Parameters
@@ -129,7 +130,7 @@ class _Luck:
     turned: bool
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, cap: int) -> _Luck:
+    def draw(cls, rng: np.random.Generator, cap: int) -> Luck:
         """Draw it."""
         return cls(
             rng.integers(2**31, size=cap), rng.random(cap),
@@ -138,9 +139,9 @@ class _Luck:
 
 
 def _memory(
-    condition: str, i: int, things: Sequence[Mapping[str, Any]], first: Sequence[_Told],
-    player: _Player, luck: _Luck, rng: np.random.Generator,
-) -> tuple[Sequence[_Told], Mapping[str, Any]] | None:  # fmt: skip
+    condition: str, i: int, things: Sequence[Mapping[str, Any]], first: Sequence[Told],
+    player: Player, luck: Luck, rng: np.random.Generator,
+) -> tuple[Sequence[Told], Mapping[str, Any]] | None:  # fmt: skip
     """Return attempts to remember for a product, and the product on which they were made.
 
     None if no product is of the kind that the condition asks for.
@@ -149,7 +150,7 @@ def _memory(
         return first, things[i]
     if condition == "random grasps":
         places = rng.permutation(len(things[i]["arms"]))
-        moved = [_Told(int(k), one.held) for k, one in zip(places, first, strict=False)]
+        moved = [Told(int(k), one.held) for k, one in zip(places, first, strict=False)]
         return moved, things[i]
     alike = condition == "look-alikes"
     kind = things[i]["kind"]
@@ -160,20 +161,20 @@ def _memory(
     return player.play(source, luck), source
 
 
-class _Player:
+class Player:
     """Plays a robot at one product after another."""
 
     def __init__(self, policy: Policy, hand: ParallelGripper, cap: int) -> None:
         self.policy, self.hand, self.cap = policy, hand, cap
 
-    def count(self, done: Sequence[_Told]) -> int:
+    def count(self, done: Sequence[Told]) -> int:
         """Return the attempts to success, the cap and one more if none held."""
         return len(done) if done and done[-1].held else self.cap + 1
 
     def play(
-        self, thing: Mapping[str, Any], luck: _Luck, told: Sequence[_Told] = (),
+        self, thing: Mapping[str, Any], luck: Luck, told: Sequence[Told] = (),
         source: Mapping[str, Any] | None = None,
-    ) -> list[_Told]:  # fmt: skip
+    ) -> list[Told]:  # fmt: skip
         """Return the attempts of a robot at a product.
 
         Parameters
@@ -188,7 +189,7 @@ class _Player:
         learner = BetaThompson(self.policy.bandit, max(thing["size"]))
         sign = -1.0 if luck.turned else 1.0
         known = [(sign * source["arms"][one.arm]["x"], one.held) for one in told]
-        done: list[_Told] = []
+        done: list[Told] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
             tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
             seen = [*known, *((trial.position[0], trial.success) for trial in tries)]
@@ -197,7 +198,7 @@ class _Player:
                 break
             chosen = order[0].index
             tried = thing["arms"][chosen]["held"]
-            done.append(_Told(chosen, bool(tried[int(outcome * len(tried))])))
+            done.append(Told(chosen, bool(tried[int(outcome * len(tried))])))
             if done[-1].held:
                 break
         return done
@@ -215,7 +216,7 @@ class _Player:
         return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(
-        self, thing: Mapping[str, Any], told: Sequence[_Told], source: Mapping[str, Any],
+        self, thing: Mapping[str, Any], told: Sequence[Told], source: Mapping[str, Any],
         turned: bool,
     ) -> list[Arm]:  # fmt: skip
         at = np.array([[a["x"], a["y"], a["z"]] for a in thing["arms"]])
@@ -223,7 +224,8 @@ class _Player:
         length, width, height = (float(s) for s in thing["size"])
         size = (length, width, height)
         weights = Weights(self.policy, {"it": 1.0}, self.hand, size, _NOW)
-        memory = [self._remembered(one, k, source, turned) for k, one in enumerate(told)]
+        tried = sorted({one.arm for one in told})
+        memory = [self._remembered(arm, told, source, turned) for arm in tried]
         evidence = gather(at, thetas, memory, weights, self.policy.bandit.bandwidth)
         return [
             Arm(
@@ -234,14 +236,15 @@ class _Player:
         ]  # fmt: skip
 
     def _remembered(
-        self, one: _Told, number: int, source: Mapping[str, Any], turned: bool
+        self, number: int, told: Sequence[Told], source: Mapping[str, Any], turned: bool
     ) -> Remembered:
-        arm = source["arms"][one.arm]
+        arm = source["arms"][number]
         sign = -1.0 if turned else 1.0  # half a turn leaves the closing direction as it is
+        counts = Counter(one.held for one in told if one.arm == number)
         return Remembered(
             f"grasp:{number}", "it", False, sign * arm["x"], sign * arm["y"], arm["z"],
             arm["theta"], self.hand.max_opening, arm["quality"], self.hand.gripper_type,
-            None, (Tally(one.held, 1),),
+            None, tuple(Tally(held, n) for held, n in sorted(counts.items())),
         )  # fmt: skip
 
 

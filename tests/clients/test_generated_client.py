@@ -131,6 +131,8 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     call("give_feedback", judged)
     call("teach_object", {"operation": "search", "class_description": "box", "data": view})
     call("curate_object", {"operation": "forget", "object": thing})
+    assert call("compare_contributors", {"contributor": "generated-1"}).to_dict()["contributors"]
+    call("withdraw_contributor", {"contributor": "generated-1"})
     assert call.called == {
         path.removeprefix("/engine/") for path in document["paths"] if "/engine/" in path
     }

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
-__all__ = ["forget_object", "forget_views", "split_object"]
+__all__ = ["forget_object", "forget_view", "forget_views", "split_object"]
 
 _HISTORY = ("task", "attempt", "outcome", "feedback", "grasp", "statistics", "recognition",
             "observation", "view", "statement", "symmetry", "direction", "model")  # fmt: skip
@@ -214,7 +214,7 @@ def forget_views(
     gone = _views_of(context, thing, views)
     with context.writing:
         kb, edit, triples = context.kb, Edit(context.kb), Triples()
-        freed = [blob for view in sorted(gone, key=str) for blob in _forget_view(edit, view)]
+        freed = [blob for view in sorted(gone, key=str) for blob in forget_view(edit, view)]
         withdraw_models(edit, thing)
         model = regrown(kb, [v for v in posed_views(kb, thing) if iri(v[0]) not in gone])
         if model is not None:
@@ -225,7 +225,8 @@ def forget_views(
         return commit
 
 
-def _forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
+def forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
+    """Withdraw a view with its content and all that refers to it; return the blobs it frees."""
     freed = []
     for content in _objects(edit, view, RT.viewContent):
         freed += edit.forget_bytes(content)
@@ -253,7 +254,7 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
         freed = [
             blob
             for view in sorted(_objects(edit, thing, RT.hasView), key=str)
-            for blob in _forget_view(edit, view)
+            for blob in forget_view(edit, view)
         ]
         withdraw_models(edit, thing)
         _forget_places(edit, thing)

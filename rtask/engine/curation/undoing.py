@@ -1,4 +1,4 @@
-"""Undo a correction: naming, merging, splitting or forgetting."""
+"""Undo a correction: naming, merging, splitting, forgetting or withdrawing."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from grasp.spatial.frames import matrix_from_pose
 from rtask.engine.curation.edit import NOTE, Edit
 from rtask.engine.curation.merging import withdraw_models
+from rtask.engine.memory.confidence import believe
+from rtask.engine.memory.statistics import judged_counts, rebuild
 from rtask.engine.perception.growth import regrown, state_model
 from rtask.engine.triples import Triples
 from rtask.errors import ConflictError, ForbiddenError, UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, SOSA, values
-from rtask.rdf.terms import NamedNode, Quad, python_value
+from rtask.rdf.terms import NamedNode, Quad, Value, python_value
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -28,9 +30,10 @@ _NUMBERS = (RT.x, RT.y, RT.z, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
 def undo(context: Context, commit: str, author: Access) -> Commit:
-    """Undo one commit that corrected objects.
+    """Undo one commit that corrected objects, or withdrew a contributor.
 
-    Statements made since then stay, and statements withdrawn since then stay withdrawn.
+    Statements made since then stay, and statements withdrawn since then stay withdrawn. Counts and
+    beliefs that robots have stated anew since then are stated again, from all that is told now.
 
     Raises
     ------
@@ -50,6 +53,7 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
         _refuse_moved_on(context, edit, entry.seq)
         _refuse_told_since(context, edit)
         _move_later_attempts(context, edit)
+        restated = _leave_out_restated(edit)
         triples = Triples()
         for thing in sorted(_grown_since(edit), key=str):
             withdraw_models(edit, thing)
@@ -58,7 +62,10 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
             if model is not None:
                 state_model(context, triples, thing, model)
         edit.state(triples, context.home_graph(author))
-        return edit.commit(context, f"take back {commit}", author)
+        done = edit.commit(context, f"take back {commit}", author)
+        if restated:
+            _restate(context, restated, author)
+        return done
 
 
 def _entry(context: Context, commit: str) -> HistoryEntry:
@@ -71,7 +78,9 @@ def _entry(context: Context, commit: str) -> HistoryEntry:
     if not entries:
         raise UnknownTermError(f"commit: there is no commit {commit}")
     if not (entries[0].note or "").startswith(NOTE):
-        raise ForbiddenError(f"commit: {commit} did not name, merge, split or forget an object")
+        raise ForbiddenError(
+            f"commit: {commit} did not name, merge, split or forget an object, nor withdraw anybody"
+        )
     return entries[0]
 
 
@@ -191,6 +200,49 @@ def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
         named = [part.value for part in (quad.subject, quad.object) if isinstance(part, NamedNode)]
         if nodes.intersection(named):
             del edit.added[quad]
+
+
+def _leave_out_restated(edit: Edit) -> set[NamedNode]:
+    """Leave out counts, maps and beliefs that were stated anew since; return their grasps."""
+    computed = {
+        quad.subject for quad in edit.added
+        if quad.predicate in (RT.beliefAlpha, RT.attempts, RT.outcomeCount)
+    }  # fmt: skip
+    clashing = {
+        quad.subject
+        for quad in edit.added
+        if quad.subject in computed
+        and isinstance(quad.subject, NamedNode)
+        and quad.predicate != RDF.type
+        and any(
+            now != quad and now not in edit.removed
+            for now in edit.match(quad.subject, quad.predicate)
+        )
+    }
+    grasps: set[NamedNode] = set()
+    for quad in list(edit.added):
+        if quad.object in clashing and quad.predicate == RT.hasEvaluation:
+            assert isinstance(quad.subject, NamedNode)
+            grasps.add(quad.subject)
+        if quad.subject in clashing:
+            if quad.predicate == RT.statisticsOf and isinstance(quad.object, NamedNode):
+                grasps.add(quad.object)
+            del edit.added[quad]
+    return grasps
+
+
+def _restate(context: Context, grasps: set[NamedNode], author: Access) -> None:
+    """State counts, maps and the beliefs about some grasps from all that is told now."""
+    rebuild(context)
+    home, who, triples = context.home_graph(author), context.agent_iri(author), Triples()
+    old: list[tuple[NamedNode, NamedNode, Value]] = []
+    for grasp in sorted(grasps, key=str):
+        old += believe(context, triples, grasp, judged_counts(context, grasp), who, home)
+    with context.kb.transaction(access=author, note="state beliefs again") as tx:
+        for subject, predicate, value in old:
+            tx.remove(subject, predicate, value, home)
+        for subject, predicate, value in triples:
+            tx.add(subject, predicate, value, home)
 
 
 def _posed_after(edit: Edit, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:

@@ -8,7 +8,7 @@ Evaluations keep the raw score; beliefs about new grasps begin with the mapped o
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -80,7 +80,7 @@ def calibrate(
     kind: str,
     more: Sequence[Scored],
     graph: NamedNode,
-    without: str = "",
+    without: Collection[str] = (),
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """State a hand's map anew from all its outcomes; return the old statements, which go.
 
@@ -93,9 +93,9 @@ def calibrate(
     graph
         The robot's own.
     without
-        IRI of an attempt that nothing judges any more.
+        IRIs of attempts that nothing judges any more.
     """
-    changed = {one.attempt for one in more if one.attempt} | {without}
+    changed = {one.attempt for one in more if one.attempt}.union(without)
     stored = [one for one in own_outcomes(context, gripper.iri) if one.attempt not in changed]
     told = [one for one in (*stored, *more) if one.kind == kind]
     node = _node(context, gripper, kind)

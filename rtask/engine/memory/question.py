@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.observation import Observation
-from rtask.engine.policy import Policy
+from rtask.engine.policy import UNJUDGED, Policy
 from rtask.rdf.namespaces import PREFIXES, RT, reason, values
 from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["JUDGED", "UNJUDGED", "Question", "query_text", "question_for"]
-
-UNJUDGED = (
-    "timed_out", "stopped_by_human", "hardware",
-    "no_match", "low_recognition", "wrong_object", "pose_unknown", "low_pose",
-    "no_grasp", "low_grasp",
-    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
-    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "tracking",
-)  # fmt: skip
-"""Reasons that concern the robot or the situation, not the grasp.
-
-Such attempts are stored like all others but not counted: that an arm could not reach an object
-says nothing about grasping it elsewhere."""
+__all__ = ["JUDGED", "Question", "query_text", "question_for"]
 
 _NOBODY = "urn:rtask:nobody"
 JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
@@ -64,6 +52,8 @@ class Question:
         Classes to one of which an object must belong; empty = any.
     in_space
         Whether to include grasps with a full pose.
+    distrusted
+        Robots whose attempts are not counted.
     """
 
     objects: tuple[str, ...] = ()
@@ -76,6 +66,7 @@ class Question:
     only: tuple[str, ...] = ()
     doubtful: tuple[str, ...] = ()
     in_space: bool = False
+    distrusted: tuple[str, ...] = ()
 
 
 def query_text(question: Question) -> str:
@@ -94,7 +85,8 @@ def query_text(question: Question) -> str:
         _object_part(question),
         *(_grasp_part(which, of_class, orientation) for which, of_class in of
           for orientation in orientations),
-        *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
+        *(_tally_part(which, of_class, fast, question.distrusted)
+          for which, of_class in of for fast in (False, True)),
         *(_trial_part(question.tracked, question.robot, orientation)
           for orientation in orientations if question.tracked),
         _view_part(question.views),
@@ -153,13 +145,17 @@ def _grasp_part(which: str, of_class: str, orientation: str) -> str:
     BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
 
 
-def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
+def _tally_part(which: str, of_class: str, only_fast: bool, distrusted: Sequence[str]) -> str:
     """Return the pattern that counts judged attempts: all, or those in the coarse physics."""
     fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
     name = "fast" if only_fast else "tally"
+    trusted = ""
+    if distrusted:
+        robots = ", ".join(str(iri(one)) for one in distrusted)
+        trusted = f"?attempt rt:performedBy ?by FILTER(?by NOT IN ({robots}))"
     return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} }}
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {trusted} }}
     GROUP BY ?object ?grasp ?held"""
 
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
-from rtask.engine.memory.question import JUDGED, UNJUDGED
+from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import tail
+from rtask.engine.policy import UNJUDGED
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import datetime as dt
 import difflib
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.memory.question import UNJUDGED
+from rtask.engine.policy import UNJUDGED
 from rtask.errors import UnknownTermError, UsageError
-from rtask.rdf.namespaces import PREFIXES, local_name
+from rtask.rdf.namespaces import PREFIXES, local_name, values
 from rtask.rdf.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
+    from rtask.sparql.results import Row
 
-__all__ = ["Judged", "Verdict", "find_attempt", "label_of"]
+__all__ = ["Judged", "Verdict", "find_attempt", "judged_attempts", "label_of"]
 
 _RECENT = 500
 
@@ -30,6 +32,8 @@ class Verdict:
         Name of the person.
     reason
         Code of the reason for the outcome in the person's opinion; empty if none was given.
+    node
+        IRI; None for one that is about to be stored.
     """
 
     by: str
@@ -37,6 +41,7 @@ class Verdict:
     time: dt.datetime
     reason: str = ""
     comment: str = ""
+    node: NamedNode | None = None
 
 
 @dataclass(frozen=True)
@@ -107,12 +112,31 @@ def find_attempt(
         patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(thing)} .")
     if not patterns:
         raise UsageError("task_id is missing; alternatively give object or grasp", field="task_id")
-    rows = context.kb.select(f"""{PREFIXES}
-SELECT ?attempt ?outcome ?grasp ?robot ?gripper ?decided ?code ?fast ?by ?held ?why ?said ?time
-WHERE {{
-  {{ SELECT ?attempt WHERE {{ {" ".join(patterns)}
+    found = _read(
+        context,
+        f"""{{ SELECT ?attempt WHERE {{ {" ".join(patterns)}
      ?attempt rt:executesGrasp ?any ; rt:hasOutcome ?result ; prov:endedAtTime ?ended
-     }} ORDER BY DESC(?ended) DESC(?attempt) LIMIT 1 }}
+     }} ORDER BY DESC(?ended) DESC(?attempt) LIMIT 1 }}""",
+    )
+    if not found:
+        raise UnknownTermError(_nothing_fits(context, task_id=task_id, grasp=grasp, object=thing))
+    return found[0]
+
+
+def judged_attempts(context: Context, grasps: Collection[NamedNode]) -> list[Judged]:
+    """Return all attempts of grasps, with all verdicts on them, ordered by IRI."""
+    if not grasps:
+        return []
+    return _read(context, f"VALUES ?grasp {{ {values(sorted(one.value for one in grasps))} }}")
+
+
+def _read(context: Context, which: str) -> list[Judged]:
+    """Return the attempts that a pattern selects."""
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT ?attempt ?outcome ?grasp ?robot ?gripper ?decided ?code ?fast
+  ?by ?held ?why ?said ?time ?feedback
+WHERE {{
+  {which}
   ?attempt rt:executesGrasp ?grasp ; rt:hasOutcome ?outcome ; rt:performedBy ?robot ;
     rt:activates/rt:gripperType ?gripper .
   ?outcome rt:success ?decided ; rt:hasReason ?code
@@ -121,19 +145,25 @@ WHERE {{
     ?feedback a rt:HumanFeedback ; rt:verdict ?held ; rt:atTime ?time ;
       prov:wasAttributedTo/rt:name ?by
     OPTIONAL {{ ?feedback rt:saidReason ?why }} OPTIONAL {{ ?feedback rt:comment ?said }} }}
-}} ORDER BY ?time ?feedback""")
-    found = [row.to_dict() for row in rows]
-    if not found:
-        raise UnknownTermError(_nothing_fits(context, task_id=task_id, grasp=grasp, object=thing))
-    first: dict[str, Any] = found[0]
+}} ORDER BY ?attempt ?time ?feedback""")
+    grouped: dict[str, list[Row]] = {}
+    for row in rows:
+        grouped.setdefault(str(row.value("attempt")), []).append(row)
+    return [_judged(mine) for mine in grouped.values()]
+
+
+def _judged(rows: Sequence[Row]) -> Judged:
+    """Return one attempt from its rows, one for each verdict."""
+    found: list[dict[str, Any]] = [row.to_dict() for row in rows]
     verdicts = {
         (str(row["time"]), str(row["by"])): Verdict(
             str(row["by"]), bool(row["held"]), _time(row["time"]), _code(row["why"]),
-            str(row["said"] or ""),
+            str(row["said"] or ""), iri(str(row["feedback"])),
         )
         for row in found
         if row["by"] is not None
     }  # fmt: skip
+    first = found[0]
     return Judged(
         iri(str(first["attempt"])),
         iri(str(first["outcome"])),

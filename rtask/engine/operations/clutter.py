@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -207,7 +207,8 @@ def _recognised(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, None,
         context.views.embeddings,
     )  # fmt: skip
-    memory = recall(context.kb, question_for(context.policy, seen, found, None, gripper))
+    question = question_for(context.policy, seen, found, None, gripper)
+    memory = recall(context.kb, replace(question, distrusted=context.honesty.contradicting()))
     found = settle(found, memory, seen, context.policy)
     if not found.matches:
         return _STRANGE

@@ -200,7 +200,7 @@ def _recalibrated(
     kind, score = scored
     attempt = judged.attempt.value
     more = [] if held is None else [Scored(attempt, kind, score, held)]
-    return calibrate(context, triples, gripper, kind, more, graph, without=attempt)
+    return calibrate(context, triples, gripper, kind, more, graph, without=(attempt,))
 
 
 def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedback:

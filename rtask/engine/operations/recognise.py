@@ -218,7 +218,8 @@ def recognise_for_grasp(
     )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
-    question = replace(question, in_space=request.in_space)
+    distrusted = context.honesty.contradicting()
+    question = replace(question, in_space=request.in_space, distrusted=distrusted)
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")

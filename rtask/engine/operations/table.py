@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rtask.engine.operations.clutter import plan_on_scene
+from rtask.engine.operations.contributors import compare_contributors, withdraw_contributor
 from rtask.engine.operations.curate import curate_object
 from rtask.engine.operations.feedback import give_feedback
 from rtask.engine.operations.grasps import recall_grasps
@@ -40,6 +41,8 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     give_feedback,
     teach_object,
     curate_object,
+    compare_contributors,
+    withdraw_contributor,
 )
 OPERATIONS: Mapping[str, Operation[Any, Any]] = {one.name: one for one in _ALL}
 """All operations by name."""

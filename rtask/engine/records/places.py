@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.memory.question import UNJUDGED
 from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
+from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.received import Outcome
 from rtask.engine.triples import Triples, stamp
 from rtask.rdf.namespaces import PROV, RT

@@ -12,8 +12,8 @@ from rtask.engine.decisions import Decision
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.calibration import Scored, calibrate
 from rtask.engine.memory.confidence import believe
-from rtask.engine.memory.question import UNJUDGED
 from rtask.engine.memory.statistics import Pending, count, judged_counts
+from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.attempts import (
     Attempt,
     attempt_triples,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -12,32 +11,13 @@ from rtask.errors import UsageError
 from simulate.fleet.commands import sharing
 from simulate.fleet.replay import COLUMNS, CONDITIONS, replay, replay_rows
 from simulate.study.attempt_table import read_attempts
-
-
-def _thing(number: int, secret: int | None, slides: int = 7, kind: str = "bar") -> dict[str, Any]:
-    """Return a product that one of several places holds (None = all); the middle looks best."""
-    middle = slides // 2
-    arms = [
-        {
-            "x": 0.015 * (k - middle), "y": 0.0, "z": 0.02, "theta": 1.57,
-            "quality": 0.95 - 0.03 * abs(k - middle), "held": [secret in (k, None)] * 3,
-        }
-        for k in range(slides)
-    ]  # fmt: skip
-    return {
-        "product": f"{kind}-{number}", "kind": kind, "size": [0.12, 0.03, 0.03], "arms": arms
-    }  # fmt: skip
-
-
-def _table(secrets: list[int | None]) -> dict[str, Any]:
-    things = [_thing(k, secret) for k, secret in enumerate(secrets)]
-    return {"format": 1, "settings": {"hand": "panda"}, "products": things}
+from tests.simulate.fleet.tables import product_with, table_of
 
 
 def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -> None:
     # The secrets are spread evenly: nothing that one product teaches holds of the others.
-    table = _table(list(range(7)))
-    table["products"] += [_thing(10 + k, k, kind="flask") for k in range(7)]
+    table = table_of(list(range(7)))
+    table["products"] += [product_with(10 + k, k, kind="flask") for k in range(7)]
     summary = replay(table, 20, 6, 6, seed=1)
     assert summary["oracle_first_try"] == 1.0
     found = summary["conditions"]
@@ -53,26 +33,26 @@ def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -
 
 
 def test_reasoning_about_causes_saves_attempts_only_where_something_hides() -> None:
-    table = _table([0, 1, 5, 6] * 2)
+    table = table_of([0, 1, 5, 6] * 2)
     for thing, weak in zip(table["products"], (1, 1, -1, -1) * 2, strict=True):
         for k, arm in enumerate(thing["arms"]):
             arm["held"] = [weak * (k - 3) < -1] * 3  # one end and the middle break
     robot = replay(table, 20, 6, 6, seed=1)["causes"]["robot_1"]
     assert robot["interval95"][1] < 0
     assert robot["change"] == pytest.approx(robot["with"] - robot["without"], abs=1e-3)
-    same = replay(_table([None] * 4), 10, 4, 6, seed=1)["causes"]["robot_1"]
+    same = replay(table_of([None] * 4), 10, 4, 6, seed=1)["causes"]["robot_1"]
     assert (same["with"], same["without"], same["change"]) == (1.0, 1.0, 0.0)
 
 
 def test_a_condition_that_the_table_cannot_show_is_left_out() -> None:
-    summary = replay(_table([0, 1, 5, 6]), 3, 4, 6, seed=1)
+    summary = replay(table_of([0, 1, 5, 6]), 3, 4, 6, seed=1)
     assert set(summary["conditions"]) == set(CONDITIONS) - {"another family"}
     assert len(replay_rows(summary)) == len(CONDITIONS) - 1
 
 
 def test_a_product_that_is_not_recognised_is_met_as_if_alone() -> None:
     """Both meetings have the same luck, so that only the memory tells them apart."""
-    table = _table([0, 1, 5, 6])
+    table = table_of([0, 1, 5, 6])
     for thing in table["products"]:
         for arm in thing["arms"]:
             arm["held"] = [False] * 3
@@ -81,35 +61,35 @@ def test_a_product_that_is_not_recognised_is_met_as_if_alone() -> None:
 
 
 def test_sharing_changes_nothing_where_any_grasp_holds() -> None:
-    found = replay(_table([None] * 4), 20, 4, 6, seed=1)["conditions"]["shared"]
+    found = replay(table_of([None] * 4), 20, 4, 6, seed=1)["conditions"]["shared"]
     assert (found["robot_1"], found["robot_2"], found["effect"]) == (1.0, 1.0, 0.0)
 
 
 def test_the_seed_decides_the_replay() -> None:
-    table = _table([0, 5, 6, 1])
+    table = table_of([0, 5, 6, 1])
     assert replay(table, 3, 2, 6, seed=4) == replay(table, 3, 2, 6, seed=4)
     assert replay(table, 3, 2, 6, seed=4) != replay(table, 3, 2, 6, seed=5)
 
 
 def test_a_table_that_is_too_small_is_refused() -> None:
     with pytest.raises(UsageError, match="a fleet takes 8 products, and the table has 2"):
-        replay(_table([0, 1]), 1, 8, 6, seed=0)
+        replay(table_of([0, 1]), 1, 8, 6, seed=0)
     for fleets, on_table in ((0, 1), (1, 0)):
         with pytest.raises(UsageError, match="--fleets and --table must be at least 1"):
-            replay(_table([0, 1]), fleets, on_table, 6, seed=0)
+            replay(table_of([0, 1]), fleets, on_table, 6, seed=0)
 
 
 @pytest.mark.parametrize("settings", [{}, {"hand": "claw"}, {"hand": "none.json"}])
 def test_a_table_of_an_unknown_hand_is_refused(tmp_path, settings) -> None:
     path = tmp_path / "attempts.json"
-    path.write_text(json.dumps({**_table([0, 1]), "settings": settings}))
+    path.write_text(json.dumps({**table_of([0, 1]), "settings": settings}))
     with pytest.raises(UsageError, match="holds no table of attempts"):
         read_attempts(path)
 
 
-def test_the_command_replays_a_table(tmp_path) -> None:
+def test_the_command_replays_atable_of(tmp_path) -> None:
     path = tmp_path / "attempts.json"
-    path.write_text(json.dumps(_table([0, 1, 5, 6])))
+    path.write_text(json.dumps(table_of([0, 1, 5, 6])))
     args = ["--fleets", "5", "--from-attempts", str(path), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(sharing, [*args, "--json"], catch_exceptions=False)
     assert json.loads(done.output)["fleets"] == 5

@@ -1,0 +1,385 @@
+"""Withdraw a contributor: all that a robot or a person told, and all that followed from it.
+
+What others build on stays: objects that they have handled, grasps that they have tried, and what
+these need. Attempts, outcomes, verdicts, places and planned grasps of the contributor go, and with
+them what was computed from them: counts, maps from scores to chances, and beliefs, which are stated
+anew from what the others told. What rules inferred goes with the commit.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from rtask.engine.curation.edit import Edit
+from rtask.engine.curation.merging import withdraw_models
+from rtask.engine.curation.splitting import forget_view
+from rtask.engine.memory.calibration import Scored, calibrate, score_of
+from rtask.engine.memory.confidence import believe
+from rtask.engine.memory.statistics import state, statistics_of
+from rtask.engine.memory.verdicts import Judged, judged_attempts, label_of
+from rtask.engine.names import tail
+from rtask.engine.perception.growth import regrown, state_model
+from rtask.engine.perception.observation import viewpoint
+from rtask.engine.triples import Triples
+from rtask.errors import UnknownTermError, nearest
+from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT
+from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.engine.grippers import KnownGripper
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
+
+__all__ = ["Withdrawal", "withdraw"]
+
+_TOLD = (
+    "task", "attempt", "outcome", "feedback", "statistics", "calibration", "pose-estimate",
+    "refusal", "learner",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Withdrawal:
+    """A contributor's statements that went.
+
+    Parameters
+    ----------
+    attempts, verdicts
+        Numbers of attempts, and of verdicts on attempts of others.
+    objects, kept
+        Objects that the contributor had added: those that went with it, and those that stay because
+        others build on them.
+    grasps
+        Grasps whose belief is stated anew.
+    """
+
+    commit: Commit
+    attempts: int
+    verdicts: int
+    objects: int
+    kept: int
+    grasps: int
+
+
+def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
+    """Withdraw all that a robot or person told, in one commit, which can be undone.
+
+    A robot stays registered, and the tokens of both stay valid.
+
+    Raises
+    ------
+    UnknownTermError
+        Nobody of this name has told anything.
+    """
+    with context.writing:
+        contributor = _Contributor(context, name)
+        attempts = contributor.nodes("attempt")
+        verdicts = contributor.verdicts()
+        doubtful = contributor.grasps_of(attempts) | {one.grasp for one, _ in verdicts}
+        before = judged_attempts(context, doubtful)
+        contributor.forget_told(verdicts)
+        kept = contributor.kept()
+        objects = contributor.added_objects()
+        contributor.forget_rest(kept)
+        after = _without(before, attempts, verdicts)
+        edit, triples = contributor.edit, Triples()
+        left = [g for g in doubtful if edit.after(None, RT.hasGrasp, g)]
+        contributor.recount(before, after)
+        contributor.restate_votes(after, verdicts)
+        contributor.rebelieve(triples, left, after, author)
+        contributor.regrow(triples)
+        edit.state(triples, context.home_graph(author))
+        commit = edit.commit(context, f"withdraw {name}", author)
+    return Withdrawal(
+        commit, len(attempts), len(verdicts), len(objects - kept), len(objects & kept), len(left)
+    )
+
+
+class _Contributor:
+    """The statements of one contributor, and the edit that withdraws them."""
+
+    def __init__(self, context: Context, name: str) -> None:
+        graphs = context.kb.graphs
+        self.context, self.edit = context, Edit(context.kb)
+        self._rights = context.kb.access()
+        self.graph = graphs.agent(name)
+        self.robot, self.person = graphs.agent_iri(name), graphs.agent_iri(name, "teacher")
+        self.about: dict[NamedNode, list[Quad]] = {}
+        for quad in context.kb.match(graph=self.graph):
+            if isinstance(quad.subject, NamedNode):
+                self.about.setdefault(quad.subject, []).append(quad)
+        judged = context.kb.match(None, PROV.wasAttributedTo, self.person)
+        if not self.about and not judged:
+            known = {graphs.owner(q.graph_name) for q in context.kb.match(None, RDF.type, None)}
+            hint = nearest(name, sorted(one for one in known if one))
+            raise UnknownTermError(f"contributor: {name!r} has told nothing{hint}")
+
+    def nodes(self, kind: str) -> set[NamedNode]:
+        """Return the contributor's own nodes of one kind, not those that it only wrote about."""
+        start = f"{self.context.kb.base}{kind}/"
+        return {node for node in self.about if node.value.startswith(start) and self._made(node)}
+
+    def _made(self, node: NamedNode) -> bool:
+        return any(quad.predicate == RDF.type for quad in self.about[node])
+
+    def grasps_of(self, attempts: Iterable[NamedNode]) -> set[NamedNode]:
+        """Return the grasps that were tried."""
+        return {
+            quad.object
+            for attempt in attempts
+            for quad in self.about[attempt]
+            if quad.predicate == RT.executesGrasp and isinstance(quad.object, NamedNode)
+        }
+
+    def added_objects(self) -> set[NamedNode]:
+        """Return the objects that the contributor has added."""
+        return {
+            node
+            for node, quads in self.about.items()
+            if any(quad.predicate == RT.objectId for quad in quads)
+        }
+
+    def verdicts(self) -> list[tuple[Judged, NamedNode]]:
+        """Return the verdicts of the contributor on attempts of others, with their nodes."""
+        rows = self.context.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
+  ?feedback prov:wasAttributedTo {self.person} ; a rt:HumanFeedback .
+  ?outcome rt:hasFeedback ?feedback . ?attempt rt:hasOutcome ?outcome ; rt:executesGrasp ?grasp
+}} ORDER BY ?feedback""")
+        grasps = {row["grasp"] for row in rows}
+        known = {
+            one.outcome: one
+            for one in judged_attempts(
+                self.context, [grasp for grasp in grasps if isinstance(grasp, NamedNode)]
+            )
+        }
+        mine, found = self.nodes("outcome"), []
+        for row in rows:
+            outcome, feedback = row["outcome"], row["feedback"]
+            assert isinstance(outcome, NamedNode)
+            assert isinstance(feedback, NamedNode)
+            if outcome in known and outcome not in mine:
+                found.append((known[outcome], feedback))
+        return found
+
+    def is_told(self, node: NamedNode) -> bool:
+        """Whether a node of the contributor is testimony, which goes whoever refers to it."""
+        base = self.context.kb.base
+        if not self._made(node):
+            return False
+        if node.value.startswith(tuple(f"{base}{kind}/" for kind in _TOLD)):
+            return True
+        return any(quad.predicate == RT.beliefAlpha for quad in self.about[node])
+
+    def forget_told(self, verdicts: Iterable[tuple[Judged, NamedNode]]) -> None:
+        """Withdraw testimony, and what others said about it."""
+        edit = self.edit
+        told = [node for node in self.about if self.is_told(node)]
+        outcomes = self.nodes("outcome")
+        for outcome in outcomes:
+            for link in edit.match(outcome, RT.hasFeedback):
+                if isinstance(link.object, NamedNode):
+                    told.append(link.object)
+        told += [node for _, node in verdicts]
+        for node in told:
+            edit.forget_bytes(node)
+            edit.remove(edit.match(node))
+            edit.remove(edit.match(None, None, node))
+
+    def kept(self) -> set[NamedNode]:
+        """Return the nodes that stay: those that others build on, and what these need.
+
+        Also the robot's description of itself.
+        """
+        edit, gone = self.edit, self.edit.removed
+        kept: set[NamedNode] = set()
+        todo = deque(node for node in self.about if self._is_own(node) or self._is_used(node))
+        while todo:
+            node = todo.popleft()
+            if node in kept or node not in self.about:
+                continue
+            kept.add(node)
+            for predicate in (RT.hasGrasp, RT.hasView):
+                todo += [
+                    quad.subject for quad in edit.match(None, predicate, node)
+                    if isinstance(quad.subject, NamedNode)
+                ]  # fmt: skip
+            for quad in self.about[node]:
+                value = quad.object
+                if quad in gone or not isinstance(value, NamedNode):
+                    continue
+                if quad.predicate != RT.hasGrasp and not self._is_replaceable(value):
+                    todo.append(value)
+        return kept
+
+    def _is_own(self, node: NamedNode) -> bool:
+        return node in (self.robot, self.person) or node.value.startswith(f"{self.robot.value}/")
+
+    def _is_used(self, node: NamedNode) -> bool:
+        """Whether a statement of somebody else that stays is about a node.
+
+        A view is not used by those who recognised something by it: what they recognised is.
+        """
+        edit = self.edit
+        if self._is_replaceable(node):
+            return False
+        return any(
+            quad.graph_name != self.graph
+            and quad not in edit.removed
+            and not self._is_ontology(quad.graph_name)
+            for quad in (*edit.match(node), *edit.match(None, None, node))
+        )
+
+    def _is_ontology(self, graph: GraphName) -> bool:
+        told = self._rights.is_ontology
+        return told is not None and told(graph)
+
+    def _shown(self, node: NamedNode) -> list[NamedNode]:
+        """Return the objects that a view shows."""
+        links = self.edit.match(None, RT.hasView, node)
+        return [q.subject for q in links if isinstance(q.subject, NamedNode)]
+
+    def _is_replaceable(self, node: NamedNode) -> bool:
+        """Whether a node is a view of something of which others have views as well."""
+        views = (view for thing in self._shown(node) for view in self.edit.match(thing, RT.hasView))
+        return any(view.graph_name != self.graph for view in views)
+
+    def forget_rest(self, kept: set[NamedNode]) -> None:
+        """Withdraw all that does not stay."""
+        edit = self.edit
+        for node, quads in self.about.items():
+            if node not in kept:
+                if self._shown(node):
+                    forget_view(edit, node)
+                elif not self._is_note_on(node, kept):
+                    edit.forget_bytes(node)
+                    edit.remove(quads)
+                continue
+            for quad in quads:
+                if quad.object in self.about and quad.object not in kept:
+                    edit.remove([quad])
+
+    def _is_note_on(self, node: NamedNode, kept: set[NamedNode]) -> bool:
+        """Whether a node annotates a statement that stays."""
+        said = [quad.object for quad in self.about[node] if quad.predicate == RDF.reifies]
+        return any(isinstance(one, Triple) and one.subject in kept for one in said)
+
+    def recount(self, before: Iterable[Judged], after: Iterable[Judged]) -> None:
+        """Count grasps of other robots anew where the contributor's verdicts had counted."""
+        was = {one.attempt: label_of(one) for one in before}
+        changed = [one for one in after if was[one.attempt] != label_of(one)]
+        totals: dict[tuple[NamedNode, NamedNode], Counter[bool]] = {}
+        for one in after:
+            label = label_of(one)
+            if label is not None:
+                totals.setdefault((one.grasp, one.robot), Counter())[label] += 1
+        edit, context = self.edit, self.context
+        for grasp, robot, gripper_type in {(o.grasp, o.robot, o.gripper_type) for o in changed}:
+            node, triples = statistics_of(context, grasp, robot), Triples()
+            edit.remove(edit.match(node))
+            counts = totals.get((grasp, robot), Counter())
+            if counts:
+                state(
+                    triples, node, grasp, gripper_type, robot, counts[True], counts.total(),
+                )  # fmt: skip
+            edit.state(triples, context.kb.graphs.agent(tail(robot)))
+        self._recalibrate(changed)
+
+    def _recalibrate(self, changed: Iterable[Judged]) -> None:
+        """State anew the maps of hands whose attempts are judged otherwise now."""
+        context = self.context
+        found: dict[tuple[NamedNode, str], tuple[KnownGripper, list[tuple[Judged, float]]]] = {}
+        for one in changed:
+            score = score_of(context, one.attempt)
+            hands = {quad.object for quad in context.kb.match(one.attempt, RT.activates)}
+            gripper = next((g for g in context.grippers.all() if g.iri in hands), None)
+            if score is not None and gripper is not None:
+                found.setdefault((gripper.iri, score[0]), (gripper, []))[1].append((one, score[1]))
+        for (_, kind), (gripper, judged) in found.items():
+            more = [
+                Scored(one.attempt.value, kind, score, label)
+                for one, score in judged
+                if (label := label_of(one)) is not None
+            ]
+            out = {one.attempt.value for one, _ in judged if label_of(one) is None}
+            graph, triples = context.kb.graphs.agent(tail(gripper.robot)), Triples()
+            for old in calibrate(context, triples, gripper, kind, more, graph, without=out):
+                subject, predicate, value = old
+                self.edit.remove(
+                    q for q in self.edit.match(subject, predicate) if q.object == value
+                )
+            self.edit.state(triples, graph)
+
+    def restate_votes(
+        self, after: Iterable[Judged], verdicts: Iterable[tuple[Judged, NamedNode]]
+    ) -> None:
+        """State anew how many people had spoken when others did, on what the contributor judged."""
+        touched = {one.outcome for one, _ in verdicts}
+        for one in after:
+            if one.outcome not in touched:
+                continue
+            for k, said in enumerate(one.verdicts):
+                votes = replace(one, verdicts=one.verdicts[: k + 1]).votes
+                for predicate, number in zip((RT.heldVotes, RT.lostVotes), votes, strict=True):
+                    for quad in self.edit.match(said.node, predicate):
+                        new = Quad(quad.subject, predicate, literal(number), quad.graph_name)
+                        self.edit.replace(quad, new)
+
+    def rebelieve(
+        self, triples: Triples, grasps: Iterable[NamedNode], after: Iterable[Judged], author: Access
+    ) -> None:
+        """Replace the beliefs about grasps by what the others told."""
+        context, edit = self.context, self.edit
+        counts: dict[NamedNode, Counter[tuple[bool, bool]]] = {}
+        for one in after:
+            label = label_of(one)
+            if label is not None:
+                counts.setdefault(one.grasp, Counter())[label, one.is_fast] += 1
+        home, who = context.home_graph(author), context.agent_iri(author)
+        for grasp in sorted(grasps, key=str):
+            for link in edit.match(grasp, RT.hasEvaluation):
+                value = link.object
+                if isinstance(value, NamedNode) and edit.match(value, RT.beliefAlpha):
+                    edit.remove([link, *edit.match(value)])
+            if grasp in counts:
+                believe(context, triples, grasp, counts[grasp], who, home)
+
+    def regrow(self, triples: Triples) -> None:
+        """Build the models of objects that lost views from those that they have left."""
+        edit, kb = self.edit, self.context.kb
+        lost = {
+            quad.subject
+            for quad in edit.removed
+            if quad.predicate == RT.hasView and isinstance(quad.subject, NamedNode)
+        }
+        for thing in sorted(lost, key=str):
+            if not edit.after(thing, RT.objectId):
+                continue
+            withdraw_models(edit, thing)
+            views = sorted({quad.object for quad in edit.after(thing, RT.hasView)}, key=str)
+            posed = [
+                (view.value, pose)
+                for view in views
+                if isinstance(view, NamedNode) and (pose := viewpoint(kb, view)) is not None
+            ]
+            model = regrown(kb, posed)
+            if model is not None:
+                state_model(self.context, triples, thing, model)
+
+
+def _without(
+    before: Iterable[Judged],
+    attempts: set[NamedNode],
+    verdicts: Iterable[tuple[Judged, NamedNode]],
+) -> list[Judged]:
+    """Return attempts without those of the contributor, and without its verdicts."""
+    gone = {node for _, node in verdicts}
+    return [
+        replace(one, verdicts=tuple(said for said in one.verdicts if said.node not in gone))
+        for one in before
+        if one.attempt not in attempts
+    ]

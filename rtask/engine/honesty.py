@@ -1,0 +1,233 @@
+"""Who reports what the others find: agreement of robots about the same grasps.
+
+Robots that try one grasp of one object with the same kind of hand draw from one chance that it
+holds. How a robot turns what happened into what it reports is one of a few manners: truthfully, the
+other way round, always the same, or at random (a confusion matrix as of Dawid and Skene 1979, with
+few values, because a robot has few reports). The others' reports, weighed by how truthful they are
+believed to be, give a Beta distribution over the chance; a robot's own reports on the grasp are
+Beta-Binomial under each manner. Beliefs about all robots are computed in turn until they settle.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.engine.policy import UNJUDGED
+from rtask.rdf.namespaces import PREFIXES, RT, reason
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.commit import Change
+    from rtask.kb.core import GraphCore
+
+__all__ = ["MANNERS", "Honesty", "HonestyCatalogue", "Reports", "judge_honesty"]
+
+MANNERS: Mapping[str, tuple[float, float]] = {
+    "truthful": (0.97, 0.03),
+    "the other way round": (0.03, 0.97),
+    "always held": (0.97, 0.97),
+    "never held": (0.03, 0.03),
+    "at random": (0.5, 0.5),
+}
+"""Manners of reporting: the chances of the report "held" where the grasp held, and where not."""
+
+_CONTRADICTS, _LEAST = 0.02, 8
+
+_PRIOR = np.array([0.9, 0.025, 0.025, 0.025, 0.025])
+_PSEUDO = 0.5
+_NODES = 33
+_ROUNDS = 50
+
+
+@dataclass(frozen=True)
+class Reports:
+    """Reports of one robot on one grasp.
+
+    Parameters
+    ----------
+    held, count
+        Attempts reported as held, and all; 0 <= held <= count.
+    """
+
+    robot: str
+    grasp: str
+    held: int
+    count: int
+
+
+@dataclass(frozen=True)
+class Honesty:
+    """Belief about how one robot reports.
+
+    Parameters
+    ----------
+    attempts, comparable
+        Reports, and those on grasps that others have tried as well.
+    agreeing
+        Comparable reports that say what most of the others say of the grasp; ties count half.
+    truthful
+        Probability that it reports truthfully.
+    manner
+        The most probable manner, one of :data:`MANNERS`.
+    """
+
+    robot: str
+    attempts: int
+    comparable: int
+    agreeing: float
+    truthful: float
+    manner: str
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it is almost surely not truthful; choices leave its reports out."""
+        return self.truthful < _CONTRADICTS and self.comparable >= _LEAST
+
+
+def judge_honesty(reports: Sequence[Reports], share: float = 0.5) -> dict[str, Honesty]:
+    """Return the belief about each robot, from how its reports fit those of the others.
+
+    Parameters
+    ----------
+    share
+        Weight of one report of another robot, 0..1. Below 1, because robots that differ in pose and
+        wear do not draw from exactly one chance.
+
+    Examples
+    --------
+    >>> said = [Reports(f"r{k}", f"g{i}", 4 * (i % 2), 4) for k in range(4) for i in range(6)]
+    >>> said += [Reports("liar", f"g{i}", 4 - 4 * (i % 2), 4) for i in range(6)]
+    >>> found = judge_honesty(said)
+    >>> found["liar"].manner, found["r0"].manner
+    ('the other way round', 'truthful')
+    """
+    if not reports:
+        return {}
+    robots, robot = np.unique([one.robot for one in reports], return_inverse=True)
+    grasps, grasp = np.unique([one.grasp for one in reports], return_inverse=True)
+    held = np.zeros((len(robots), len(grasps)))
+    count = np.zeros_like(held)
+    np.add.at(held, (robot, grasp), [one.held for one in reports])
+    np.add.at(count, (robot, grasp), [one.count for one in reports])
+    belief = np.tile(_PRIOR, (len(robots), 1))
+    for _ in range(_ROUNDS):
+        now = _beliefs(held, count, belief, share)
+        settled = bool(np.abs(now - belief).max() < 1e-4)
+        # Half a step, so that two robots that contradict each other do not swap for ever.
+        belief = now if settled else (belief + now) / 2
+        if settled:
+            break
+    names = list(MANNERS)
+    comparable, agreeing = _agreement(held, count)
+    return {
+        str(name): Honesty(
+            str(name), int(count[i].sum()), int(comparable[i]), float(agreeing[i]),
+            float(belief[i, 0]), names[int(np.argmax(belief[i]))],
+        )
+        for i, name in enumerate(robots)
+    }  # fmt: skip
+
+
+def _beliefs(
+    held: NDArray[np.float64], count: NDArray[np.float64], belief: NDArray[np.float64], share: float
+) -> NDArray[np.float64]:
+    """Return the (r, m) probabilities of manners, given the (r, g) reports and (r,) beliefs."""
+    trust = belief[:, :1] * share
+    won, lost = trust * held, trust * (count - held)
+    a = _PSEUDO + won.sum(axis=0) - won
+    b = _PSEUDO + lost.sum(axis=0) - lost
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    p, weights = (nodes + 1) / 2, weights / 2
+    log_density = (a - 1)[..., None] * np.log(p) + (b - 1)[..., None] * np.log1p(-p)
+    density = weights * np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+    density /= density.sum(axis=-1, keepdims=True)
+    log_likelihood = np.zeros((len(held), len(MANNERS)))
+    for m, (true, false) in enumerate(MANNERS.values()):
+        said = p * true + (1 - p) * false
+        log_said = held[..., None] * np.log(said) + (count - held)[..., None] * np.log1p(-said)
+        log_likelihood[:, m] = np.log((density * np.exp(log_said)).sum(axis=-1)).sum(axis=1)
+    scores = log_likelihood + np.log(_PRIOR)
+    scores -= scores.max(axis=1, keepdims=True)
+    found: NDArray[np.float64] = np.exp(scores)
+    found /= found.sum(axis=1, keepdims=True)
+    return found
+
+
+def _agreement(
+    held: NDArray[np.float64], count: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how many reports of each robot are comparable, and how many agree with most others."""
+    others, of_others = held.sum(axis=0) - held, count.sum(axis=0) - count
+    known = of_others > 0
+    most = np.sign(2 * others - of_others)
+    agree = np.where(most > 0, held, np.where(most < 0, count - held, count / 2))
+    return (count * known).sum(axis=1), (agree * known).sum(axis=1)
+
+
+class HonestyCatalogue:
+    """Beliefs about the robots of a graph, renewed as outcomes are added.
+
+    Parameters
+    ----------
+    kb
+        The knowledge base.
+    share
+        Renewed when outcomes have changed by more than this share of those known.
+    """
+
+    def __init__(self, kb: GraphCore, share: float = 0.05) -> None:
+        self._kb = kb
+        self._share = share
+        self._lock = threading.Lock()
+        self._known: dict[str, Honesty] | None = None
+        self._total = self._changed = 0
+
+    def forget_if_changed(self, change: Change) -> None:
+        """Take note of a commit with outcomes."""
+        told = sum(quad.predicate == RT.hasOutcome for quad in (*change.added, *change.removed))
+        if told:
+            with self._lock:
+                self._changed += told
+
+    def now(self) -> dict[str, Honesty]:
+        """Return the beliefs by IRI of the robot, from all outcomes that are stored."""
+        with self._lock:
+            if self._known is None or self._changed:
+                self._renew()
+            assert self._known is not None
+            return self._known
+
+    def contradicting(self) -> tuple[str, ...]:
+        """Return the IRIs of the robots that contradict the others, sorted."""
+        with self._lock:
+            if self._known is None or self._changed > self._share * self._total:
+                self._renew()
+            assert self._known is not None
+            found = self._known.values()
+        return tuple(sorted(one.robot for one in found if one.contradicts))
+
+    def _renew(self) -> None:
+        reports = _reports(self._kb)
+        self._total, self._changed = sum(one.count for one in reports), 0
+        self._known = judge_honesty(reports)
+
+
+def _reports(kb: GraphCore) -> list[Reports]:
+    """Return what each robot reported of each grasp; hands of another type try other grasps."""
+    unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
+    rows = kb.select(f"""{PREFIXES}
+SELECT ?robot ?grasp ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{
+  ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot ; rt:hasOutcome ?outcome .
+  ?outcome rt:hasReason ?reason ; rt:success ?held FILTER(?reason NOT IN ({unjudged}))
+}} GROUP BY ?robot ?grasp ?held ORDER BY ?robot ?grasp""")
+    counts: dict[tuple[str, str], Counter[bool]] = {}
+    for row in rows:
+        key = str(row.value("robot")), str(row.value("grasp"))
+        counts.setdefault(key, Counter())[bool(row.value("held"))] += int(str(row.value("n")))
+    return [Reports(*key, count[True], count.total()) for key, count in counts.items()]

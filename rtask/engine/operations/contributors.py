@@ -1,0 +1,166 @@
+"""Contributors: how far their reports agree, and the withdrawal of one by a person."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+from urllib.parse import unquote
+
+from rtask.engine.curation.withdrawing import withdraw
+from rtask.engine.honesty import Honesty
+from rtask.engine.names import tail
+from rtask.engine.operations.curate import author_of
+from rtask.engine.operations.operation import operation
+from rtask.rdf.terms import iri
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Text
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+
+__all__ = [
+    "CompareContributors",
+    "ComparedContributors",
+    "Contributor",
+    "WithdrawContributor",
+    "WithdrawnContributor",
+    "compare_contributors",
+    "withdraw_contributor",
+]
+
+_DOUBTFUL = 0.5
+
+
+class CompareContributors(Message):
+    """Which robots to compare."""
+
+    contributor: Text | None = None
+    """name of one robot; default: all"""
+
+
+class Contributor(Answer):
+    """What a robot reported, and how it fits what others reported of the same grasps."""
+
+    name: str
+    attempts: int
+    """reports that say something about a grasp"""
+    comparable: int
+    """reports on grasps that other robots have tried with the same kind of hand"""
+    agreement: float | None
+    """share of these that say what most of the others say; none if nothing is comparable"""
+    interval95: list[float]
+    """exact (Clopper-Pearson) interval of the agreement; empty if nothing is comparable"""
+    truthful: float
+    """probability that it reports truthfully"""
+    manner: str
+    """most probable manner of reporting"""
+    finding: Literal["agrees", "doubtful", "contradicts"]
+    """contradicts: almost surely not truthful, so that choices leave its reports out"""
+    text: str
+
+
+class ComparedContributors(Answer):
+    """Contributors, the least truthful first."""
+
+    contributors: list[Contributor]
+
+
+@operation("read", "tell how far the reports of each robot agree with those of the others")
+def compare_contributors(
+    context: Context, request: CompareContributors, access: Access
+) -> ComparedContributors:
+    """Compare what robots reported of the same grasps, verdicts of people left aside."""
+    del access
+    found = sorted(context.honesty.now().values(), key=lambda h: (h.truthful, h.robot))
+    return ComparedContributors(
+        contributors=[
+            _contributor(one) for one in found if request.contributor in (None, _name(one))
+        ]
+    )
+
+
+def _name(one: Honesty) -> str:
+    return unquote(tail(iri(one.robot)))
+
+
+def _contributor(one: Honesty) -> Contributor:
+    finding: Literal["agrees", "doubtful", "contradicts"] = "agrees"
+    if one.truthful < _DOUBTFUL:
+        finding = "contradicts" if one.contradicts else "doubtful"
+    n, name = one.comparable, _name(one)
+    share = one.agreeing / n if n else None
+    return Contributor(
+        name=name,
+        attempts=one.attempts,
+        comparable=n,
+        agreement=share,
+        interval95=_interval(one.agreeing, n) if n else [],
+        truthful=one.truthful,
+        manner=one.manner,
+        finding=finding,
+        text=f"{name}: {_text(one, finding)}",
+    )
+
+
+def _interval(k: float, n: int) -> list[float]:
+    """Return the Clopper-Pearson interval of k of n; ties make k a multiple of one half."""
+    from scipy.special import betaincinv
+
+    low = float(betaincinv(k, n - k + 1, 0.025)) if k > 0 else 0.0
+    high = float(betaincinv(k + 1, n - k, 0.975)) if k < n else 1.0
+    return [low, high]
+
+
+def _text(one: Honesty, finding: str) -> str:
+    if not one.comparable:
+        return "nobody else has tried what it tried"
+    agree = f"{one.agreeing:g} of {one.comparable} comparable reports agree with the others'"
+    if finding == "agrees":
+        return agree
+    return f"only {agree}; it seems to report {one.manner}"
+
+
+class WithdrawContributor(Message):
+    """A contributor whose word no longer counts."""
+
+    contributor: Text
+    """name of the robot or person"""
+    operator: Text | None = None
+    """name of the person who withdraws it; default: the caller"""
+
+
+class WithdrawnContributor(Answer):
+    """What went, and the commit, which can be undone."""
+
+    commit: str
+    attempts: int
+    """attempts that it had reported"""
+    verdicts: int
+    """verdicts that it had given on attempts of others"""
+    objects: int
+    """objects that it had added and nobody else has handled"""
+    kept: int
+    """objects that it had added and that stay, because others build on them"""
+    grasps: int
+    """grasps whose belief is stated anew from what the others told"""
+    added: int
+    removed: int
+
+
+@operation("teach", "withdraw all that a robot or a person told, and all that followed from it")
+def withdraw_contributor(
+    context: Context, request: WithdrawContributor, access: Access
+) -> WithdrawnContributor:
+    """Withdraw a contributor in one commit; robots may not."""
+    author = author_of(context, request.operator, access)
+    done = withdraw(context, request.contributor, author)
+    return WithdrawnContributor(
+        commit=context.commit_id(done.commit),
+        attempts=done.attempts,
+        verdicts=done.verdicts,
+        objects=done.objects,
+        kept=done.kept,
+        grasps=done.grasps,
+        added=done.commit.added,
+        removed=done.commit.removed,
+    )

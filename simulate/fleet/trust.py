@@ -1,0 +1,196 @@
+"""Fleets in which some robots report falsely, replayed from a table of attempts.
+
+Every robot meets every product of its fleet several times, in random order, with what all have
+reported so far. Liars work like the others and report something else. The same fleets are played
+three times with the same luck: all report truthfully; the liars are believed; and the reports of
+whoever is found to contradict the others (:mod:`rtask.engine.honesty`) are left out, as the engine
+does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.gripper_files import gripper_named
+from rtask.engine.honesty import Reports, judge_honesty
+from rtask.engine.policy import Policy
+from rtask.errors import UsageError
+from simulate.fleet.replay import Luck, Player, Told
+from simulate.study.intervals import bootstrap
+from simulate.world.seeds import stream
+
+__all__ = ["COLUMNS", "LIES", "replay_trust", "trust_rows"]
+
+LIES = ("flipped", "held", "random")
+"""What liars report: the opposite, that every grasp held, or anything."""
+COLUMNS = ("reports", "first tries that held", "less than truthful", "attempts")
+
+_TRUST = 71
+_CONDITIONS = ("truthful", "believed", "left out")
+
+
+@dataclass
+class _Fleet:
+    """Reports and findings of one fleet under one condition."""
+
+    told: dict[int, list[tuple[int, Told]]] = field(default_factory=dict)
+    count: dict[int, int] = field(default_factory=dict)
+    named: dict[int, int] = field(default_factory=dict)
+    """robots whose reports are left out now, and how many they had made when they were named"""
+    ever: dict[int, int] = field(default_factory=dict)
+    """the same of all that were ever named"""
+    first: list[tuple[int, bool]] = field(default_factory=list)
+    attempts: list[int] = field(default_factory=list)
+
+
+def replay_trust(
+    table: Mapping[str, Any], fleets: int, robots: int, liars: int, on_table: int, rounds: int,
+    cap: int, seed: int, lie: str = "flipped", policy: Policy | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Return what liars cost the others, and how soon they are named, as JSON data.
+
+    Parameters
+    ----------
+    table
+        Of :func:`simulate.study.attempt_table.read_attempts`.
+    robots, liars
+        Robots of a fleet, and how many of them report falsely.
+    on_table, rounds
+        Products of a fleet, and how often each robot meets each.
+    cap
+        Attempts at one product.
+    lie
+        One of :data:`LIES`.
+
+    Raises
+    ------
+    UsageError
+        A number is out of range, or the table holds too few products for a fleet.
+    """
+    if min(fleets, robots, on_table, rounds) < 1 or not 0 <= liars < robots:
+        raise UsageError(
+            "--fleets, --robots, --table and --rounds must be at least 1 and --liars fewer than "
+            f"--robots, got {fleets}, {robots}, {on_table}, {rounds} and {liars}"
+        )
+    if lie not in LIES:
+        raise UsageError(f"--lie: expected one of {', '.join(LIES)}, got {lie!r}")
+    things = [thing for thing in table["products"] if thing["arms"]]
+    if on_table > len(things):
+        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
+    player = Player(policy or Policy(), gripper_named(str(table["settings"]["hand"])), cap)
+    rows: list[list[float]] = []
+    named: list[int] = []
+    falsely = once = 0
+    for number in range(fleets):
+        played = {
+            name: _play(name, player, things, number, robots, liars, on_table, rounds, seed, lie)
+            for name in _CONDITIONS
+        }
+        row: list[float] = []
+        for fleet in played.values():
+            held = float(np.mean([held for _, held in fleet.first]))
+            row += [held, float(np.mean(fleet.attempts))]
+        rows.append(row)
+        found = played["left out"].named
+        once += sum(robot >= liars for robot in played["left out"].ever)
+        named += [found.get(robot, -1) for robot in range(liars)]
+        falsely += sum(robot >= liars for robot in found)
+    return {
+        "fleets": fleets, "robots": robots, "liars": liars, "products": on_table, "lie": lie,
+        "conditions": _summary(np.array(rows)),
+        "liars_named": sum(n >= 0 for n in named),
+        "liars_named_within_50": sum(0 <= n <= 50 for n in named),
+        "of_liars": len(named),
+        "reports_until_named": None if max(named, default=-1) < 0
+        else float(np.median([n for n in named if n >= 0])),
+        "truthful_named": falsely,
+        "truthful_named_for_a_while": once,
+        "of_truthful": fleets * (robots - liars),
+    }  # fmt: skip
+
+
+def _play(
+    condition: str, player: Player, things: Sequence[Mapping[str, Any]], number: int, robots: int,
+    liars: int, on_table: int, rounds: int, seed: int, lie: str,
+) -> _Fleet:  # fmt: skip
+    """Return one fleet under one condition; its luck depends on the number alone."""
+    rng = stream(seed, _TRUST, number)
+    drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
+    meetings = [(robot, i) for robot in range(robots) for i in drawn for _ in range(rounds)]
+    order = rng.permutation(len(meetings))
+    fleet = _Fleet()
+    for meeting in order.tolist():
+        robot, i = meetings[meeting]
+        luck, said = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
+        told = [one for who, one in fleet.told.get(i, []) if who not in fleet.named]
+        done = player.play(things[i], luck, told if luck.recognised else ())
+        lies = condition != "truthful" and robot < liars
+        for one, held in zip(done, said.tolist(), strict=False):
+            report = Told(one.arm, _lie(lie, one.held, held)) if lies else one
+            fleet.told.setdefault(i, []).append((robot, report))
+        fleet.count[robot] = fleet.count.get(robot, 0) + len(done)
+        if robot >= liars and done:
+            fleet.first.append((i, done[0].held))
+            fleet.attempts.append(player.count(done))
+        if condition == "left out":
+            _name(fleet)
+    return fleet
+
+
+def _lie(lie: str, held: bool, anything: bool) -> bool:
+    return {"flipped": not held, "held": True, "random": anything}[lie]
+
+
+def _name(fleet: _Fleet) -> None:
+    """Name robots that are found not to report truthfully."""
+    counts: dict[tuple[int, int, int], list[int]] = {}
+    for i, told in fleet.told.items():
+        for robot, one in told:
+            count = counts.setdefault((robot, i, one.arm), [0, 0])
+            count[0] += one.held
+            count[1] += 1
+    reports = [
+        Reports(str(robot), f"{i}/{arm}", held, n) for (robot, i, arm), (held, n) in counts.items()
+    ]
+    found = {int(name) for name, one in judge_honesty(reports).items() if one.contradicts}
+    fleet.named = {robot: fleet.named.get(robot, fleet.count[robot]) for robot in found}
+    for robot in found:
+        fleet.ever.setdefault(robot, fleet.count[robot])
+
+
+def _summary(rows: NDArray[np.float64]) -> dict[str, dict[str, Any]]:
+    """Return the figures of each condition, with 95 % intervals over fleets."""
+    found = {}
+    for k, name in enumerate(_CONDITIONS):
+        less = rows[:, 2 * k] - rows[:, 0]
+
+        def change(i: NDArray[np.intp], less: NDArray[np.float64] = less) -> float:
+            return float(less[i].mean())
+
+        found[name] = {
+            "first_try": round(float(rows[:, 2 * k].mean()), 4),
+            "attempts": round(float(rows[:, 2 * k + 1].mean()), 4),
+            "change": round(float(less.mean()), 4),
+            "interval95": [round(v, 4) for v in bootstrap(change, len(less))],
+        }
+    return found
+
+
+def trust_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the table of :data:`COLUMNS`."""
+    names = {
+        "truthful": "all truthful", "believed": "liars believed", "left out": "liars left out",
+    }  # fmt: skip
+    return [
+        (
+            names[name], f"{found['first_try']:.3f}",
+            "{:+.3f} [{:+.3f}, {:+.3f}]".format(found["change"], *found["interval95"]),
+            f"{found['attempts']:.2f}",
+        )
+        for name, found in summary["conditions"].items()
+    ]  # fmt: skip

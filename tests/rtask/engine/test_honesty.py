@@ -1,0 +1,129 @@
+"""Robots that report what is not so are told apart, and robots with little or odd luck are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rtask.cli import cli
+from rtask.engine.honesty import MANNERS, Reports, judge_honesty
+
+GRASP = {"in_object": {"x": 0.01, "y": 0.0, "z": 0.03, "theta": 1.57}, "quality": 0.6,
+         "opening": 0.04}  # fmt: skip
+
+
+def fleet(seed: int, lie: str, reports: int, liars: int = 2) -> list[Reports]:
+    """Return what ten robots report of 40 grasps whose chances are mostly high or low."""
+    rng = np.random.default_rng(seed)
+    chances = rng.beta(0.6, 0.6, 40)
+    true, false = MANNERS[lie]
+    said = []
+    for robot in range(10):
+        for grasp in rng.integers(40, size=reports).tolist():
+            held = rng.random() < chances[grasp]
+            if robot < liars:
+                held = rng.random() < (true if held else false)
+            said.append(Reports(f"r{robot}", f"g{grasp}", int(held), 1))
+    return said
+
+
+@pytest.mark.parametrize("lie", ["the other way round", "always held", "never held"])
+def test_liars_are_named_by_fifty_reports_and_nobody_else_is(lie: str) -> None:
+    named = mistaken = 0
+    for seed in range(10):
+        found = judge_honesty(fleet(seed, lie, 50))
+        named += sum(found[f"r{k}"].contradicts for k in range(2))
+        mistaken += sum(found[f"r{k}"].contradicts for k in range(2, 10))
+        assert {found[f"r{k}"].manner for k in range(2)} == {lie}
+    assert named == 20  # of 20; fixed seeds, so no tolerance
+    assert mistaken == 0  # of 80
+
+
+def test_where_all_are_truthful_nobody_is_named() -> None:
+    for seed in range(10):
+        found = judge_honesty(fleet(seed, "truthful", 50))
+        assert not any(one.contradicts for one in found.values())
+        assert min(one.truthful for one in found.values()) > 0.5
+
+
+def test_who_cannot_be_compared_is_not_doubted() -> None:
+    said = [Reports("r0", f"g{k}", 0, 5) for k in range(20)]
+    said += [Reports("r1", f"h{k}", 5, 5) for k in range(20)]
+    found = judge_honesty(said)
+    assert [one.comparable for one in found.values()] == [0, 0]
+    assert not any(one.contradicts for one in found.values())
+    assert judge_honesty([]) == {}
+
+
+def test_the_order_of_reports_and_their_grouping_make_no_difference() -> None:
+    said = fleet(3, "the other way round", 30)
+    doubled = [Reports(one.robot, one.grasp, one.held, one.count) for one in reversed(said)]
+    one, other = judge_honesty(said), judge_honesty(doubled)
+    for name in one:
+        assert one[name].truthful == pytest.approx(other[name].truthful, abs=1e-9)
+
+
+def told(robot, thing, held, outcome, number):
+    grasp = {**GRASP, "in_object": {**GRASP["in_object"], "x": 0.004 * number}}
+    robot.call(
+        "report_outcome", object=thing, gripper_id=robot.gripper, grasp=grasp,
+        outcome=outcome(held),
+    )  # fmt: skip
+
+
+def test_choices_leave_out_the_reports_of_a_liar(bench, engine, robots):
+    fair = [robots(f"nao-{k}") for k in range(3)]
+    liar = robots("liar")
+    thing = fair[0].insert(bench.sight(bench.BOX))["objects"][0]["object"]
+
+    def outcome(held):
+        return bench.held() if held else bench.missed()
+
+    for number in range(4):
+        for robot in (*fair, liar):
+            for _ in range(3):
+                truth = number % 2 == 0
+                told(robot, thing, truth != (robot is liar), outcome, number)
+    rows = engine.call("compare_contributors", {}).as_json()["contributors"]
+    first = rows[0]
+    assert (first["name"], first["finding"]) == ("liar", "contradicts")
+    assert first["manner"] == "the other way round"
+    assert (first["agreement"], first["comparable"], first["attempts"]) == (0.0, 12, 12)
+    assert first["interval95"][1] < 0.3
+    assert [row["finding"] for row in rows[1:]] == ["agrees"] * 3
+    answer = fair[0].recognise(bench.sight(bench.BOX))
+    counted = {
+        (grasp["statistics"]["successes"], grasp["statistics"]["attempts"])
+        for grasp in answer["grasps"]
+        if grasp["source"] == "memory"
+    }
+    assert counted == {(9, 9), (0, 9)}
+    (only,) = engine.call("compare_contributors", {"contributor": "nao-1"}).as_json()[
+        "contributors"
+    ]
+    assert only["name"] == "nao-1"
+
+
+def test_the_shell_lists_and_withdraws_contributors(bench, tmp_path):
+    import rtask
+    from rtask.engine import Engine
+
+    data = str(tmp_path / "store")
+    with rtask.open(data, reason=False) as kb, Engine(kb) as engine:
+        robot = bench.Robot("nao-1", engine)
+        robot.register()
+        thing = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+        told(robot, thing, True, lambda held: bench.held(), 0)
+    shell = CliRunner()
+    listed = shell.invoke(cli, ["contributors", "list", "-d", data])
+    assert listed.exit_code == 0, listed.output
+    assert "nobody else has tried" in listed.output
+    assert shell.invoke(cli, ["contributors", "list", "nobody", "-d", data]).exit_code == 1
+    gone = shell.invoke(cli, ["contributors", "withdraw", "nao-1", "--agent", "ann", "-d", data])
+    assert gone.exit_code == 0, gone.output
+    assert "1 attempts, 0 verdicts and 1 objects" in gone.output
+    commit = gone.output.split(":")[0]
+    undone = shell.invoke(cli, ["objects", "undo", commit, "--agent", "ann", "-d", data])
+    assert undone.exit_code == 0, undone.output
+    assert shell.invoke(cli, ["contributors", "list", "-d", data]).exit_code == 0

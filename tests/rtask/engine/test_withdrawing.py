@@ -1,0 +1,222 @@
+"""What a withdrawn robot or person told goes with all that followed; what others build on stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rtask
+from rtask.engine import Engine
+from rtask.errors import ForbiddenError, UnknownTermError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import iri
+
+ANN, BOB = Access("ann", "teacher"), Access("bob", "teacher")
+GRASP = {"in_object": {"x": 0.01, "y": 0.0, "z": 0.03, "theta": 1.57}, "quality": 0.6,
+         "opening": 0.04}  # fmt: skip
+
+
+def withdraw(engine, name, who=ANN):
+    return engine.call("withdraw_contributor", {"contributor": name}, who).as_json()
+
+
+def report(robot, thing, outcome, grasp=GRASP, **more):
+    return robot.call(
+        "report_outcome", object=thing, gripper_id=robot.gripper, grasp=grasp, outcome=outcome,
+        **more,
+    )  # fmt: skip
+
+
+def told(engine, name):
+    return list(engine.kb.match(graph=engine.kb.graphs.agent(name)))
+
+
+def belief(engine, grasp):
+    """Return (alpha, beta) of the beliefs about a grasp."""
+    nodes = [q.object for q in engine.kb.match(iri(grasp), RT.hasEvaluation)]
+    return [
+        tuple(float(q.object.value) for p in (RT.beliefAlpha, RT.beliefBeta)
+              for q in engine.kb.match(node, p))
+        for node in nodes
+    ]  # fmt: skip
+
+
+def newest(engine, grasp):
+    """Return (alpha, beta) of the newest belief about a grasp."""
+    rows = engine.kb.select(f"""PREFIX rt: <{RT.x.value.removesuffix("x")}>
+SELECT ?alpha ?beta WHERE {{ <{grasp}> rt:hasEvaluation ?belief .
+  ?belief rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ;
+    <http://www.w3.org/ns/prov#generatedAtTime> ?time }} ORDER BY DESC(?time) LIMIT 1""")
+    return tuple(float(rows[0].value(name)) for name in ("alpha", "beta"))
+
+
+@pytest.fixture
+def kb():
+    """Return a store whose rules tell which verdicts count."""
+    with rtask.open(":memory:", base="https://example.org/kb/") as opened:
+        yield opened
+
+
+def test_beliefs_are_those_of_the_others_as_if_it_had_never_told(bench, engine, robots):
+    one, two, three = (robots(f"nao-{k}") for k in (1, 2, 3))
+    thing = one.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    grasp = report(one, thing, bench.held())["grasp"]
+    report(two, thing, bench.missed())
+    alone = newest(engine, grasp)
+    for _ in range(5):
+        report(three, thing, bench.missed())
+    done = withdraw(engine, "nao-3")
+    assert (done["attempts"], done["grasps"], done["objects"], done["kept"]) == (5, 1, 0, 0)
+    assert belief(engine, grasp) == [pytest.approx(alone)]
+    answer = report(two, thing, bench.held())
+    assert (answer["statistics"]["attempts"], answer["statistics"]["successes"]) == (3, 2)
+
+
+def test_a_robot_stays_registered_and_may_tell_again(bench, engine, robots):
+    robot = robots("nao-1")
+    before = set(told(engine, "nao-1"))
+    thing = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    report(robot, thing, bench.held())
+    done = withdraw(engine, "nao-1")
+    assert (done["objects"], done["kept"]) == (1, 0)
+    assert set(told(engine, "nao-1")) == before
+    assert not list(engine.index.views())
+    assert robot.insert(bench.sight(bench.BOX))["objects"][0]["object"] != thing
+
+
+def test_an_object_that_others_have_grasped_stays_with_what_it_needs(bench, engine, robots):
+    one, two = robots("nao-1"), robots("nao-2")
+    thing = one.insert(bench.sight(bench.BOX), name="tea")["objects"][0]["object"]
+    grasp = report(one, thing, bench.missed())["grasp"]
+    unused = {**GRASP, "in_object": {**GRASP["in_object"], "x": -0.01}}
+    other = report(one, thing, bench.missed(), grasp=unused)["grasp"]
+    report(two, thing, bench.held())
+    done = withdraw(engine, "nao-1")
+    assert (done["objects"], done["kept"], done["attempts"]) == (0, 1, 2)
+    assert [q.object.value for q in engine.kb.match(iri(thing), RT.name)] == ["tea"]
+    assert engine.kb.match(iri(thing), RT.hasGrasp, iri(grasp))
+    assert not engine.kb.match(iri(other))
+    assert not engine.kb.match(None, None, iri(other))
+    assert two.recognise(bench.sight(bench.BOX))["object"] == thing
+    assert not engine.kb.validate()
+
+
+def test_its_views_go_where_others_have_seen_the_object(bench, engine, robots):
+    one, two = robots("nao-1"), robots("nao-2")
+    mine = one.insert(bench.sight(bench.BOX))["objects"][0]
+    seen = bench.sight(bench.BOX, bench.Eye(position=(0.1, 0.2, 0.6)))
+    theirs = two.insert(seen, object=mine["object"])["objects"][0]
+    assert theirs["view"] != mine["view"]
+    withdraw(engine, "nao-1")
+    views = [q.object.value for q in engine.kb.match(iri(mine["object"]), RT.hasView)]
+    assert views == [theirs["view"]] == [view.view_iri for view in engine.index.views()]
+    (model,) = engine.kb.match(iri(mine["object"]), RT.hasModel)
+    assert [q.object.value for q in engine.kb.match(model.object, RT.builtFrom)] == views
+
+
+def test_verdicts_go_and_the_robots_word_counts_again(bench, engine, robots):
+    robot = robots("nao-1")
+    thing = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    grasp = report(robot, thing, bench.held(), task_id="t-1")["grasp"]
+    first = belief(engine, grasp)
+    judge = {"task_id": "t-1", "verdict": "refuse"}
+    engine.call("give_feedback", judge, BOB)
+    assert belief(engine, grasp) != first
+    done = withdraw(engine, "bob")
+    assert (done["attempts"], done["verdicts"], done["grasps"]) == (0, 1, 1)
+    assert belief(engine, grasp) == first
+    engine.call("give_feedback", judge, ANN)
+    again = engine.call("give_feedback", {**judge, "verdict": "confirm"}, ANN).as_json()
+    assert again["statistics"]["successes"] == 1
+
+
+def test_votes_after_a_withdrawn_one_are_counted_without_it(bench, engine, robots):
+    robot = robots("nao-1")
+    thing = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    report(robot, thing, bench.held(), task_id="t-1")
+    for who, verdict in ((BOB, "refuse"), (ANN, "confirm")):
+        engine.call("give_feedback", {"task_id": "t-1", "verdict": verdict}, who)
+    assert engine.kb.match(None, RT.disputed)
+    withdraw(engine, "bob")
+    assert not engine.kb.match(None, RT.disputed)
+    (votes,) = engine.kb.match(None, RT.heldVotes)
+    assert votes.object.value == "1"
+
+
+def test_a_withdrawal_is_undone_whole(bench, engine, robots):
+    one, two = robots("nao-1"), robots("nao-2")
+    thing = one.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    report(one, thing, bench.missed())
+    report(two, thing, bench.held())
+    before = set(engine.kb.match())
+    done = withdraw(engine, "nao-1")
+    engine.call("curate_object", {"operation": "undo", "commit": done["commit"]}, ANN)
+    here = {quad for quad in before if _is_told(quad)}
+    assert {quad for quad in engine.kb.match() if _is_told(quad)} == here
+
+
+def _is_told(quad):
+    return "/graph/agent/" in quad.graph_name.value
+
+
+def test_what_was_told_since_counts_when_a_withdrawal_is_undone(bench, engine, robots):
+    one, two = robots("nao-1"), robots("nao-2")
+    thing = one.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    grasp = report(one, thing, bench.missed())["grasp"]
+    report(two, thing, bench.held())
+    done = withdraw(engine, "nao-1")
+    report(two, thing, bench.held())
+    report(one, thing, bench.held())
+    engine.call("curate_object", {"operation": "undo", "commit": done["commit"]}, ANN)
+    after = report(two, thing, bench.held())
+    assert (after["statistics"]["attempts"], after["statistics"]["successes"]) == (5, 4)
+    counts = [
+        (q.object.value, p.object.value)
+        for q in engine.kb.match(None, RT.successes)
+        for p in engine.kb.match(q.subject, RT.attempts)
+    ]
+    assert sorted(counts) == [("1", "2"), ("3", "3")]
+    assert all(len(sums) == 2 for sums in belief(engine, grasp))
+    assert not engine.kb.validate()
+
+
+def test_robots_may_not_withdraw_anybody_and_nobody_unknown_is(engine, robots):
+    robot = robots("nao-1")
+    with pytest.raises(ForbiddenError):
+        robot.call("withdraw_contributor", contributor="nao-1")
+    with pytest.raises(UnknownTermError, match="did you mean 'nao-1'"):
+        withdraw(engine, "nao-11")
+
+
+@pytest.mark.slow
+def test_twenty_robots_less_one_is_nineteen(bench, kb):
+    """The graph equals one that the withdrawn robot never wrote to, where others did."""
+
+    def told_by(names):
+        with rtask.open(":memory:", base="https://example.org/kb/") as opened, Engine(opened) as e:
+            made = [bench.Robot(name, e) for name in names]
+            for robot in made:
+                robot.register()
+            rng = np.random.default_rng(0)
+            teacher = bench.Robot("nao-0", e)
+            teacher.register()
+            thing = teacher.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+            for _ in range(20):
+                for number in range(4):
+                    held, x = bool(rng.random() < 0.6), 0.01 * int(rng.integers(2))
+                    if f"nao-{number + 1}" in names:
+                        robot = bench.Robot(f"nao-{number + 1}", e)
+                        grasp = {**GRASP, "in_object": {**GRASP["in_object"], "x": x}}
+                        report(robot, thing, bench.held() if held else bench.missed(), grasp)
+            if "nao-4" in names:
+                withdraw(e, "nao-4")
+            counts = {}
+            for q in opened.match(None, RT.executesGrasp):
+                (pose,) = opened.match(q.object, RT.graspPose)
+                (x,) = opened.match(pose.object, RT.x)
+                key = x.object.value, newest(e, q.object.value)
+                counts[key] = counts.get(key, 0) + 1
+            return counts
+
+    assert told_by(["nao-1", "nao-2", "nao-3", "nao-4"]) == told_by(["nao-1", "nao-2", "nao-3"])
