@@ -267,6 +267,35 @@ def test_the_twin_holds_the_pipeline_and_what_fits(server: RunningServer) -> Non
     assert "has no method 'cutt'" in refused.json()["detail"]
 
 
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        ("cut", "step a: call 'cut'; expected <namespace>/<name>/<method>"),
+        ("lab/Cup/cut", "step a: no service lab/Cup"),
+    ],
+)
+def test_an_unknown_call_is_said_with_its_step(
+    server: RunningServer, call: str, words: str
+) -> None:
+    asked = {"pipeline": json.dumps({"steps": [{"id": "a", "call": call}]})}
+    refused = httpx.get(f"{server.url}/tools/pipeline.json", params=asked)
+    assert 400 <= refused.status_code < 500
+    assert words in refused.json()["detail"]
+
+
+def test_a_pipeline_that_no_address_can_hold_is_refused_in_words(server: RunningServer) -> None:
+    step = {
+        "id": "a",
+        "call": "example/Grasping/plan",
+        "inputs": {"polygon": [[0.123456, 1]] * 3000},
+    }
+    form = {"do": "change", "pipeline": json.dumps({"steps": [step]})}
+    html = {"Accept": "text/html"}
+    refused = httpx.post(f"{server.url}/tools/pipeline", data=form, headers=html, timeout=60)
+    assert refused.status_code == 400
+    assert "too long for an address" in refused.text
+
+
 @pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no-scripts"])
 def test_a_pipeline_is_kept_as_a_service_and_called_over_http(
     browser: Any, server: RunningServer, scripts: bool

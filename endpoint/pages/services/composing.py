@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from rtask.errors import UsageError
+from rtask.errors import UnknownTermError, UsageError
 from rtask.services.builtin.pipeline import MAX_STEPS
 from rtask.services.builtin.steps import INPUT, REF, Step, ref_of, refs_in
 from rtask.services.definition import Definition, Method
@@ -92,11 +92,17 @@ def method_of(step: Json, find: Find) -> Method:
 
     Raises
     ------
-    UsageError
-        It has no such method, with the step.
+    UsageError, UnknownTermError
+        There is no such service or method, with the step.
     """
     service, _, name = str(step["call"]).rpartition("/")
-    definition = find(service)
+    if "/" not in service:
+        call = f"step {step['id']}: call {step['call']!r}"
+        raise UsageError(f"{call}; expected <namespace>/<name>/<method>")
+    try:
+        definition = find(service)
+    except UnknownTermError as error:
+        raise UnknownTermError(f"step {step['id']}: {error}") from None
     if name not in definition.methods:
         raise UsageError(f"step {step['id']}: {definition.exact} has no method {name!r}")
     return definition.methods[name]

@@ -41,6 +41,7 @@ _TEMPLATE = "pipeline.html"
 _SERVICE, _RUN, _SAVE = "rtask/Pipeline", "run", "save"
 _VALUE, _KEPT, _ASK = "", "kept", INPUT
 _MAX_SHOWN = 8
+_MAX_ADDRESS = 30_000
 _CONTROL = re.compile(r"add$|json$|save$|s\d+\.|in\.")
 """Controls at which the page says what was wrong."""
 
@@ -66,7 +67,13 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
         composed, files = _edited(composed)
         definition, wanted = service_named(_SERVICE), form.get("do", "")
         if wanted not in (_RUN, _SAVE):
-            return flask.redirect(_address(_changed(composed, wanted)), 303)
+            address = _address(_changed(composed, wanted))
+            if len(address) > _MAX_ADDRESS:
+                raise UsageError(
+                    "too long for an address: let whoever runs it give the long values",
+                    field="json",
+                )
+            return flask.redirect(address, 303)
         require_scope(caller.access, definition.methods[wanted].scope)
         if wanted == _SAVE:
             return flask.redirect(f"/services/{_saved(definition, composed, caller)}", 303)
