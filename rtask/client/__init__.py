@@ -22,6 +22,10 @@ def connect(
     *,
     agent: str | None = None,
     outbox: Path | str | None = None,
+    race: bool = False,
+    local: KnowledgeBase | Engine | None = None,
+    patience_s: float = 0.05,
+    deadline_s: float = 1.0,
 ) -> Client:
     """Connect a robot program to the shared graph.
 
@@ -38,6 +42,14 @@ def connect(
         In process: the robot on whose behalf calls are made.
     outbox
         File that keeps what could not be told; sent again now and at every later occasion.
+    race
+        Ask ``local``, a slice of the graph of this process, and the server at once, and take the
+        best answer that is there in time; see :class:`rtask.client.racing.RacingClient`.
+    local
+        The slice, for ``race`` only.
+    patience_s, deadline_s
+        Of a race: how long an answer of the slice waits for that of the server, and when an
+        answer is given in any case.
 
     Raises
     ------
@@ -51,7 +63,14 @@ def connect(
     ...     client.ask("ASK { ?s ?p ?o }")
     True
     """
-    client = _made(target, token, timeout_s, agent, outbox)
+    if race:
+        client: Client = _racing(
+            target, token, timeout_s, agent, outbox, local, (patience_s, deadline_s)
+        )
+    elif local is not None:
+        raise UsageError("local is the slice of a race: give race=True as well")
+    else:
+        client = _made(target, token, timeout_s, agent, outbox)
     try:
         client.deliver()
     except RemoteUnavailableError:
@@ -84,3 +103,31 @@ def _made(
     if isinstance(target, Engine):
         return LocalClient(target, agent, outbox)
     return LocalClient(Engine(target), agent, outbox, owns_engine=True)
+
+
+def _racing(
+    target: Any,
+    token: str | None,
+    timeout_s: float,
+    agent: str | None,
+    outbox: Path | str | None,
+    local: Any,
+    times_s: tuple[float, float],
+) -> Client:
+    from rtask.client.local import LocalClient
+    from rtask.client.racing import RacingClient
+
+    if not isinstance(target, str) or local is None:
+        raise UsageError(
+            "race=True needs the address of a server, and local= a graph of this process"
+        )
+    near = _made(local, None, timeout_s, agent, None)
+    assert isinstance(near, LocalClient)
+    patience_s, deadline_s = times_s
+    try:
+        return RacingClient(
+            target, near, token, timeout_s, outbox, patience_s=patience_s, deadline_s=deadline_s
+        )
+    except BaseException:
+        near.close()
+        raise
