@@ -14,6 +14,7 @@ from rtask.services.builtin.pipeline import Pipeline, carry_out
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import define
 from rtask.services.host import ServiceHost
+from rtask.services.ledger import Ledger
 from rtask.services.pipelines import SavedPipelines
 from rtask.services.registry import imported, installed, services_of
 
@@ -43,7 +44,8 @@ def open_host(
     Raises
     ------
     UsageError
-        A module or file cannot be loaded, or a name with its version is taken.
+        A module or file cannot be loaded, a name with its version is taken, or a version of a
+        named source is not what was served under it before.
 
     Examples
     --------
@@ -62,6 +64,12 @@ def open_host(
     for module in installed():
         _offer(host, module)
     named = [imported(source) for source in sources]
+    served = [definition for module in named for definition in services_of(module)]
+    try:
+        Ledger(None if folder is None else folder / "services.json").check(served)
+    except BaseException:
+        host.close()
+        raise
     for module in named:
         # The operator's own takes the place of what happens to be installed under its name.
         for definition in services_of(module):

@@ -1,0 +1,140 @@
+"""What was served under which version, kept over restarts (Kehoe 2014, 5.4).
+
+::
+
+    FILE    {"lab/Reach@1.0.0": {"contract": "<digest>", "code": "<digest>"}}
+
+A result names the version that it came from, so a version must stay what it was. Versions below
+1.0.0 are for development and may change (Semantic Versioning 2.0.0, 4).
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import json
+import os
+import sys
+import tokenize
+from collections.abc import Iterable
+from io import StringIO
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rtask.errors import UsageError
+from rtask.kb.durability.blobs import sync_folder
+from rtask.services.definition import Definition
+from rtask.services.outward.announced import contract_of
+
+__all__ = ["Ledger"]
+
+_MEANINGLESS = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+
+
+class Ledger:
+    """Digests by service and version.
+
+    Parameters
+    ----------
+    file
+        Where they are kept; None = nowhere, and nothing is checked.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read.
+    """
+
+    def __init__(self, file: Path | None) -> None:
+        self._file = file
+        self._known: dict[str, dict[str, str]] = {}
+        if file is not None and file.exists():
+            try:
+                self._known = json.loads(file.read_text("utf-8"))
+            except (OSError, ValueError) as error:
+                raise UsageError(
+                    f"{file}, the list of versions that were served, cannot be read: {error}; "
+                    "mend or remove it"
+                ) from error
+
+    def check(self, definitions: Iterable[Definition]) -> None:
+        """Note what is served, and refuse a version that has changed since it was served before.
+
+        Raises
+        ------
+        UsageError
+            Requests, answers or code are no longer those of the version; nothing is noted.
+        """
+        if self._file is None:
+            return
+        noted = dict(self._known)
+        for one in definitions:
+            if one.version.startswith("0."):
+                continue
+            digests = {"contract": _digest(contract_of(one)), "code": _digest(_code_of(one))}
+            before = noted.setdefault(one.exact, digests)
+            what = [name for name, digest in digests.items() if before.get(name) != digest]
+            if what:
+                changed = "requests or answers" if "contract" in what else "code"
+                raise UsageError(
+                    f"{one.exact} was served before with other {changed}; give this one a new "
+                    "version (below 1.0.0 while it still changes), or remove its line from "
+                    f"{self._file}"
+                )
+        if noted != self._known:
+            _write(self._file, noted)
+            self._known = noted
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _code_of(definition: Definition) -> str:
+    """Return the code of a service's class and what its file defines beside other services.
+
+    Comments and the layout of lines count for nothing.
+    """
+    module, _, name = definition.source.rpartition(":")
+    found = _module_of(module)
+    if found is None:
+        return ""
+    text = inspect.getsource(found)
+    parts = []
+    for node in ast.parse(text).body:
+        is_other = isinstance(node, ast.ClassDef) and node.name != name and _is_service(found, node)
+        segment = None if is_other else ast.get_source_segment(text, node)
+        if segment is not None:
+            parts.append(_bare(segment))
+    return "\n".join(parts)
+
+
+def _module_of(source: str) -> ModuleType | None:
+    for module in list(sys.modules.values()):
+        if source in (getattr(module, "__rtask_file__", None), getattr(module, "__name__", None)):
+            return module
+    return None
+
+
+def _is_service(module: ModuleType, node: ast.ClassDef) -> bool:
+    from rtask.services.service import Service
+
+    value: Any = getattr(module, node.name, None)
+    return isinstance(value, type) and issubclass(value, Service)
+
+
+def _bare(text: str) -> str:
+    tokens = tokenize.generate_tokens(StringIO(text).readline)
+    return " ".join(one.string for one in tokens if one.type not in _MEANINGLESS)
+
+
+def _write(file: Path, known: dict[str, dict[str, str]]) -> None:
+    draft = file.with_suffix(".tmp")
+    with draft.open("w", encoding="utf-8") as out:
+        json.dump(known, out, indent=1, sort_keys=True)
+        out.flush()
+        os.fsync(out.fileno())
+    draft.replace(file)
+    sync_folder(file.parent)
