@@ -37,9 +37,10 @@ $(READY): pyproject.toml
 	@echo "installing Python packages (a few minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,browser]'
 	@$(MAKE) --no-print-directory pages
-	@echo "compiling numeric kernels"
+	@echo "compiling numeric kernels (one to four minutes, once)"
 	@$(BIN)/rtask doctor --warm-up --quiet
 	@touch $(READY)
+	@echo "ready: source $(BIN)/activate puts the command rtask into the PATH"
 
 # The query editor and the 3D view of clouds. Without npm the pages do without both.
 pages:  ## bundle the libraries of two pages, if npm is installed

@@ -292,8 +292,11 @@ class Demo:
         store = folder / _STORE
         self.console.line()
         self.console.line(f"report  {folder / _REPORT / 'report.html'}")
-        self.console.line(f"page    {url}/" + ("" if stay else "  (ends with this command)"))
+        if stay:
+            self.console.line(f"page    {url}/")
         self.console.line(f"again   rtask serve --data {store} -p 8765")
+        self.console.line(f"judge   rtask token create --data {store} --role teacher --name YOU")
+        self.console.line("        and, signed in with that token, the page /feedback")
         self.console.line(f"more    rtask demo --data {folder} --keep --seed {self.settings.seed}")
 
     def _wait(self, endpoint: Endpoint) -> None:

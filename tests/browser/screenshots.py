@@ -6,10 +6,12 @@ PICTURE all are taken.
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import tempfile
 from pathlib import Path
+from urllib.parse import urlencode
 
 import httpx
 from playwright.sync_api import Page, sync_playwright
@@ -19,11 +21,30 @@ from tests.browser.pages import LAPTOP, PHONE
 from tests.servers import running_server
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
+_ARM = {"data": {"robot": "robots/PlanarArm"}}
+_PIPELINE = {
+    "steps": [
+        {**_ARM, "id": "hand", "call": "example/Kinematics/forwardKinematics",
+         "inputs": {"manipulator": "arm", "joints": [0.4, 0.9, -0.6]}},
+        {**_ARM, "id": "postures", "call": "example/Kinematics/inverseKinematics",
+         "inputs": {"manipulator": "arm", "pose": {"$ref": "hand.pose"}}},
+        {**_ARM, "id": "way", "call": "example/Trajopt/plan",
+         "inputs": {"manipulator": "arm", "start": [-2, 0, 0],
+                    "goal": {"$ref": "postures.solutions.0"}, "obstacles": [[0.7, 0, 0, 0.1]]}},
+        {**_ARM, "id": "links", "call": "example/Kinematics/linkPoses",
+         "inputs": {"manipulator": "arm", "joints": {"$ref": "item"}},
+         "each": {"$ref": "way.path"}},
+    ]
+}  # fmt: skip
+"""Where a hand is, another posture that puts it there, the way to that, the links on the way."""
+_COMPOSED = f"/tools/pipeline?{urlencode({'pipeline': json.dumps(_PIPELINE)})}"
 _SHOWN = {
     "page-object": ("/object?iri={object}#grasp=1", LAPTOP, "light"),
     "page-outcomes-phone": ("/feedback", PHONE, "dark"),
     "page-activity": ("/activity", LAPTOP, "light"),
     "page-arm": ("/tools/arm", LAPTOP, "light"),
+    "page-robot": ("/robot?iri={robot}", LAPTOP, "light"),
+    "page-pipeline": (_COMPOSED, LAPTOP, "light"),
 }
 
 
@@ -53,6 +74,11 @@ def main() -> None:
         shutil.copytree(store, copy)
         with running_server(copy) as server, sync_playwright() as playwright:
             objects = httpx.get(f"{server.url}/objects.json", timeout=60).json()["objects"]
+            robots = httpx.get(f"{server.url}/robots.json", timeout=60).json()["robots"]
+            known = {
+                "object": objects[0]["object"] if objects else "",
+                "robot": robots[0]["robot"] if robots else "",
+            }
             options = [option for option in OPTIONS if option != "--disable-gpu"]
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*options, *WEBGL])
             for name, (address, size, theme) in ((one, _SHOWN[one]) for one in wanted):
@@ -63,14 +89,17 @@ def main() -> None:
                     device_scale_factor=1,
                 )
                 page = context.new_page()
-                page.goto(
-                    server.url + address.format(object=objects[0]["object"] if objects else "")
-                )
+                page.goto(server.url + address.format(**known))
                 if "object" in name:
                     page.locator("[data-place][data-drawn]").wait_for()
                     page.locator("[data-cloud]").scroll_into_view_if_needed()
                 if "arm" in name:
                     _plan_for_panda(page)
+                if "pipeline" in name:
+                    page.get_by_role("button", name="Run", exact=True).click()
+                    page.locator("#step-links [data-answers]").wait_for()
+                    page.mouse.move(0, 0)
+                    page.locator(".board").scroll_into_view_if_needed()
                 if "activity" not in name:
                     _take(page, IMAGES / f"{name}.png")
                 else:  # its stream of events never ends

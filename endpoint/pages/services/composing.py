@@ -47,7 +47,7 @@ Find = Callable[[str], Definition]
 """Returns a service by its name; raises an UnknownTermError."""
 
 ITEM = "item"
-_BOX, _GAP = (150, 44), (20, 40)
+_BOX, _GAP, _MAX_LETTERS = (230, 44), (20, 32), 32
 _NOT_IN_IDS = re.compile(r"[^A-Za-z0-9_-]")
 
 
@@ -271,10 +271,10 @@ def board(composed: Json) -> Json:
         column = sum(rows[one] == row for one in at)
         x, y = column * (_BOX[0] + _GAP[0]) + 2, row * (_BOX[1] + _GAP[1]) + 2
         at[step["id"]] = x, y
-        method = str(step["call"]).partition("/")[2]
+        method = _cut(str(step["call"]).partition("/")[2])
         boxes.append(
-            {"x": x, "y": y, "id": step["id"], "number": number, "method": method,
-             "each": "each" in step}
+            {"x": x, "y": y, "id": step["id"], "name": _cut(step["id"]), "number": number,
+             "method": method, "each": "each" in step}
         )  # fmt: skip
     lines = [
         [at[a][0] + _BOX[0] // 2, at[a][1] + _BOX[1], at[b][0] + _BOX[0] // 2, at[b][1]]
@@ -283,6 +283,11 @@ def board(composed: Json) -> Json:
     width = max((one["x"] for one in boxes), default=0) + _BOX[0] + 2
     height = max((one["y"] for one in boxes), default=0) + _BOX[1] + 2
     return {"boxes": boxes, "lines": lines, "size": [width, height], "box": list(_BOX)}
+
+
+def _cut(text: str) -> str:
+    """Return as much of a text as a box holds."""
+    return text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 1]}…"
 
 
 def _needed(step: Json, known: set[str]) -> Iterator[str]:
