@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
-from rtask.cli.options import data_option, json_option
+from rtask.cli.options import data_option, exit_if_empty, json_option
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -199,14 +199,14 @@ def create(
 @data_option
 @json_option
 def list_tokens(data: Path, as_json: bool) -> None:
-    """List tokens, without their secrets."""
+    """List tokens, without their secrets. Exit code 1 if there are none."""
     with closing(_tokens(data)) as tokens:
         found = tokens.all()
     if as_json:
         click.echo(json.dumps([_members(one) for one in found]))
-        return
-    for one in found:
+    for one in [] if as_json else found:
         click.echo(_words(one))
+    exit_if_empty(found)
 
 
 @token.command("revoke")

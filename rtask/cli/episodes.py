@@ -16,6 +16,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
+from rtask.cli.progress import Working
 from rtask.errors import UsageError
 
 _EXTRA = "rtask episodes"
@@ -90,7 +91,8 @@ def export(
         found = episodes_of(kb, robot=agent, since=since)
         if not found:
             raise UsageError("no attempt fits; see `rtask episodes list`")
-        written = write_episodes(kb, found, out)
+        with Working("writing"):
+            written = write_episodes(kb, found, out)
     if as_json:
         print_json({"path": str(out), **asdict(written)})
         return
@@ -113,7 +115,7 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     from rtask.extras import naming_extras
     from rtask.interop.episodes.recording import read_episodes
 
-    with rtask.open(data) as kb, naming_extras(_EXTRA):
+    with rtask.open(data) as kb, naming_extras(_EXTRA), Working("reading"):
         read = read_episodes(kb, file)
     told = {key: value for key, value in asdict(read).items() if key not in ("pictures", "views")}
     if as_json:

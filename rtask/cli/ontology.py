@@ -15,7 +15,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
-from rtask.cli.progress import announce_compilation
+from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
     from rtask.ontology_docs import Module, Term, Vocabulary
@@ -260,7 +260,8 @@ def docs(out: Path, source: str, as_json: bool) -> None:
     """Write self-contained HTML pages, one for each module, with diagrams and an index."""
     from rtask.ontology_docs import Vocabulary, read_source, write_pages
 
-    files = write_pages(Vocabulary(read_source(source)), out)
+    with Working("writing pages"):
+        files = write_pages(Vocabulary(read_source(source)), out)
     if as_json:
         print_json([str(file) for file in files])
     else:

@@ -197,6 +197,12 @@ def test_json_of_commands_that_write_files(run: Run, tmp_path: Path) -> None:
         ("query", "ASK { <urn:nobody> ?p ?o }", "--format", "xml"),
         ("history", "urn:nobody"),
         ("feedback",),
+        ("rules", "list"),
+        ("rules", "list", "--json"),
+        ("token", "list"),
+        ("token", "list", "--json"),
+        ("episodes", "list"),
+        ("episodes", "list", "--json"),
     ],
     ids=lambda arguments: " ".join(arguments)[:40],
 )
