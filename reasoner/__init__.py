@@ -6,10 +6,10 @@ from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction
 from reasoner.dl.profile import ProfileViolation, check_profile
 from reasoner.entail import Entailment, entails
-from reasoner.fixpoint.delta import ClosureTooLargeError
 from reasoner.proofs import Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
+from reasoner.rules.work import ClosureTooLargeError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [

@@ -332,6 +332,7 @@ class Closure:
     def _maintainer(self, size: int, rules: tuple[str | LabelledRule, ...]) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,
+            max_joins=20 * size + self._config.max_joins,
             bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
             user_rules=rules,

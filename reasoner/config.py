@@ -30,6 +30,9 @@ class Config:
         Whether `"abc"^^xsd:integer` is a contradiction or an opaque value.
     max_inferred : int
         Bound on derived facts, above 50 per asserted one.
+    max_joins : int
+        Bound on the combinations of facts that the rules may try in one change, above 20 for each
+        asserted fact.
     bulk_from : int
         Size of a change from which consequences are derived by joins of whole relations; for an
         empty closure, a tenth of it.
@@ -38,6 +41,7 @@ class Config:
     on_contradiction: str = "report"
     ill_typed: str = "reject"
     max_inferred: int = 1_000_000
+    max_joins: int = 1_000_000
     bulk_from: int = 2_000
 
     def __post_init__(self) -> None:

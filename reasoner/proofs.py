@@ -114,6 +114,9 @@ class Proof:
 class Expanded:
     """Facts as if no term had been rewritten: each holds for every member of an equality class."""
 
+    work: None = None
+    """Proofs are bounded by time."""
+
     def __init__(self, facts: Facts | Layer, equality: Equality) -> None:
         self._facts = facts
         self._equality = equality

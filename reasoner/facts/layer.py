@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from reasoner.facts import arrays
 from reasoner.facts.arrays import Column
 from reasoner.facts.relations import Facts, Ids
 from reasoner.terms.dictionary import Fact
+
+if TYPE_CHECKING:
+    from reasoner.rules.work import Work
 
 
 class Layer:
@@ -23,7 +27,7 @@ class Layer:
     {302}
     """
 
-    __slots__ = ("absences", "added", "base", "removed")
+    __slots__ = ("absences", "added", "base", "removed", "work")
 
     def __init__(self, base: Facts) -> None:
         self.base = base
@@ -31,6 +35,8 @@ class Layer:
         self.removed = Facts()
         self.absences: dict[tuple[int | None, ...], bool] | None = None
         """Results of NOT EXISTS groups, valid while nothing that they read changes."""
+        self.work: Work | None = None
+        """Bound on the work of joins on this layer, if there is one."""
 
     def __len__(self) -> int:
         return len(self.base) + len(self.added) - len(self.removed)

@@ -183,6 +183,8 @@ class Facts:
     """
 
     __slots__ = ("_columns", "_relations", "_size")
+    work: None = None
+    """Joins on facts that are not about to change are not bounded."""
 
     def __init__(self, facts: Iterable[Fact] = ()) -> None:
         self._relations: dict[int, Relation] = {}

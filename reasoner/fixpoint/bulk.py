@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from reasoner.facts import arrays
 from reasoner.facts.arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
 from reasoner.facts.equality import Equality, ranking
-from reasoner.fixpoint.delta import ClosureTooLargeError, too_large
+from reasoner.fixpoint.delta import too_large
 from reasoner.fixpoint.paths import reachable, transitive_property
 from reasoner.rules.rule import Atom, Clash, Condition, Differ, InDatatype, Rule, Step, arrange
 from reasoner.rules.strata import Program
+from reasoner.rules.work import ClosureTooLargeError, Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import (
     LITERAL,
@@ -53,12 +54,15 @@ class Bulk:
         anew.
     """
 
-    def __init__(self, terms: Dictionary, equality: Equality, max_facts: int) -> None:
+    def __init__(
+        self, terms: Dictionary, equality: Equality, max_facts: int, work: Work | None = None
+    ) -> None:
         self.columns: dict[int, Column] = {}
         self.touched_schema = False
         self._terms = terms
         self._equality = equality
         self._max_facts = max_facts
+        self._work = work
         self._merged: Ids = arrays.NO_KEYS
         self._representatives: Ids = arrays.NO_KEYS
 
@@ -210,6 +214,8 @@ class Bulk:
         steps = arrange(rest, rule.conditions, start.variables)
         for step in steps:
             table = self._step(step, table)
+            if self._work is not None and isinstance(step, Atom):
+                self._work.spend_rows(len(next(iter(table.values()), ())), rule.body)
         return table
 
     def _step(self, step: Step, table: Table) -> Table:

@@ -178,6 +178,7 @@ def candidates(
 def _either(layer: Layer) -> Layer:
     """Return what held before or holds now."""
     either = Layer(layer.base)
+    either.work = layer.work
     either.added = layer.added
     return either
 

@@ -12,14 +12,11 @@ from reasoner.facts.equality import Equality, ranking
 from reasoner.facts.layer import Layer
 from reasoner.rules.rule import Rule, keys_of, solve
 from reasoner.rules.strata import Program, Stratum
+from reasoner.rules.work import ClosureTooLargeError
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import LITERAL, REFLEXIVE_PREDICATES, RESERVED, SAME, is_schema
 
 log = logging.getLogger(__name__)
-
-
-class ClosureTooLargeError(RuntimeError):
-    """The closure would outgrow the configured bounds."""
 
 
 def too_large(most: int, terms: Dictionary, p: int) -> ClosureTooLargeError:
@@ -70,6 +67,8 @@ class Derivation:
     def use(self, program: Program) -> None:
         """Put a program in force."""
         self._program = program
+        if self.layer.work is not None:
+            self.layer.work.use(program.rules)
 
     def insert(self, fact: Fact) -> None:
         """Add a fact and queue it; a sameAs fact merges its two ends instead."""

@@ -26,6 +26,7 @@ from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import LabelledRule, compile_rule
+from reasoner.rules.work import Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -49,6 +50,7 @@ class Settings:
     """Configuration of maintenance."""
 
     max_facts: int
+    max_joins: int
     bulk_from: int
     keep_ill_typed: bool
     user_rules: tuple[str | LabelledRule, ...]
@@ -142,6 +144,7 @@ class Maintainer:
     def rebuild(self, asserted: Asserted, in_bulk: bool = False) -> Draft:
         """Return the state that follows from what is asserted alone."""
         layer = Layer(Facts())
+        layer.work = Work(self.settings.max_joins)
         equality = Equality()
         derivation = self._derivation(layer, equality, asserted)
         program = Program(CLOSING_RULES)
@@ -169,6 +172,7 @@ class Maintainer:
             *self.ill_typed(facts),
         ]
         draft.clashes = {finding.identity: finding for finding in findings}
+        layer.work = None
         return draft
 
     def _derive_in_bulk(
@@ -190,7 +194,7 @@ class Maintainer:
 
     def _join_columns(self, draft: Draft, derivation: Derivation, facts: Iterable[Fact]) -> Bulk:
         """Derive what follows from facts and the layer within the lowest stratum."""
-        bulk = Bulk(self.terms, draft.equality, self.settings.max_facts)
+        bulk = Bulk(self.terms, draft.equality, self.settings.max_facts, draft.layer.work)
         bulk.load((*facts, *draft.layer.added))
         stratum = draft.program.strata[0]
         left = bulk.run(stratum.rules, draft.program.constants)
@@ -211,7 +215,7 @@ class Maintainer:
         if draft.equality:
             return False
         merged = Equality()
-        bulk = Bulk(self.terms, merged, self.settings.max_facts)
+        bulk = Bulk(self.terms, merged, self.settings.max_facts, draft.layer.work)
         bulk.adopt(draft.layer.added.columns())
         left = bulk.run(stratum.rules, draft.program.constants)
         if merged:
@@ -277,6 +281,7 @@ class _Revision:
         self.state = state
         self.asserted = asserted
         self.layer = Layer(state.facts)
+        self.layer.work = Work(maintainer.settings.max_joins)
         self.equality = state.equality.copy()
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
@@ -294,6 +299,7 @@ class _Revision:
                 new_rules = self.grow()
             level += 1
         self.check(new_rules)
+        self.layer.work = None
         return self.draft
 
     def retract(self, level: int) -> None:

@@ -38,8 +38,19 @@ def keys_of(fact: Fact) -> tuple[int, ...]:
     return (~o, p) if p == TYPE else (p,)
 
 
+class Counter(Protocol):
+    """Protocol of what counts the candidates of joins."""
+
+    def spend(self, candidates: int, steps: Sequence[Step]) -> None:
+        """Count candidates of one step of a rule; raises where they are too many."""
+
+
 class View(Protocol):
     """Protocol of a set of facts that rules are matched against."""
+
+    @property
+    def work(self) -> Counter | None:
+        """What counts the candidates of joins, if they are bounded."""
 
     def has(self, s: int, p: int, o: int) -> bool:
         """Tell whether a fact holds."""
@@ -361,7 +372,10 @@ def _is_solvable(
         return any(view.has(a, p, each) for each in terms.variants(b)) and _is_solvable(
             view, terms, steps, env, start + 1
         )
-    for value in sorted(view.objects(p, a), reverse=True):
+    values = view.objects(p, a)
+    if view.work is not None:
+        view.work.spend(len(values), steps)
+    for value in sorted(values, reverse=True):
         env[~o] = value
         if _is_solvable(view, terms, steps, env, start + 1):
             return True
@@ -390,29 +404,41 @@ def solve(
     s, p, o = step
     a = env[~s] if s < 0 else s
     b = env[~o] if o < 0 else o
+    work = view.work
     if a is not None:
         if b is not None:
             if any(view.has(a, p, each) for each in terms.variants(b)):
                 yield from solve(view, terms, steps, env, start + 1)
             return
-        for value in tuple(view.objects(p, a)):
+        values = tuple(view.objects(p, a))
+        if work is not None:
+            work.spend(len(values), steps)
+        for value in values:
             env[~o] = value
             yield from solve(view, terms, steps, env, start + 1)
         env[~o] = None
-    elif b is not None:
+        return
+    if b is not None:
         for each in terms.variants(b):
-            for value in tuple(view.subjects(p, each)):
+            values = tuple(view.subjects(p, each))
+            if work is not None:
+                work.spend(len(values), steps)
+            for value in values:
                 env[~s] = value
                 yield from solve(view, terms, steps, env, start + 1)
         env[~s] = None
-    elif s == o:
-        for value, other in tuple(view.pairs(p)):
+        return
+    pairs = tuple(view.pairs(p))
+    if work is not None:
+        work.spend(len(pairs), steps)
+    if s == o:
+        for value, other in pairs:
             if value == other:
                 env[~s] = value
                 yield from solve(view, terms, steps, env, start + 1)
         env[~s] = None
     else:
-        for value, other in tuple(view.pairs(p)):
+        for value, other in pairs:
             env[~s], env[~o] = value, other
             yield from solve(view, terms, steps, env, start + 1)
         env[~s] = env[~o] = None
