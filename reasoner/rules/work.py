@@ -79,11 +79,8 @@ class Work:
         for rule in reversed(self._rules):
             if not rule.name.startswith(_USER):
                 continue
-            parts = {
-                *rule.body,
-                rule.head,
-                *(atom for group in rule.absences for atom in group.atoms),
-            }
+            groups = (group.atoms for group in rule.absences)
+            parts = {*rule.body, rule.head, *itertools.chain.from_iterable(groups)}
             if atoms <= parts:
                 return rule.name.removeprefix(_USER)
         return None
