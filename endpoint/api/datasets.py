@@ -10,6 +10,7 @@
     POST   /datasets/<ns>/<name>/merge          {"source": "a/B@3", "rules": {"": "ours"}}
     GET    /datasets/<ns>/<name>[@v]/files/<path>   the bytes; the entity tag is their SHA-256
     PUT, DELETE  .../files/<path>               write to the head; If-Match guards against others
+    POST   /datasets/<ns>/<name>/files          CBOR {"<path>": bytes}: many files, all or none
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from urllib.parse import unquote
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import CBOR_TYPE, JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from rtask.errors import UnknownTermError, UsageError
 from rtask.services.datasets.store import Datasets
+from rtask.services.outward.frames import unpack
 
 ADDRESS = "/datasets"
-_ACTIONS = {"diff": ("GET", "HEAD"), "snapshot": ("POST",), "merge": ("POST",)}
+_ACTIONS = {"diff": ("GET", "HEAD"), "snapshot": ("POST",), "merge": ("POST",), "files": ("POST",)}
 _FILES = ("GET", "HEAD", "PUT", "DELETE")
 _RULES = ("fail", "ours", "theirs")
 
@@ -117,6 +119,8 @@ def _action(
     if action == "diff":
         before, after = (_parameter(request, one) for one in ("from", "to"))
         return _json(datasets.difference(f"{name}@{before}", f"{name}@{after}", caller.access))
+    if action == "files":
+        return _files(datasets, request, caller, name)
     wanted = json_object(request) if request.body else {}
     message = wanted.get("message", "")
     if not isinstance(message, str):
@@ -131,6 +135,26 @@ def _action(
     return _json(datasets.merge(name, source, rules, message, caller.access).facts())
 
 
+def _files(datasets: Datasets, request: Request, caller: Caller, name: str) -> Response:
+    """Write many files to the head at once."""
+    if request.content_type[0] != CBOR_TYPE:
+        raise RefusedError(415, "unsupported-media-type", f"expected {CBOR_TYPE}: bytes by path")
+    files = unpack(request.body)
+    for path, data in files.items():
+        if not isinstance(data, bytes):
+            raise UsageError(f"{path}: expected bytes, got {type(data).__name__}", field=path)
+    datasets.put(_head_of(name), files, caller.access)
+    return Response(204)
+
+
+def _head_of(name: str) -> str:
+    """Return the name of a dataset that is written to."""
+    plain, _, wanted = name.partition("@")
+    if wanted not in ("", "head"):
+        raise RefusedError(405, "method-not-allowed", f"{name} never changes; write to the head")
+    return plain
+
+
 def _file(datasets: Datasets, request: Request, caller: Caller, name: str, path: str) -> Response:
     if request.method in ("GET", "HEAD"):
         entry, data = datasets.file(name, path, caller.access)
@@ -141,9 +165,7 @@ def _file(datasets: Datasets, request: Request, caller: Caller, name: str, path:
         # What somebody stored is shown by no browser as a page of this server.
         guard = (("Content-Disposition", "attachment"), ("X-Content-Type-Options", "nosniff"))
         return Response(200, data, kind, (("ETag", tag), *guard))
-    plain, _, wanted = name.partition("@")
-    if wanted not in ("", "head"):
-        raise RefusedError(405, "method-not-allowed", f"{name} never changes; write to the head")
+    plain = _head_of(name)
     if request.method == "DELETE":
         datasets.remove(plain, [path], caller.access)
     else:

@@ -99,9 +99,11 @@ def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -
     else:
         named = {path or source.name: source}
     with _connected(server) as client:
-        for own, file in named.items():
-            client.put(name, own, file.read_bytes())
-    _tell(as_json, {"name": name, "files": list(named)}, f"wrote {len(named)} files to {name}")
+        sent = client.put_many(name, named)
+    words = f"wrote {sent} files to {name}"
+    if sent < len(named):
+        words += f", which has the other {len(named) - sent} already"
+    _tell(as_json, {"name": name, "files": list(named), "sent": sent}, words)
 
 
 @dataset.command("get")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from rtask.client.http import HttpClient
+from rtask.services.outward.frames import pack
 
 __all__ = ["DatasetClient"]
+
+_PART_BYTES, _PART_FILES = 4 << 20, 2000
 
 
 class DatasetClient(HttpClient):
@@ -38,6 +44,36 @@ class DatasetClient(HttpClient):
         """Write a file to the head."""
         kind = {"Content-Type": "application/octet-stream"}
         self._send("PUT", _file(name, path), content=data, headers=kind)
+
+    def put_many(self, name: str, files: Mapping[str, Path]) -> int:
+        """Write files to the head by their paths there; return how many were not there already.
+
+        What the head holds with the same contents is not sent again. Files travel many at a time;
+        each such part is stored wholly or not at all.
+        """
+        known = self.describe(f"{name}@head")["files"]
+        part: dict[str, bytes] = {}
+        size = sent = 0
+        for path, file in files.items():
+            data = file.read_bytes()
+            if path in known and known[path][0] == hashlib.sha256(data).hexdigest():
+                continue
+            sent += 1
+            if len(data) > _PART_BYTES:
+                self.put(name, path, data)
+                continue
+            if part and (size + len(data) > _PART_BYTES or len(part) >= _PART_FILES):
+                self._put_part(name, part)
+                part, size = {}, 0
+            part[path] = data
+            size += len(data)
+        if part:
+            self._put_part(name, part)
+        return sent
+
+    def _put_part(self, name: str, part: dict[str, bytes]) -> None:
+        kind = {"Content-Type": "application/cbor"}
+        self._send("POST", f"{_place(name)}/files", content=pack(part), headers=kind)
 
     def remove(self, name: str, path: str) -> None:
         """Remove a file or a folder from the head."""

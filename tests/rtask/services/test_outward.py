@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from rtask.errors import (
     CancelledError,
+    QueueFullError,
     ServiceError,
     ServiceFailedError,
     UsageError,
@@ -115,6 +116,31 @@ def test_a_seat_whose_call_goes_on_after_its_cancellation_is_given_no_other():
         assert again.result()["value"] == 2.0
         assert slow.sent.empty()
         host.outward.take(slow, {**reply, "id": first["id"]})
+
+
+def test_a_full_queue_of_a_worker_refuses_and_loses_nothing():
+    reply = {"op": "service_response", "result": True}
+    with ServiceHost() as host:
+        link = FakeLink()
+        host.outward.join(link, description(), 1)
+        tasks = [host.submit(Invocation("farm/Plough", "double", {"value": 0}))]
+        asked = [link.next()]  # the worker has this one; a hundred may wait behind it
+        refused = 0
+        for value in range(1, 200):
+            try:
+                tasks.append(host.submit(Invocation("farm/Plough", "double", {"value": value})))
+            except QueueFullError:
+                refused += 1
+        assert (len(tasks), refused) == (101, 99)
+        for _ in tasks:
+            one = asked.pop() if asked else link.next()
+            values = {"value": 2 * one["args"]["value"]}
+            host.outward.take(link, {**reply, "id": one["id"], "values": values})
+        assert [task.result()["value"] for task in tasks] == [2.0 * k for k in range(101)]
+        again = host.submit(Invocation("farm/Plough", "double", {"value": 7}))
+        one = link.next()
+        host.outward.take(link, {**reply, "id": one["id"], "values": {"value": 14}})
+        assert again.result()["value"] == 14.0
 
 
 def test_a_worker_that_falls_silent_loses_its_calls():

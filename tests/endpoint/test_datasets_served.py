@@ -1,0 +1,147 @@
+"""Datasets of a running server: large folders, and private ones as strangers see them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from click.testing import CliRunner
+
+from rtask.cli import cli
+from rtask.client.datasets import DatasetClient
+from rtask.services.outward.frames import pack
+from tests.servers import RunningServer, running_server
+
+pytestmark = pytest.mark.slow
+
+SECRET = b"a shape that nobody else may know"
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[RunningServer]:
+    with running_server(None) as running:
+        yield running
+
+
+def put(server: RunningServer, name: str, folder: Path) -> int:
+    words = ["dataset", "put", name, str(folder), "--server", server.url, "--json"]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 0, done.output
+    return int(json.loads(done.stdout)["sent"])
+
+
+def test_a_folder_of_many_files_is_stored_and_what_is_there_is_not_sent_again(server, tmp_path):
+    for number in range(10_000):
+        folder = tmp_path / "parts" / f"{number % 20}"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{number}.txt").write_text(f"part {number}")
+    httpx.put(f"{server.url}/datasets/lab/Many").raise_for_status()
+    assert put(server, "lab/Many", tmp_path / "parts") == 10_000
+    with DatasetClient(server.url) as client:
+        assert len(client.describe("lab/Many")["files"]) == 10_000
+        assert client.get("lab/Many", "7/4207.txt") == b"part 4207"
+    assert put(server, "lab/Many", tmp_path / "parts") == 0
+    (tmp_path / "parts" / "7" / "4207.txt").write_text("changed")
+    assert put(server, "lab/Many", tmp_path / "parts") == 1
+
+
+def test_many_files_are_stored_together_or_not_at_all(server):
+    place = f"{server.url}/datasets/lab/Together"
+    httpx.put(place).raise_for_status()
+    kind = {"Content-Type": "application/cbor"}
+    bad = httpx.post(f"{place}/files", content=pack({"a": b"1", "../b": b"2"}), headers=kind)
+    assert bad.status_code == 400
+    text = httpx.post(f"{place}/files", content=pack({"a": b"1", "b": "2"}), headers=kind)
+    assert (text.status_code, text.json()["detail"]) == (400, "b: expected bytes, got str")
+    assert httpx.post(f"{place}/files", json={"a": "1"}).status_code == 415
+    assert httpx.post(f"{place}@1/files", content=pack({"a": b"1"}), headers=kind).status_code in (
+        404,
+        405,
+    )
+    assert httpx.get(place).json()["files"] == {}
+    assert httpx.post(f"{place}/files", content=pack({"a": b"1"}), headers=kind).is_success
+    assert httpx.get(f"{place}/files/a").content == b"1"
+
+
+@pytest.fixture(scope="module")
+def private(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
+    """A server with a private dataset of one robot, and the tokens of two."""
+    data = tmp_path_factory.mktemp("private") / "data"
+    made = [sys.executable, "-m", "rtask", "token", "create", "-d", str(data), "--robot"]
+    tokens = {
+        name: subprocess.run(
+            [*made, name], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for name in ("owner", "stranger")
+    }
+    with running_server(data) as running:
+        with DatasetClient(running.url, tokens["owner"]) as client:
+            client.create("lab/Secret", private=True)
+            client.put("lab/Secret", "shape", SECRET)
+            client.snapshot("lab/Secret")
+        yield running.url, tokens
+
+
+ADDRESSES = [
+    ("GET", ""),
+    ("GET", "@1"),
+    ("GET", "@head"),
+    ("GET", "/files/shape"),
+    ("GET", "@1/files/shape"),
+    ("HEAD", "/files/shape"),
+    ("PUT", "/files/shape"),
+    ("DELETE", "/files/shape"),
+    ("POST", "/files"),
+    ("POST", "/snapshot"),
+    ("POST", "/merge"),
+    ("GET", "/diff?from=1&to=head"),
+]
+
+
+@pytest.mark.parametrize(("method", "rest"), ADDRESSES)
+def test_a_private_dataset_is_not_there_for_a_stranger(private, method, rest):
+    url, tokens = private
+    body = {
+        "/files": pack({"shape": b"other"}),
+        "/merge": json.dumps({"source": "lab/Secret@1"}).encode(),
+    }.get(rest, b"")
+    kind = "application/cbor" if rest == "/files" else "application/json"
+
+    def ask(name: str, token: str) -> httpx.Response:
+        headers = {"Authorization": f"Bearer {token}", "Content-Type": kind}
+        return httpx.request(
+            method, f"{url}/datasets/lab/{name}{rest}", content=body, headers=headers
+        )
+
+    refused, unknown = ask("Secret", tokens["stranger"]), ask("Sekret", tokens["stranger"])
+    assert refused.status_code == unknown.status_code == 404
+    shown = f"{refused.text} {dict(refused.headers)}"
+    assert hashlib.sha256(SECRET).hexdigest() not in shown
+    assert SECRET.decode() not in shown
+    assert "etag" not in refused.headers
+    with DatasetClient(url, tokens["owner"]) as client:
+        assert client.get("lab/Secret", "shape") == SECRET
+
+
+def test_a_private_dataset_is_in_no_list_of_a_stranger_and_no_call_reads_it(private):
+    url, tokens = private
+    with DatasetClient(url, tokens["stranger"]) as client:
+        assert "lab/Secret" not in client.names()
+    with DatasetClient(url, tokens["owner"]) as client:
+        assert "lab/Secret" in client.names()
+    headers = {"Authorization": f"Bearer {tokens['stranger']}"}
+    called = httpx.post(
+        f"{url}/services/example/Kinematics/describe?data=robot:lab/Secret",
+        json={}, headers=headers, timeout=60,
+    )  # fmt: skip
+    assert called.status_code == 422
+    assert called.json()["type"].endswith("missing-data")
+    digest = hashlib.sha256(SECRET).hexdigest()
+    for place in (f"/api/blobs/{digest}", f"/api/blobs/sha256:{digest}"):
+        assert httpx.get(url + place, headers=headers).status_code in (400, 404)
