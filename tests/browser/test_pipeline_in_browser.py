@@ -149,7 +149,9 @@ def test_steps_are_joined_where_their_types_fit_and_run(
             {"name": "six.ply", "mimeType": "application/octet-stream", "buffer": CLOUD}
         )
         page.get_by_role("button", name="Run", exact=True).click()
-        page.get_by_role("heading", name="Answer of weigh: 3 calls").wait_for()
+        heading = page.get_by_role("heading", name="Answer of weigh: 3 calls")
+        heading.wait_for()
+        assert heading.inner_text().endswith(" ms")
         assert page.locator("#step-weigh [data-answers] dd").all_inner_texts()[:1] == ["1"]
         assert "a cloud of 2 points" in page.locator("#step-cut [data-answers]").inner_text()
         page.locator("#step-cut [data-clouds] canvas").first.wait_for()

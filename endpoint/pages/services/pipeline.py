@@ -181,18 +181,20 @@ def _run(
     services = context().services
     task = services.prepare(asked)
     services.start(task)
-    output = task.result()["output"]
+    ran = task.result()
     found: dict[str, Model] = {}
     for step in composed["steps"]:
         answer = composing.method_of(step, _find).answer
-        value = output[step["id"]]
+        value = ran["output"][step["id"]]
         every = value if "each" in step else [value]
         sent = {
             name: inputs[one[INPUT]] if is_reference(one) and INPUT in one else one
             for name, one in step["inputs"].items()
         }
         answers = [shown_answer(answer.model_validate(one), sent) for one in every[:_MAX_SHOWN]]
-        found[step["id"]] = {"answers": answers, "count": len(every)}
+        found[step["id"]] = {
+            "answers": answers, "count": len(every), "took_ms": ran["took_ms"][step["id"]],
+        }  # fmt: skip
     return found
 
 

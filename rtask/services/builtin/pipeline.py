@@ -8,6 +8,7 @@ runs; steps that do not wait for each other run together.
 from __future__ import annotations
 
 import concurrent.futures
+import time
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -36,6 +37,8 @@ class Piped(Answer):
 
     output: dict[str, Any]
     """values by the names that the request gave them"""
+    took_ms: dict[str, float]
+    """time of each step, all its calls, waiting included, ms"""
 
 
 class SavedPipeline(Answer):
@@ -56,7 +59,7 @@ class Pipeline(Service):
     """Calls of services in one request; middle results stay on the server."""
 
     name = "rtask/Pipeline"
-    version = "1.1.0"
+    version = "1.2.0"
     max_workers = 8
     timeout_s = 600.0
 
@@ -88,7 +91,8 @@ class Pipeline(Service):
             Values that steps take by {"$input": "name"}; default: none.
         """
         given = inputs or {}
-        return Piped(output=_carried_out(steps, output, given, given, call))
+        values, took_ms = _carried_out(steps, output, given, given, call)
+        return Piped(output=values, took_ms=took_ms)
 
     @method(scope="write")
     def save(
@@ -173,7 +177,7 @@ def carry_out(
         Its inputs by name, as they were read and as JSON.
     """
     steps = [Step.model_validate(one) for one in stored["steps"]]
-    return _carried_out(steps, stored["output"], given, shown, call)
+    return _carried_out(steps, stored["output"], given, shown, call)[0]
 
 
 def _carried_out(
@@ -182,10 +186,12 @@ def _carried_out(
     given: Mapping[str, Any],
     shown: Mapping[str, Any],
     call: Call,
-) -> Any:
+) -> tuple[Any, dict[str, float]]:
+    """Return the outputs by name, and how long each step took, ms."""
     plan = _checked(steps, output, given, call)
-    answers = _run(plan, given, call)
-    return _filled(output, {name: _shown(answer) for name, answer in answers.items()}, shown)
+    answers, took_ms = _run(plan, given, call)
+    values = {name: _shown(answer) for name, answer in answers.items()}
+    return _filled(output, values, shown), took_ms
 
 
 def _called(step: Step) -> tuple[str, str]:
@@ -303,20 +309,27 @@ def _check_order(plan: Mapping[str, Step]) -> None:
         done |= ready
 
 
-def _run(plan: Mapping[str, Step], given: Mapping[str, Any], call: Call) -> dict[str, Any]:
-    """Return what each step answered: an answer, or a list of them for each entry of a list."""
+def _run(
+    plan: Mapping[str, Step], given: Mapping[str, Any], call: Call
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Return what each step answered, a list for each entry of a list, and its time, ms."""
     answers: dict[str, Any] = {}
+    began: dict[str, float] = {}
+    took_ms: dict[str, float] = {}
     todo = dict(plan)
     with concurrent.futures.ThreadPoolExecutor(_AT_ONCE) as threads:
         running: dict[concurrent.futures.Future[Any], str] = {}
         while todo or running:
             for name in [n for n, step in todo.items() if _needs(step) <= answers.keys()]:
+                began[name] = time.monotonic()
                 running[threads.submit(_step, todo.pop(name), dict(answers), given, call)] = name
             done, _ = concurrent.futures.wait(running, return_when="FIRST_COMPLETED")
             for one in done:
-                answers[running.pop(one)] = one.result()
+                name = running.pop(one)
+                answers[name] = one.result()
+                took_ms[name] = 1000 * (time.monotonic() - began[name])
             call.progress(len(answers) / len(plan), f"{len(answers)} of {len(plan)} steps")
-    return answers
+    return answers, took_ms
 
 
 def _step(step: Step, answers: Mapping[str, Any], given: Mapping[str, Any], call: Call) -> Any:

@@ -101,6 +101,13 @@ def test_values_go_from_step_to_step_and_only_the_output_comes_back(host):
     }
 
 
+def test_the_answer_says_how_long_each_step_took(host):
+    request = {"steps": [WEIGH, CUT], "inputs": {"cloud": "QUJD"}, "output": {}}
+    found = host.call("rtask/Pipeline", "run", request)
+    assert found["took_ms"].keys() == {"parts", "masses"}
+    assert min(found["took_ms"].values()) > 0
+
+
 @pytest.mark.parametrize(
     ("steps", "output", "words"),
     [
