@@ -50,6 +50,26 @@ def test_post_merges_and_keeps_blank_nodes_of_two_posts_apart(
     assert len(Graph().parse(data=answer.text, format="nt")) == 2
 
 
+@pytest.mark.slow
+def test_a_large_graph_is_put_over_a_large_graph(client: httpx.Client, address: str) -> None:
+    """Together they have more statements than a commit may add."""
+
+    def body(word: str) -> str:
+        return "".join(f"<urn:{word}:{k}> <urn:p> {k % 7} .\n" for k in range(120_000))
+
+    for word, status in (("old", 201), ("new", 204)):
+        done = client.put(address, content=body(word), headers=TURTLE, timeout=300)
+        assert done.status_code == status, done.text
+    name = unquote(address.partition("=")[2])
+    query = f"""SELECT (COUNT(*) AS ?n) (MIN(STR(?s)) AS ?least)
+WHERE {{ GRAPH <{name}> {{ ?s ?p ?o }} }}"""
+    answer = client.get("/sparql", params={"query": query}, timeout=300).json()
+    (row,) = answer["results"]["bindings"]
+    assert (row["n"]["value"], row["least"]["value"]) == ("120000", "urn:new:0")
+    assert client.delete(address, timeout=300).status_code == 204
+    assert client.get(address).status_code == 404
+
+
 def test_an_empty_put_makes_a_graph_that_is_there(client: httpx.Client, address: str) -> None:
     assert client.put(address, headers=TURTLE).status_code == 201
     assert client.get(address).status_code == 200

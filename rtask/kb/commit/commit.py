@@ -119,7 +119,7 @@ class Request:
     check_blobs
         Refuse statements that name blobs missing from this knowledge base.
     max_quads
-        Refuse larger changes.
+        Refuse to add, or to remove, more statements than this.
     trusted
         Skip the check of rights; for derived data that the knowledge base itself writes.
     strict
@@ -219,15 +219,18 @@ class Committer:
             return
         for graph in sorted(change.touched_graphs(), key=str):
             request.access.require_write(graph, "write")
-        size = len(change.added) + len(change.removed)
-        if size > request.max_quads:
-            raise TooLargeError(
-                f"the commit has {size} statements, at most {request.max_quads} are allowed; "
-                "load a file instead",
-                limit="statements",
-                value=size,
-                allowed=request.max_quads,
-            )
+        for size, what, instead in (
+            (len(change.added), "adds", "load a file instead"),
+            (len(change.removed), "removes", "remove them in parts, each with a LIMIT"),
+        ):
+            if size > request.max_quads:
+                raise TooLargeError(
+                    f"the commit {what} {size} statements, at most {request.max_quads} are "
+                    f"allowed; {instead}",
+                    limit="statements",
+                    value=size,
+                    allowed=request.max_quads,
+                )
 
     def _check_blobs(self, change: Overlay) -> None:
         for quad in change.added:

@@ -197,13 +197,18 @@ def test_a_commit_beyond_the_limit_is_refused(
     assert commit_module.MAX_QUADS == 200_000
     request = commit_module.Request(kb.access(), max_quads=2)
 
-    def write() -> None:
+    def write(*numbers: int, remove: bool = False) -> None:
         with kb.commit_block(request) as tx:
-            for number in range(3):
-                tx.add("urn:a", "urn:p", number)
+            for number in numbers:
+                (tx.remove if remove else tx.add)("urn:a", "urn:p", number)
 
-    with pytest.raises(TooLargeError, match="3 statements, at most 2 are allowed"):
-        write()
+    with pytest.raises(TooLargeError, match="adds 3 statements, at most 2 are allowed; load"):
+        write(0, 1, 2)
+    write(0, 1)
+    write(2)
+    with pytest.raises(TooLargeError, match="removes 3 statements, at most 2 are allowed; remo"):
+        write(0, 1, 2, remove=True)
+    write(0, 1, remove=True)
 
 
 def test_errors_of_updates_say_where(kb: KnowledgeBase) -> None:
