@@ -24,7 +24,8 @@ from rtask.services.definition import Definition, Method, define
 from rtask.services.description import described, listed
 from rtask.services.in_process import InProcess, Written
 from rtask.services.jobs import Job, Jobs
-from rtask.services.outward.seats import Connected, Outward
+from rtask.services.outward.connected import Connected
+from rtask.services.outward.seats import Outward
 from rtask.services.pool import Pool, Runner, Sizes
 from rtask.services.processes import ChildProcess
 from rtask.services.proxy import Proxy, offer_of

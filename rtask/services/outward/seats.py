@@ -15,27 +15,22 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-import rtask.errors
 from rtask.errors import (
     CancelledError,
     RtaskError,
-    ServiceError,
-    ServiceFailedError,
     StartupFailedError,
     UsageError,
     WorkerDiedError,
 )
 from rtask.services.definition import Definition
 from rtask.services.description import ros_service
-from rtask.services.in_process import Commit
 from rtask.services.outward.announced import announced, contract, contract_of
 from rtask.services.registry import Registry
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
-__all__ = ["MAX_SEATS", "PREFIX", "SILENCE_S", "Connected", "Link", "Outward"]
+__all__ = ["MAX_SEATS", "PREFIX", "SILENCE_S", "Link", "Outward", "Seat"]
 
 PREFIX = "work:"
 """Beginning of the ids of calls that workers carry out."""
@@ -44,11 +39,6 @@ SILENCE_S = 30.0
 _COMEBACK_S = 5.0
 """How long a call waits for a worker when the last one has left."""
 _GRACE_S = 2.0
-_KINDS = {
-    one.slug: one
-    for one in vars(rtask.errors).values()
-    if isinstance(one, type) and issubclass(one, ServiceError)
-}
 
 
 class Link(Protocol):
@@ -69,7 +59,7 @@ class Link(Protocol):
 class _Pending:
     """A call that a worker carries out."""
 
-    seat: _Seat
+    seat: Seat
     task: Task
     stirred: threading.Event = field(default_factory=threading.Event)
     """Set when it ended or was cancelled."""
@@ -85,7 +75,7 @@ class _Pending:
 
 
 @dataclass(eq=False)
-class _Seat:
+class Seat:
     """Room for one call at a worker."""
 
     link: Link
@@ -105,7 +95,7 @@ class _Offered:
     """The seats for one version of a service, on all workers."""
 
     contract: str
-    seats: list[_Seat] = field(default_factory=list)
+    seats: list[Seat] = field(default_factory=list)
 
 
 class Outward:
@@ -160,7 +150,7 @@ class Outward:
             definition = self._agreed(made, told)
             offered = self._offered.setdefault(made.exact, _Offered(told))
             offered.contract = told
-            offered.seats += [_Seat(link) for _ in range(seats)]
+            offered.seats += [Seat(link) for _ in range(seats)]
             self._heard[link] = self._clock()
             self._changed.notify_all()
         self._on_change(made.exact)
@@ -246,7 +236,7 @@ class Outward:
         offered = self._offered.get(exact)
         return len(offered.seats) if offered else 0
 
-    def seat(self, definition: Definition) -> _Seat | None:
+    def seat(self, definition: Definition) -> Seat | None:
         """Take a free seat; none where there is none and this process can do the work itself.
 
         Raises
@@ -270,18 +260,18 @@ class Outward:
                     raise StartupFailedError("no worker that offers it is connected and free")
                 self._changed.wait(left_s)
 
-    def _emptiest(self, free: Iterable[_Seat]) -> _Seat:
+    def _emptiest(self, free: Iterable[Seat]) -> Seat:
         """Return a seat of the worker with the most free ones, so that machines share the work."""
         seats = list(free)
         return max(seats, key=lambda seat: sum(one.link is seat.link for one in seats))
 
-    def release(self, seat: _Seat) -> None:
+    def release(self, seat: Seat) -> None:
         """Give a seat back."""
         with self._changed:
             seat.is_held = False
             self._changed.notify_all()
 
-    def ask(self, seat: _Seat, task: Task) -> Mapping[str, Any]:
+    def ask(self, seat: Seat, task: Task) -> Mapping[str, Any]:
         """Have a worker carry out a call and return its reply.
 
         Raises
@@ -353,93 +343,3 @@ class Outward:
             if isinstance(fraction, int | float) and math.isfinite(fraction):
                 pending.task.call.report(fraction, str(text)[:500])
         return True
-
-
-class Connected:
-    """A seat as the queue sees it: one instance of the service, on another machine.
-
-    Parameters
-    ----------
-    outward
-        All workers.
-    seat
-        Of one of them.
-    commit
-        Stores what a call wrote to its data resources.
-    """
-
-    def __init__(self, outward: Outward, seat: _Seat, commit: Commit) -> None:
-        self._outward, self._seat, self._commit = outward, seat, commit
-
-    @property
-    def is_spent(self) -> bool:
-        """Whether the worker has left, or is still busy with a call that nobody waits for."""
-        return self._seat.is_gone or self._seat.is_late
-
-    def carry_out(self, task: Task) -> Answer:
-        """Carry out a call.
-
-        Raises
-        ------
-        WorkerDiedError
-            The worker left before it answered.
-        ServiceFailedError
-            It answered something else than it declares.
-        """
-        reply = self._outward.ask(self._seat, task)
-        values = reply.get("values")
-        if reply.get("result") is not True:
-            raise _failure(values, reply.get("error"))
-        try:
-            answer = task.method.answer.model_validate(values if isinstance(values, dict) else {})
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"])
-            raise ServiceFailedError(
-                f"{task.service} {task.method.name} answered what it does not declare: "
-                f"{place}: {first['msg']}"
-            ) from None
-        self._commit(_written(reply.get("written"), task), task.call.caller)
-        return answer
-
-    def close(self) -> None:
-        """Leave the seat to others."""
-        self._outward.release(self._seat)
-
-
-def _failure(words: Any, slug: Any) -> RtaskError:
-    """Return the error of a call that failed; without the name of its kind, the author's own."""
-    said = words[:500] if isinstance(words, str) and words else "the worker gave no reason"
-    kind = _KINDS.get(slug) if isinstance(slug, str) else ServiceError
-    return (kind or ServiceFailedError)(said)
-
-
-def _written(given: Any, task: Task) -> dict[str, dict[str, bytes]]:
-    """Return what a call wrote, by data resource and path.
-
-    Raises
-    ------
-    ServiceFailedError
-        It is not contents of files of data resources that the call has.
-    """
-    if not given:
-        return {}
-    known = {name for name, _, digest in task.data if not digest}  # the writable ones
-    found: dict[str, dict[str, bytes]] = {}
-    for name, files in given.items() if isinstance(given, dict) else [("", None)]:
-        if name not in known or not isinstance(files, dict):
-            raise ServiceFailedError(f"{task.service} wrote to {name!r}, which it may not")
-        found[name] = {path: _contents(data) for path, data in files.items()}
-    return found
-
-
-def _contents(data: Any) -> bytes:
-    import base64
-    import binascii
-
-    if isinstance(data, bytes):
-        return data
-    try:
-        return base64.b64decode(data, validate=True)
-    except (binascii.Error, ValueError, TypeError):
-        raise ServiceFailedError("a worker wrote a file that is not base64") from None
