@@ -195,7 +195,7 @@ def _open_address(
     endpoints.connection.close()
     if options.rules:
         raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
-    return open_remote(place.address, token, timeout_s)
+    return open_remote(place.address, token, timeout_s, keeps_authors=True)
 
 
 def _assemble(files: Files, options: _Options) -> KnowledgeBase:

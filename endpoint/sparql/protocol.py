@@ -24,7 +24,7 @@ from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
-from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout, RtaskError
+from rtask.errors import ClosedError, ForbiddenError, QuerySyntaxError, QueryTimeout, RtaskError
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.streams import ReaderStream
@@ -213,8 +213,9 @@ def plan_update(
     RefusedError
         Too complex.
     ForbiddenError
-        The update calls another server.
+        The update calls another server, or its agent is not the caller.
     """
+    caller = _in_the_name_of(caller, update.agent)
     if checked_form(update.text, config.limits, update=True):
         raise QuerySyntaxError("this is a query; send it as `query=` or application/sparql-query")
     wants_json = JSON_TYPE in request.header("accept").lower()
@@ -223,7 +224,9 @@ def plan_update(
         without_services(update.text)
 
     def run() -> Response:
-        commit = _commit(kb, update, caller, caller.note(request), config)
+        told = caller.note(request)
+        note = f"{update.note} ({told})" if update.note else told
+        commit = _commit(kb, update, caller, note, config)
         if not wants_json:
             return Response(204)
         # Another server does not say what it changed.
@@ -236,6 +239,16 @@ def plan_update(
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 
     return Plan(run, form="UPDATE", text=update.text)
+
+
+def _in_the_name_of(caller: Caller, agent: str) -> Caller:
+    """Return the caller as the author of a change; who has a name writes in no other."""
+    own = caller.access.agent
+    if not agent or agent == own:
+        return caller
+    if own:
+        raise ForbiddenError(f"the token belongs to {own!r}: it cannot write for {agent!r}")
+    return replace(caller, access=replace(caller.access, agent=agent))
 
 
 def _commit(

@@ -49,12 +49,23 @@ class QueryRequest:
 
 @dataclass(frozen=True)
 class UpdateRequest:
-    """An update operation; ``using`` and ``using_named`` are the protocol's dataset (2.2.3)."""
+    """An update operation.
+
+    Parameters
+    ----------
+    using, using_named
+        The protocol's dataset (2.2.3).
+    agent, note
+        In whose name the change is made, and what the author says about it: fields of our own,
+        which other servers ignore.
+    """
 
     text: str
     using: tuple[str, ...] = ()
     using_named: tuple[str, ...] = ()
     base: str = ""
+    agent: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -176,7 +187,19 @@ def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
 def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
     using = _iris(fields, "using-graph-uri")
     using_named = _iris(fields, "using-named-graph-uri")
-    return UpdateRequest(_without_nul(text, "update"), using, using_named, base=request.url)
+    agent, note = (_short(fields, name, most) for name, most in (("agent", 64), ("note", 500)))
+    text = _without_nul(text, "update")
+    return UpdateRequest(text, using, using_named, request.url, agent, note)
+
+
+def _short(fields: Fields, name: str, most: int) -> str:
+    """Return the text of an optional field, or refuse it."""
+    values = [value for key, value in fields if key == name]
+    if len(values) > 1 or any(len(v) > most or not v.isprintable() for v in values):
+        raise RefusedError(
+            400, "usage", f"`{name}` takes one text of at most {most} printable characters"
+        )
+    return values[0] if values else ""
 
 
 def _without_nul(text: str, kind: str) -> str:

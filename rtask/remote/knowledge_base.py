@@ -72,6 +72,8 @@ class RemoteKnowledgeBase(Graph):
         Sent as a bearer token.
     timeout_s
         Time limit for one answer.
+    keeps_authors
+        Whether the server records who changes what, as one of RTASK does.
     """
 
     folder = None
@@ -82,7 +84,9 @@ class RemoteKnowledgeBase(Graph):
         update_url: str | None = None,
         token: str | None = None,
         timeout_s: float = 30.0,
+        keeps_authors: bool = False,
     ) -> None:
+        self._keeps_authors = keeps_authors
         self.query_url = query_url
         self.update_url = update_url or query_url
         self._connection = Connection(token, timeout_s)
@@ -167,18 +171,36 @@ class RemoteKnowledgeBase(Graph):
     ) -> None:
         """Run a SPARQL update as one request.
 
-        It is sent again only if it is certain not to have run. The token identifies the author.
+        It is sent again only if it is certain not to have run.
+
+        Parameters
+        ----------
+        agent, note
+            Author of the change and what he says about it, as a server of RTASK records them. Who
+            shows a token is its agent, and can name no other.
 
         Raises
         ------
         UnsupportedError
-            If an agent or a note is given; the server records them for itself.
+            An agent or a note is given, and the server is not one of RTASK.
+        ForbiddenError
+            The token belongs to another agent.
         """
-        _refuse_agent(agent, note)
+        author = self._author(agent, note)
         check_update(read_update(text), base or self.update_url)
         fields = [("update", text), *_dataset("using-graph-uri", using)]
         fields += _dataset("using-named-graph-uri", named)
-        self._connection.send(self.update_url, fields, repeat=False)
+        self._connection.send(self.update_url, [*fields, *author], repeat=False)
+
+    def _author(self, agent: str | None, note: str | None) -> list[tuple[str, str]]:
+        """Return the fields that name the author of a change and what he says about it."""
+        given = [(k, v) for k, v in (("agent", agent), ("note", note)) if v is not None]
+        if given and not self._keeps_authors:
+            raise UnsupportedError(
+                f"{self.query_url} is no server of RTASK, or was opened as a plain dataset: it "
+                "records neither agents nor notes; omit both"
+            )
+        return given
 
     def transaction(self, agent: str | None = None, note: str | None = None) -> RemoteTransaction:
         """Return a context manager whose changes become one update request.
@@ -186,10 +208,10 @@ class RemoteKnowledgeBase(Graph):
         Raises
         ------
         UnsupportedError
-            If an agent or a note is given; the server records them for itself.
+            An agent or a note is given, and the server is not one of RTASK.
         """
-        _refuse_agent(agent, note)
-        return RemoteTransaction(self)
+        self._author(agent, note)
+        return RemoteTransaction(self, agent, note)
 
     def load(
         self,
@@ -232,8 +254,10 @@ class RemoteKnowledgeBase(Graph):
 class RemoteTransaction(Changes):
     """Changes that are collected and sent as one update."""
 
-    def __init__(self, kb: RemoteKnowledgeBase) -> None:
-        self._kb = kb
+    def __init__(
+        self, kb: RemoteKnowledgeBase, agent: str | None = None, note: str | None = None
+    ) -> None:
+        self._kb, self._agent, self._note = kb, agent, note
         self._operations: list[str] = []
 
     def add(
@@ -282,25 +306,21 @@ class RemoteTransaction(Changes):
         trace: TracebackType | None,
     ) -> None:
         if kind is None and self._operations:
-            self._kb.update(" ;\n".join(self._operations))
+            self._kb.update(" ;\n".join(self._operations), self._agent, self._note)
 
 
 def open_remote(
-    address: str, token: str | None = None, timeout_s: float = 30.0
+    address: str,
+    token: str | None = None,
+    timeout_s: float = 30.0,
+    keeps_authors: bool = False,
 ) -> RemoteKnowledgeBase:
     """Return the knowledge base at an address, without sending anything yet.
 
     >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
     'http://host:81/u'
     """
-    return RemoteKnowledgeBase(*addresses(address), token, timeout_s)
-
-
-def _refuse_agent(agent: str | None, note: str | None) -> None:
-    if agent is not None or note is not None:
-        raise UnsupportedError(
-            "a remote server takes the agent from the token and stores no note; omit both"
-        )
+    return RemoteKnowledgeBase(*addresses(address), token, timeout_s, keeps_authors)
 
 
 def _dataset(name: str, graphs: Iterable[NamedNode | str] | None) -> list[tuple[str, str]]:

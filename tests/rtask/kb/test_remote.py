@@ -231,11 +231,11 @@ def test_what_needs_the_embedded_store_says_so(kb: rtask.KnowledgeBase) -> None:
     for name in ("graphs", "blobs", "explain", "verify", "history"):
         with pytest.raises(UnsupportedError, match=f"{name} needs the embedded store"):
             getattr(kb, name)
-    with pytest.raises(UnsupportedError, match="agent from the token"):
+    with pytest.raises(UnsupportedError, match="neither agents nor notes"):
         kb.update("CLEAR ALL", agent="nao-1")
-    with pytest.raises(UnsupportedError, match="agent from the token"):
+    with pytest.raises(UnsupportedError, match="neither agents nor notes"):
         kb.transaction(agent="nao-1")
-    with pytest.raises(UnsupportedError, match="no note"):
+    with pytest.raises(UnsupportedError, match="neither agents nor notes"):
         kb.transaction(note="first sight")
     with pytest.raises(AttributeError):
         kb.nonsense  # type: ignore[attr-defined]  # noqa: B018
