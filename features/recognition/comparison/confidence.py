@@ -2,7 +2,8 @@
 
 Every weight has the sign that its meaning demands, so that more agreement never lowers the
 confidence. The constants are shipped; ``docs/recognition.md`` says on which photographs they were
-fitted, and ``tests/benchmarks/fit_print.py`` does it again.
+fitted. ``tests/benchmarks/fit_print.py`` fits the same function anew, but arrives at other
+constants than these; the page compares the decisions of both.
 """
 
 from __future__ import annotations
