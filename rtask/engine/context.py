@@ -149,3 +149,4 @@ class Context:
         self.classes.forget_if_changed(change)
         self.functions.forget_if_changed(change)
         self.honesty.forget_if_changed(change)
+        self.names.forget_new()

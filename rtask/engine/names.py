@@ -55,12 +55,23 @@ class Names:
         self._kb = kb
         self._lock = threading.Lock()
         self._last = {kind: self._largest(kind) for kind in _COUNTED}
+        self._new: set[NamedNode] = set()
 
     def counted(self, kind: str) -> NamedNode:
         """Return the next ``{base}object/<n>`` or ``{base}grasp/<n>``."""
         with self._lock:
             self._last[kind] += 1
-            return self.named(kind, str(self._last[kind]))
+            made = self.named(kind, str(self._last[kind]))
+            self._new.add(made)
+            return made
+
+    def is_new(self, node: NamedNode) -> bool:
+        """Whether an IRI was minted since the last commit, so that nothing is stored about it."""
+        return node in self._new
+
+    def forget_new(self) -> None:
+        """Take note of a commit."""
+        self._new = set()
 
     def unique(self, kind: str) -> NamedNode:
         """Return a fresh ``{base}<kind>/<uuid7>``."""

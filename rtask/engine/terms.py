@@ -168,6 +168,8 @@ SELECT DISTINCT ?class ?name ?short {{
     names: dict[str, list[str]] = {}
     shorts: dict[str, str] = {}
     for row in rows:
+        if not isinstance(row["class"], NamedNode):
+            continue  # other stores keep blank nodes as IRIs, which isIRI lets pass
         iri = str(row.value("class"))
         known = names.setdefault(iri, [])
         if row["name"] is not None and str(row.value("name")) not in known:

@@ -98,12 +98,9 @@ class Encounter:
 
     @property
     def tries_to_success(self) -> int | None:
-        """Physical attempts up to the first that held and was not lost on the way; or None.
-
-        What was let go of over the box, and lies in it, was not lost.
-        """
+        """Physical attempts up to the first that held and was not lost on the way; or None."""
         for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
-            if attempt.held and (attempt.placed or attempt.place_reason != "slip_transport"):
+            if attempt.held and attempt.place_reason != "slip_transport":
                 return tried
         return None
 

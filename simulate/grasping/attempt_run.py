@@ -248,11 +248,10 @@ class AttemptRun:
         self._set_down(way)
         self._end("home")
         after = look()
-        request = self.plan.request
-        self.placed = judge_placed(kept, before, after, request.length * request.width)
+        self.placed = judge_placed(kept, before, after)
         self._look_after()
         if self.placed.is_yes:
-            self.place_reason = "ok" if kept else "slip_transport"
+            self.place_reason = "ok"
             arrived = after.centre_of(new_cells(before, after))
             self._place_offset = float(np.linalg.norm(arrived - wanted))
         elif self.placed.answer == "unknown":

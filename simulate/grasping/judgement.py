@@ -39,8 +39,6 @@ _KEPT_SHARE = 0.75
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
 _MIN_NEW_CELLS = 8
-_ARRIVED_SHARE = 0.5
-"""Of an object's footprint: what must be new where a thing arrived that the hand had let go of."""
 _MIN_SEEN_SHARE = 0.15
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
@@ -186,26 +184,22 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
     return np.asarray(after.occupied & (~before.occupied | grown))
 
 
-def judge_placed(kept: bool, before: HeightMap, after: HeightMap, footprint_m2: float) -> Judgement:
+def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
     """Judge whether an object arrived at its destination.
 
     Parameters
     ----------
     kept
-        Whether the hand still held something at the end of the transport. If not, the object may
-        have fallen to where it was to go, but then most of it must be seen there.
+        Whether the hand still held something at the end of the transport. If not, nothing arrived:
+        what is new at the place has been pushed about there by the empty hand.
     before, after
         The place before the grasp, and after the arm has returned home.
-    footprint_m2
-        Area of the object seen from above, m2.
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
     count = int(new_cells(before, after).sum())
     evidence = f"place +{count} cells, {'held' if kept else 'lost'} in transport"
-    arrived = _ARRIVED_SHARE * footprint_m2 / _CELL_M**2
-    wanted = _MIN_NEW_CELLS if kept else max(_MIN_NEW_CELLS, arrived)
-    return Judgement("yes" if count >= wanted else "no", evidence)
+    return Judgement("yes" if kept and count >= _MIN_NEW_CELLS else "no", evidence)
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:

@@ -96,7 +96,7 @@ class GraspRecord:
 
     @property
     def kept(self) -> bool:
-        """Whether it held the object and did not lose it on the way, be it into the box."""
+        """Whether it held the object and did not lose it on the way."""
         return self.held and self.place_reason != "slip_transport"
 
     @property

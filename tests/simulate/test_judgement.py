@@ -82,20 +82,19 @@ def test_what_lies_on_something_else_is_new_as_well():
 
 
 @pytest.mark.parametrize(
-    ("kept", "before", "after", "size_m", "answer"),
+    ("kept", "before", "after", "answer"),
     [
-        (True, EMPTY, BLOCK, 0.03, "yes"),
-        (True, EMPTY, EMPTY, 0.03, "no"),
-        (True, BLOCK, BLOCK, 0.03, "no"),
-        (True, EMPTY, UNSEEN, 0.03, "unknown"),
-        (True, UNSEEN, BLOCK, 0.03, "unknown"),
-        (False, EMPTY, BLOCK, 0.03, "yes"),  # let go of, and fell into the box
-        (False, EMPTY, BLOCK, 0.06, "no"),  # too little for a thing of that size
-        (False, EMPTY, EMPTY, 0.01, "no"),
+        (True, EMPTY, BLOCK, "yes"),
+        (True, EMPTY, EMPTY, "no"),
+        (True, BLOCK, BLOCK, "no"),
+        (True, EMPTY, UNSEEN, "unknown"),
+        (True, UNSEEN, BLOCK, "unknown"),
+        (False, EMPTY, BLOCK, "no"),  # the empty hand pushed something about in the box
+        (False, EMPTY, EMPTY, "no"),
     ],
 )
-def test_placed_needs_something_new_where_it_was_to_go(kept, before, after, size_m, answer):
-    assert judge_placed(kept, before, after, size_m**2).answer == answer
+def test_placed_needs_something_new_where_it_was_to_go(kept, before, after, answer):
+    assert judge_placed(kept, before, after).answer == answer
 
 
 def test_the_old_place_tells_whether_the_object_is_gone():

@@ -229,7 +229,8 @@ class _Writer:
         growth, context = one.growth, self.context
         if growth is None:
             return None
-        now = context.models.of(thing)
+        is_new = context.names.is_new(thing)
+        now = None if is_new else context.models.of(thing)
         if thing in self._grown_things or growth.before != ("" if now is None else now[0].blob):
             # Another view was added in between and would be lost.
             if thing in self._grown_things:
@@ -241,7 +242,8 @@ class _Writer:
             if growth is None:
                 return None
         self._grown_things.add(thing)
-        self.withdrawn += [old[:3] for old in old_models(context.kb, thing, self.graph)]
+        if not is_new:
+            self.withdrawn += [old[:3] for old in old_models(context.kb, thing, self.graph)]
         _, blob = state_model(context, self.triples, thing, growth.model)
         self.models.append((blob, growth.model))
         known = one.known is not None and one.known.is_round

@@ -110,7 +110,8 @@ SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
 
 def body_frame(context: Context, thing: NamedNode) -> NamedNode:
     """Return the frame that moves with an object, stored or to be stored."""
-    for quad in context.kb.match(thing, RT.bodyFrame):
+    stored = [] if context.names.is_new(thing) else context.kb.match(thing, RT.bodyFrame)
+    for quad in stored:
         if isinstance(quad.object, NamedNode):
             return quad.object
     return context.names.named("frame", f"object-{tail(thing)}")
@@ -125,7 +126,7 @@ def frame_id_of(context: Context, thing: str) -> str:
 
 def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
     """Add an object's frame unless it has one; objects from other sources may lack it."""
-    if not context.kb.match(thing, RT.bodyFrame):
+    if context.names.is_new(thing) or not context.kb.match(thing, RT.bodyFrame):
         frame = body_frame(context, thing)
         triples.add(thing, RT.bodyFrame, frame)
         triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(thing)}"})

@@ -161,7 +161,8 @@ def state_seen(
     """
     thing, found = sighting.thing, sighting.located
     frame = state_frame_of(Triples(), sighting.robot, found.frame_id)
-    stored = _estimates(context.kb, thing, sighting.graph)
+    is_new = context.names.is_new(thing)
+    stored = [] if is_new else _estimates(context.kb, thing, sighting.graph)
     last = next((one for one in stored if one.frame == frame), None)
     if last is not None and (
         sighting.time <= last.time or not (last.is_over or _has_moved(last, found))
@@ -186,9 +187,10 @@ def state_seen(
     triples.add(pose, RT.atTime, stamp(sighting.time))
     hands = {gripper.iri for gripper in context.grippers.all()}
     withdrawn: list[tuple[NamedNode, NamedNode, Value]] = [
-        (thing, RT.locatedOn, hand) for hand in _supports(context.kb, thing, sighting.graph)
+        (thing, RT.locatedOn, hand)
+        for hand in (() if is_new else _supports(context.kb, thing, sighting.graph))
         if hand in hands
-    ]  # fmt: skip
+    ]
     for one in stored[MAX_ESTIMATES - 1 :]:
         withdrawn += _statements(context.kb, (one.iri, one.pose), sighting.graph)
     return withdrawn

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -136,7 +136,8 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         context.policy, seen, recognition, item.object, gripper,
         () if item.object else tuple(kind.value for kind in kinds),
     )  # fmt: skip
-    memory = recall(context.kb, question)
+    # Grasps of other objects of the class are no part of an insertion.
+    memory = recall(context.kb, replace(question, classes=()))
     recognition = settle(recognition, memory, seen, context.policy)
     known = None
     if item.object:
