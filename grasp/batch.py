@@ -72,7 +72,7 @@ class BatchPlan:
         """Plan grasps of one mesh; a mesh that cannot be used is no error of the others."""
         try:
             mesh = mesh_from_bytes(file.contents, file.kind, file.name, self.scale)
-            lowest = float(mesh.vertices[:, 2].min())
+            lowest = float(mesh.vertices[:, 2].min()) if len(mesh.vertices) else 0.0
             around = Surroundings(None if self.floating else Support(lowest))
             return Planned(file.name, plan_on_mesh(mesh, self.gripper, around, self.options))
         except ValueError as error:

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 from pathlib import Path
 
+import httpx
 import pytest
 
 _MAX_QUICK_S = 10.0
+_PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure() -> None:
+    """Let requests without a time limit of their own wait for a busy machine; httpx waits 5 s."""
+    usual = inspect.signature(httpx.Client).parameters["timeout"].default
+    usual.connect = usual.read = usual.write = usual.pool = _PATIENCE_S
 
 
 def pytest_collection_finish() -> None:

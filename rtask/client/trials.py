@@ -36,6 +36,11 @@ class ServerExecutor:
         Calls at a time; 0 = eight.
     timeout_s
         For each shard.
+
+    Raises
+    ------
+    RemoteUnavailableError
+        On entering the context: the server does not answer.
     """
 
     def __init__(
@@ -107,6 +112,8 @@ class ServerExecutor:
         return self._client.call_service(service, method, given, None, self._timeout_s, True)
 
     def __enter__(self) -> Self:
+        # Asked at once: a shard, which is repeated, would wait its whole time for no server.
+        self._client.services()
         return self
 
     def __exit__(self, *_: object) -> None:

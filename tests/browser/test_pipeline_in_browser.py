@@ -286,6 +286,23 @@ def test_an_unknown_call_is_said_with_its_step(
     assert words in refused.json()["detail"]
 
 
+@pytest.mark.parametrize("do", ["json", "change", "run", "save"])
+def test_a_name_that_is_no_unicode_text_is_refused_in_words(server: RunningServer, do: str) -> None:
+    text = '{"steps":[{"id":"\\ud800","call":"lab/Cut/cut"}]}'  # half of a surrogate pair
+    form, html = {"do": do, "pipeline": text, "json": text}, {"Accept": "text/html"}
+    refused = httpx.post(f"{server.url}/tools/pipeline", data=form, headers=html)
+    assert refused.status_code == 400
+    assert "not JSON that can be read" in refused.text
+
+
+@pytest.mark.parametrize("do", ["run", "save"])
+def test_without_a_step_there_is_nothing_to_run_or_keep(server: RunningServer, do: str) -> None:
+    form, html = {"do": do, "save_as": "lab/None"}, {"Accept": "text/html"}
+    refused = httpx.post(f"{server.url}/tools/pipeline", data=form, headers=html)
+    assert refused.status_code == 400
+    assert "add a step first" in refused.text
+
+
 def test_a_pipeline_that_no_address_can_hold_is_refused_in_words(server: RunningServer) -> None:
     step = {
         "id": "a",

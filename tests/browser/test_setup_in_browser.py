@@ -163,3 +163,15 @@ def test_a_sensor_is_taken_from_a_camera_info(
         assert shown == {"name": "head_optical", "frame_id": "arm/head_optical", "width": "800",
                          "height": "600", "fy": "701.5", "cx": "400.0", "cy": "300.0"}  # fmt: skip
         assert page.locator("[name=name]").input_value() == "third"
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "null", '{"k": 5, "width": 1, "height": 1}'])
+def test_what_is_no_camera_info_is_refused_in_words(
+    site: tuple[RunningServer, str], text: str
+) -> None:
+    server, token = site
+    headers = {"Authorization": f"Bearer {token}", "Accept": "text/html"}
+    form = {"take": "camera_info", "camera_info": text}
+    refused = httpx.post(f"{server.url}/setup", data=form, headers=headers)
+    assert refused.status_code == 422
+    assert "expected a sensor_msgs/CameraInfo as JSON" in refused.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -96,6 +97,12 @@ def test_a_batch_is_the_same_on_every_executor(task, serial, executor):
     assert len(serial[0].found) > 0
     assert "no PLY mesh" in serial[2].error
     assert not serial[3].found
+
+
+def test_a_mesh_without_a_face_has_no_grasp_and_a_reason(task):
+    (empty,) = dataclasses.replace(task, meshes=(MeshFile("empty", "obj", b""),))(0, 1)
+    assert (len(empty.found), empty.error) == (0, "")
+    assert empty.found.reason == "the mesh has no face"
 
 
 def test_a_pose_map_is_the_same_on_every_executor(executor):

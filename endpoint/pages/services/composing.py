@@ -63,6 +63,7 @@ def read_pipeline(text: str, find: Find) -> Json:
         return {"steps": [], "inputs": {}}
     try:
         given = json.loads(text)
+        json.dumps(given, ensure_ascii=False).encode()  # no half of a surrogate pair
     except (ValueError, RecursionError) as error:
         raise UsageError(f"not JSON that can be read: {error}", field="json") from None
     if not isinstance(given, dict) or not isinstance(given.get("steps", []), list):

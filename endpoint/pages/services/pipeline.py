@@ -74,6 +74,8 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
                     field="json",
                 )
             return flask.redirect(address, 303)
+        if not composed["steps"]:
+            raise UsageError("add a step first", field="add")
         require_scope(caller.access, definition.methods[wanted].scope)
         if wanted == _SAVE:
             return flask.redirect(f"/services/{_saved(definition, composed, caller)}", 303)
@@ -170,8 +172,6 @@ def _run(
     definition: Definition, composed: Json, files: Mapping[str, bytes], access: Any
 ) -> dict[str, Model]:
     """Run a pipeline, and return the answers of each step as pages show them."""
-    if not composed["steps"]:
-        raise UsageError("add a step first", field="add")
     inputs = {**composed["inputs"], **files}
     for name, (request, field) in composing.asked_of(composed, _find).items():
         if name not in inputs:
@@ -202,9 +202,8 @@ def _saved(definition: Definition, composed: Json, caller: Caller) -> str:
     """Keep a pipeline as a service, and return its name with its version."""
     form = flask.request.form
     name, version = form.get("save_as", "").strip(), form.get("version", "").strip() or "1.0.0"
-    if not composed["steps"] or not name:
-        missing = "a name, such as lab/NameParts" if composed["steps"] else "a step"
-        raise UsageError(f"to keep it, it needs {missing}", field="save")
+    if not name:
+        raise UsageError("to keep it, it needs a name, such as lab/NameParts", field="save")
     request = {**_request(composed), "pipeline": name, "version": version}
     given = {"defaults": composed["inputs"]} if composed["inputs"] else {}
     try:

@@ -84,11 +84,13 @@ def _of_camera_info(text: str) -> dict[str, str]:
     """
     try:
         info = json.loads(text)
+        if not isinstance(info, dict):
+            raise ValueError("expected an object with width, height and K")
         matrix = [float(value) for value in info.get("k") or info["K"]]
         width, height = int(info["width"]), int(info["height"])
         if len(matrix) != _MATRIX or not all(map(math.isfinite, matrix)) or matrix[0] <= 0:
             raise ValueError("K: expected nine numbers, the focal length first")
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         said = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise UsageError(
             f"expected a sensor_msgs/CameraInfo as JSON: {said}", field=_INFO

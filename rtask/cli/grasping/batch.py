@@ -76,7 +76,9 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
             raise
         raise UsageError(str(error)) from error
     except OSError as error:
-        raise UsageError(f"{error.filename}: {error.strerror or error}") from error
+        if error.filename is None:  # of no file: a reader that went away, for example
+            raise
+        raise UsageError(f"{error.filename}: {error.strerror}") from error
     if as_json:
         print_json(_as_json(task, found, seconds, options))
     else:

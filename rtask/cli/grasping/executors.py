@@ -86,4 +86,6 @@ def open_named(options: Mapping[str, Any]) -> Executor:
 
     if not options["server"]:
         raise UsageError("--executor server needs --server URL")
+    if options["workers"] < 0:
+        raise UsageError(f"--workers {options['workers']}: must be 0 or more")
     return ServerExecutor(options["server"], os.environ.get("RTASK_TOKEN"), options["workers"])
