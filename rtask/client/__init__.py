@@ -117,7 +117,7 @@ def _racing(
     from rtask.client.local import LocalClient
     from rtask.client.racing import RacingClient
 
-    if not isinstance(target, str) or local is None:
+    if not isinstance(target, str) or local is None or isinstance(local, str):
         raise UsageError(
             "race=True needs the address of a server, and local= a graph of this process"
         )

@@ -109,65 +109,103 @@ def judge_honesty(reports: Sequence[Reports], share: float = 0.5) -> dict[str, H
     """
     if not reports:
         return {}
-    robots, robot = np.unique([one.robot for one in reports], return_inverse=True)
-    grasps, grasp = np.unique([one.grasp for one in reports], return_inverse=True)
-    held = np.zeros((len(robots), len(grasps)))
-    count = np.zeros_like(held)
-    np.add.at(held, (robot, grasp), [one.held for one in reports])
-    np.add.at(count, (robot, grasp), [one.count for one in reports])
-    belief = np.tile(_PRIOR, (len(robots), 1))
+    said = _Said.of(reports)
+    belief = np.tile(_PRIOR, (len(said.names), 1))
     for _ in range(_ROUNDS):
-        now = _beliefs(held, count, belief, share)
+        now = _beliefs(said, belief, share)
         settled = bool(np.abs(now - belief).max() < 1e-4)
         # Half a step, so that two robots that contradict each other do not swap for ever.
         belief = now if settled else (belief + now) / 2
         if settled:
             break
-    names = list(MANNERS)
-    comparable, agreeing = _agreement(held, count)
+    manners = list(MANNERS)
+    comparable, agreeing = _agreement(said)
+    attempts = said.by_robot(said.count)
     return {
-        str(name): Honesty(
-            str(name), int(count[i].sum()), int(comparable[i]), float(agreeing[i]),
-            float(belief[i, 0]), names[int(np.argmax(belief[i]))],
+        name: Honesty(
+            name, int(attempts[i]), int(comparable[i]), float(agreeing[i]), float(belief[i, 0]),
+            manners[int(np.argmax(belief[i]))],
         )
-        for i, name in enumerate(robots)
+        for i, name in enumerate(said.names)
     }  # fmt: skip
 
 
-def _beliefs(
-    held: NDArray[np.float64], count: NDArray[np.float64], belief: NDArray[np.float64], share: float
-) -> NDArray[np.float64]:
-    """Return the (r, m) probabilities of manners, given the (r, g) reports and (r,) beliefs."""
-    trust = belief[:, :1] * share
-    won, lost = trust * held, trust * (count - held)
-    a = _PSEUDO + won.sum(axis=0) - won
-    b = _PSEUDO + lost.sum(axis=0) - lost
+@dataclass(frozen=True)
+class _Said:
+    """Reports as arrays, one entry for each pair of a robot and a grasp that it has tried.
+
+    Parameters
+    ----------
+    names
+        Of the robots.
+    robot, grasp
+        (n,) int, numbers of the robots and grasps.
+    held, count
+        (n,) float, attempts reported as held, and all.
+    """
+
+    names: list[str]
+    robot: NDArray[np.intp]
+    grasp: NDArray[np.intp]
+    held: NDArray[np.float64]
+    count: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, reports: Sequence[Reports]) -> _Said:
+        """Add up the reports of each pair."""
+        names, robot = np.unique([one.robot for one in reports], return_inverse=True)
+        grasps, grasp = np.unique([one.grasp for one in reports], return_inverse=True)
+        pairs, pair = np.unique(robot * len(grasps) + grasp, return_inverse=True)
+        held = np.bincount(pair, [float(one.held) for one in reports])
+        count = np.bincount(pair, [float(one.count) for one in reports])
+        return cls([str(n) for n in names], *np.divmod(pairs, len(grasps)), held, count)
+
+    def by_robot(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums (r,) over the grasps of each robot."""
+        return np.bincount(self.robot, values)
+
+    def of_others(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return for each pair the sum over the other robots that tried the grasp, (n,)."""
+        sums: NDArray[np.float64] = np.bincount(self.grasp, values)[self.grasp] - values
+        return sums
+
+
+def _beliefs(said: _Said, belief: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return the (r, m) probabilities of manners, given the reports and the (r, m) beliefs."""
+    trust = belief[said.robot, 0] * share
+    lost = said.count - said.held
+    a = _PSEUDO + said.of_others(trust * said.held)
+    b = _PSEUDO + said.of_others(trust * lost)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     p, weights = (nodes + 1) / 2, weights / 2
-    log_density = (a - 1)[..., None] * np.log(p) + (b - 1)[..., None] * np.log1p(-p)
-    density = weights * np.exp(log_density - log_density.max(axis=-1, keepdims=True))
-    density /= density.sum(axis=-1, keepdims=True)
-    log_likelihood = np.zeros((len(held), len(MANNERS)))
+    log_density = (a - 1)[:, None] * np.log(p) + (b - 1)[:, None] * np.log1p(-p) + np.log(weights)
+    log_density -= _log_sum(log_density)[:, None]
+    scores = np.tile(np.log(_PRIOR), (len(said.names), 1))
     for m, (true, false) in enumerate(MANNERS.values()):
-        said = p * true + (1 - p) * false
-        log_said = held[..., None] * np.log(said) + (count - held)[..., None] * np.log1p(-said)
-        log_likelihood[:, m] = np.log((density * np.exp(log_said)).sum(axis=-1)).sum(axis=1)
-    scores = log_likelihood + np.log(_PRIOR)
+        chance = p * true + (1 - p) * false
+        log_said = said.held[:, None] * np.log(chance) + lost[:, None] * np.log1p(-chance)
+        scores[:, m] += said.by_robot(_log_sum(log_density + log_said))
     scores -= scores.max(axis=1, keepdims=True)
     found: NDArray[np.float64] = np.exp(scores)
     found /= found.sum(axis=1, keepdims=True)
     return found
 
 
-def _agreement(
-    held: NDArray[np.float64], count: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _log_sum(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the logarithms of the sums of rows, which thousands of attempts would make zero."""
+    most = logs.max(axis=1)
+    sums: NDArray[np.float64] = most + np.log(np.exp(logs - most[:, None]).sum(axis=1))
+    return sums
+
+
+def _agreement(said: _Said) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how many reports of each robot are comparable, and how many agree with most others."""
-    others, of_others = held.sum(axis=0) - held, count.sum(axis=0) - count
+    others, of_others = said.of_others(said.held), said.of_others(said.count)
     known = of_others > 0
     most = np.sign(2 * others - of_others)
-    agree = np.where(most > 0, held, np.where(most < 0, count - held, count / 2))
-    return (count * known).sum(axis=1), (agree * known).sum(axis=1)
+    held, lost = said.held, said.count - said.held
+    agree = np.where(most > 0, held, np.where(most < 0, lost, said.count / 2))
+    return said.by_robot(said.count * known), said.by_robot(agree * known)
 
 
 class HonestyCatalogue:

@@ -30,7 +30,9 @@ from rtask.services.outward.announced import contract_of
 
 __all__ = ["Ledger"]
 
-_MEANINGLESS = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+_MEANINGLESS = (tokenize.COMMENT, tokenize.NL)
+_LAYOUT = {tokenize.NEWLINE: ";", tokenize.INDENT: "{", tokenize.DEDENT: "}"}
+"""Ends of statements and of blocks, whatever spaces they are written with."""
 
 
 class Ledger:
@@ -52,8 +54,9 @@ class Ledger:
         self._known: dict[str, dict[str, str]] = {}
         if file is not None and file.exists():
             try:
-                self._known = json.loads(file.read_text("utf-8"))
-            except (OSError, ValueError) as error:
+                stored = json.loads(file.read_text("utf-8"))
+                self._known = {exact: dict(digests) for exact, digests in stored.items()}
+            except (OSError, ValueError, TypeError, AttributeError) as error:
                 raise UsageError(
                     f"{file}, the list of versions that were served, cannot be read: {error}; "
                     "mend or remove it"
@@ -95,27 +98,31 @@ def _digest(text: str) -> str:
 def _code_of(definition: Definition) -> str:
     """Return the code of a service's class and what its file defines beside other services.
 
-    Comments and the layout of lines count for nothing.
+    Comments and spaces count for nothing; code whose source is not there is empty.
     """
     module, _, name = definition.source.rpartition(":")
     found = _module_of(module)
     if found is None:
         return ""
-    text = inspect.getsource(found)
+    try:
+        text = inspect.getsource(found)
+    except (OSError, TypeError):
+        return ""
     parts = []
     for node in ast.parse(text).body:
         is_other = isinstance(node, ast.ClassDef) and node.name != name and _is_service(found, node)
-        segment = None if is_other else ast.get_source_segment(text, node)
-        if segment is not None:
-            parts.append(_bare(segment))
+        if not is_other:
+            named = (*getattr(node, "decorator_list", ()), node)
+            parts += [_bare(ast.get_source_segment(text, one) or "") for one in named]
     return "\n".join(parts)
 
 
 def _module_of(source: str) -> ModuleType | None:
-    for module in list(sys.modules.values()):
-        if source in (getattr(module, "__rtask_file__", None), getattr(module, "__name__", None)):
-            return module
-    return None
+    found = sys.modules.get(source)
+    if found is not None:
+        return found
+    files = (one for one in list(sys.modules.values()) if isinstance(one, ModuleType))
+    return next((one for one in files if vars(one).get("__rtask_file__") == source), None)
 
 
 def _is_service(module: ModuleType, node: ast.ClassDef) -> bool:
@@ -127,7 +134,9 @@ def _is_service(module: ModuleType, node: ast.ClassDef) -> bool:
 
 def _bare(text: str) -> str:
     tokens = tokenize.generate_tokens(StringIO(text).readline)
-    return " ".join(one.string for one in tokens if one.type not in _MEANINGLESS)
+    return " ".join(
+        _LAYOUT.get(one.type, one.string) for one in tokens if one.type not in _MEANINGLESS
+    )
 
 
 def _write(file: Path, known: dict[str, dict[str, str]]) -> None:

@@ -77,8 +77,8 @@ class SavedPipelines:
         """Return the same always: pipelines are data, and no state of the service that has them."""
         return b""
 
-    def save(self, stored: Stored, access: Access) -> Definition:
-        """Keep a pipeline and offer it; saved again as it is, nothing changes.
+    def save(self, stored: Stored, access: Access) -> Stored:
+        """Keep a pipeline, offer it and return what is kept; saved again as it is, nothing changes.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class SavedPipelines:
         with self._lock:
             known = self._stored.get(definition.exact)
             if known is not None and _contents(known) == _contents(stored):
-                return definition
+                return known
             self._check_owner(name, access)
             if known is not None:
                 raise ConflictError(f"{definition.exact} is saved already; give this a new version")
@@ -109,11 +109,15 @@ class SavedPipelines:
                 raise ConflictError(f"there are {MAX_SAVED} saved pipelines; remove one")
             if not self._versions(name) and self._registry.versions(name):
                 raise ConflictError(f"{name} is a service already; give the pipeline another name")
-            if self._folder is not None:
-                _write(self._folder / f"{definition.exact}.json", stored)
-            self._stored[definition.exact] = stored
             self._registry.add(definition)
-        return definition
+            try:
+                if self._folder is not None:
+                    _write(self._folder / f"{definition.exact}.json", stored)
+            except BaseException:
+                self._registry.remove(name, version)
+                raise
+            self._stored[definition.exact] = stored
+        return stored
 
     def remove(self, name: str, version: str, access: Access) -> None:
         """Forget one version.

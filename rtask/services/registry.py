@@ -85,9 +85,12 @@ class Registry:
 
     def remove(self, name: str, version: str) -> None:
         """Remove one version of a service."""
-        versions = self._services.get(name, {})
-        versions.pop(_numbers(version), None)
-        if not versions:
+        gone = _numbers(version)
+        # A new one, because calls in other threads may be reading the old one.
+        left = {key: one for key, one in self._services.get(name, {}).items() if key != gone}
+        if left:
+            self._services[name] = left
+        else:
             self._services.pop(name, None)
 
     def find(self, name: str) -> Definition:
@@ -103,13 +106,13 @@ class Registry:
         plain, wanted = split_name(name)
         versions = self._services.get(plain)
         if not versions:
-            near = difflib.get_close_matches(plain, self._services, n=1)
+            near = difflib.get_close_matches(plain, list(self._services), n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise UnknownTermError(f"no service {plain}{hint}")
         if wanted and not _WANTED.fullmatch(wanted):
             raise UsageError(f"version {wanted[:40]!r} of {plain}; expected 1.2.3, 1.2.* or 1.*")
         start = _numbers(wanted.removesuffix("*").rstrip(".")) if wanted else ()
-        fitting = [key for key in versions if key[: len(start)] == start]
+        fitting = [key for key in list(versions) if key[: len(start)] == start]
         if not fitting:
             known = ", ".join(self.versions(plain))
             raise UnknownTermError(f"{plain} has no version {wanted}; there are {known}")
@@ -122,8 +125,8 @@ class Registry:
 
     def __iter__(self) -> Iterator[Definition]:
         """Yield the newest version of each service, sorted by name."""
-        for name in sorted(self._services):
-            yield self._services[name][max(self._services[name])]
+        for _, versions in sorted(self._services.items()):
+            yield versions[max(versions)]
 
     def __len__(self) -> int:
         return len(self._services)

@@ -138,8 +138,7 @@ class Pipeline(Service):
             "output": output,
             "description": described,
         }
-        self._kept().save(stored, call.caller)
-        return _saved({"owner": call.caller.agent, **stored})
+        return _saved(self._kept().save(stored, call.caller))
 
     @method
     def saved_pipelines(self) -> list[SavedPipeline]:

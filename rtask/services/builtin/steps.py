@@ -10,8 +10,9 @@ from pydantic import Field
 from rtask.errors import UsageError, nearest
 from rtask.services.definition import Method
 from rtask.services.description import request_schema, schemas
+from rtask.services.outward.announced import announced
 from rtask.services.pipelines import METHOD
-from rtask.wire.message import Message
+from rtask.wire.message import Message, read
 from rtask.wire.types import Text
 
 __all__ = ["INPUT", "REF", "Step", "interface", "ref_of", "refs_in"]
@@ -80,14 +81,16 @@ def interface(
     Raises
     ------
     UsageError
-        A default is of no input.
+        A default is of no input, or no value of it.
     """
     inputs = _inputs(steps, methods, output)
+    defaults = {name: value for name, value in defaults.items() if value is not None}
     for name in defaults:
         if name not in inputs:
             raise UsageError(
                 f"defaults: there is no input {name!r}{nearest(name, list(inputs)) or ''}"
             )
+    _check_defaults({name: inputs[name][0] for name in defaults}, defaults)
     taken = {
         name: {**schema, "default": defaults[name]} if name in defaults else schema
         for name, (schema, _) in inputs.items()
@@ -102,6 +105,17 @@ def interface(
             "answer": {"type": "object", "properties": answered, "required": list(answered)},
         }
     }
+
+
+def _check_defaults(inputs: Mapping[str, Schema], defaults: Mapping[str, Any]) -> None:
+    """Refuse defaults that a call could not give."""
+    request = {"type": "object", "properties": inputs, "required": list(inputs)}
+    described = {METHOD: {"request": request, "answer": {}}}
+    probe = announced({"name": "any/Any", "version": "0.0.0", "methods": described})
+    try:
+        read(probe.methods[METHOD].request, dict(defaults))
+    except UsageError as error:
+        raise UsageError(f"defaults: {error}") from error
 
 
 def _inputs(

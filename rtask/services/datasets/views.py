@@ -42,8 +42,8 @@ class Views:
         """Return the folder of a digest, filled by ``fill`` if it is not there."""
         self._folder.mkdir(exist_ok=True)
         place = self._folder / digest
-        if place.exists():
-            place.touch()
+        with suppress(FileNotFoundError):
+            os.utime(place)
             return place
         made = Path(tempfile.mkdtemp(prefix=_MAKING, dir=self._folder))
         try:
@@ -85,13 +85,15 @@ class Views:
                     shutil.rmtree(one)
         for used, place in sorted(aged)[: max(len(aged) - self._most, 0)]:
             if used < limit:
-                self._remove(place)
+                self._remove(place, limit)
 
-    def _remove(self, place: Path) -> None:
-        """Remove a view unless somebody uses it."""
+    def _remove(self, place: Path, limit: float) -> None:
+        """Remove a view unless somebody uses it or asked for it since ``limit``, s."""
         lock = os.open(self._lock_of(place), os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if place.stat().st_mtime >= limit:  # somebody has just asked for it
+                return
             # Renamed first, so that no half of it can be taken for the whole.
             gone = place.with_name(f"{_MAKING}{place.name}-{os.getpid()}")
             place.rename(gone)

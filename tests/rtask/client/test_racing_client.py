@@ -136,6 +136,8 @@ def test_a_race_without_two_sides_is_refused(slice_of_it):
         rtask.connect("http://127.0.0.1:1", race=True)
     with pytest.raises(UsageError, match="needs the address of a server, and local="):
         rtask.connect(slice_of_it, race=True, local=slice_of_it)
+    with pytest.raises(UsageError, match="needs the address of a server, and local="):
+        rtask.connect("http://127.0.0.1:1", race=True, local="http://127.0.0.1:2")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="give race=True"):
         rtask.connect("http://127.0.0.1:1", local=slice_of_it)
     with pytest.raises(UsageError, match="patience_s=2"):

@@ -56,6 +56,14 @@ def test_who_cannot_be_compared_is_not_doubted() -> None:
     assert judge_honesty([]) == {}
 
 
+def test_thousands_of_attempts_at_one_grasp_are_weighed() -> None:
+    said = [Reports(f"r{k}", f"g{i}", 10_000 + 10 * k, 20_000) for k in range(3) for i in range(2)]
+    said += [Reports("liar", f"g{i}", 0, 20_000) for i in range(2)]
+    found = judge_honesty(said)
+    assert [name for name, one in found.items() if one.contradicts] == ["liar"]
+    assert all(np.isfinite(one.truthful) for one in found.values())
+
+
 def test_the_order_of_reports_and_their_grouping_make_no_difference() -> None:
     said = fleet(3, "the other way round", 30)
     doubled = [Reports(one.robot, one.grasp, one.held, one.count) for one in reversed(said)]

@@ -27,6 +27,9 @@ class Scale(Service):
     @method
     def scale(self, number: float{more}) -> float:
         """Multiply."""
+        if number < 0:
+            number = -number
+        {step}number += 1
         return FACTOR * number{comment}
 
 
@@ -42,7 +45,8 @@ class Other(Service):
         return {value}
 '''
 FIRST = {
-    "factor": "2", "version": "1.0.0", "more": "", "comment": "", "other": "0.1.0", "value": "1.0"
+    "factor": "2", "version": "1.0.0", "more": "", "comment": "", "step": "", "other": "0.1.0",
+    "value": "1.0",
 }  # fmt: skip
 _numbers = itertools.count()
 
@@ -60,6 +64,7 @@ def serve(tmp_path: Path, **changes: str) -> None:
     ("changes", "words"),
     [
         ({"factor": "3"}, r"lab/Scale@1\.0\.0 was served before with other code; .*new version"),
+        ({"step": "    "}, "with other code"),  # a line moves into the block before it
         ({"more": ", offset: float = 0.0"}, "with other requests or answers"),
     ],
 )
@@ -89,8 +94,9 @@ def test_a_refused_start_notes_nothing(tmp_path):
     assert (tmp_path / "kb" / "services.json").read_text() == before
 
 
-def test_a_list_of_versions_that_cannot_be_read_is_named(tmp_path):
+@pytest.mark.parametrize("text", ["{", "null", '{"lab/Scale@1.0.0": 1}'])
+def test_a_list_of_versions_that_cannot_be_read_is_named(tmp_path, text):
     serve(tmp_path)
-    (tmp_path / "kb" / "services.json").write_text("{")
+    (tmp_path / "kb" / "services.json").write_text(text)
     with pytest.raises(UsageError, match=r"services\.json.*cannot be read"):
         serve(tmp_path)

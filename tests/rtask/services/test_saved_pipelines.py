@@ -165,6 +165,7 @@ def test_a_version_never_changes_and_versions_stand_side_by_side(host):
 def test_only_its_owner_changes_or_removes_it(host):
     mine, other = Access(agent="nao-1", role="robot"), Access(agent="panda-1", role="robot")
     assert save(host, mine)["owner"] == "nao-1"
+    assert save(host, other)["owner"] == "nao-1"  # the same again changes nothing
     with pytest.raises(ForbiddenError, match="belongs to nao-1"):
         save(host, other, version="2.0.0")
     gone = {"pipeline": "lab/Weigh", "version": "1.0.0"}
@@ -185,6 +186,8 @@ def test_only_its_owner_changes_or_removes_it(host):
         ({"pipeline": "Weigh"}, UsageError, "expected <namespace>/<name>"),
         ({"version": "1"}, UsageError, "expected 1.2.3"),
         ({"defaults": {"sise": 2}}, UsageError, "no input 'sise'; did you mean 'size'"),
+        ({"defaults": {"size": 0}}, UsageError, "defaults: size: 0 is below 1"),
+        ({"defaults": {"size": "two"}}, UsageError, "defaults: size: expected"),
         ({"output": {"a-b": {"$ref": "parts"}}}, UsageError, "a-b: a field cannot have this name"),
         ({"output": {"x": {"$ref": "cuts"}}}, UsageError, "there is no step 'cuts'"),
         ({"output": {}}, UsageError, "output"),

@@ -60,6 +60,14 @@ def test_a_view_stays_as_long_as_its_user_lives(tmp_path: Path):
     assert names(tmp_path / "views") == []
 
 
+def test_a_view_that_is_gone_is_made_again(tmp_path: Path):
+    views = Views(tmp_path / "views", most=0)
+    for _ in range(3):
+        assert (made(views, "a", 2 * HOUR_S) / "file").read_text() == "a"
+        views.prune()
+        assert list(tmp_path.glob("views/a*")) == []
+
+
 def test_what_a_killed_process_left_half_made_goes(tmp_path: Path):
     views = Views(tmp_path / "views")
     made(views, "a")
