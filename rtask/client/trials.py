@@ -17,7 +17,7 @@ from rtask.services.builtin.space_plans import planned_from, request_for
 
 __all__ = ["ServerExecutor"]
 
-_CALLS = 8
+_CALLS, _REACH_S = 8, 30.0
 
 
 class ServerExecutor:
@@ -48,7 +48,7 @@ class ServerExecutor:
     ) -> None:
         self.workers = workers or _CALLS
         self._timeout_s = timeout_s
-        self._client = RemoteClient(url, token=token)
+        self._client = RemoteClient(url, token, min(timeout_s, _REACH_S))
         self._threads = concurrent.futures.ThreadPoolExecutor(self.workers)
 
     def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
@@ -112,8 +112,12 @@ class ServerExecutor:
         return self._client.call_service(service, method, given, None, self._timeout_s, True)
 
     def __enter__(self) -> Self:
-        # Asked at once: a shard, which is repeated, would wait its whole time for no server.
-        self._client.services()
+        try:
+            # Asked at once: a shard, which is repeated, would wait its whole time for no server.
+            self._client.services()
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -156,18 +156,24 @@ class _Said:
         names, robot = np.unique([one.robot for one in reports], return_inverse=True)
         grasps, grasp = np.unique([one.grasp for one in reports], return_inverse=True)
         pairs, pair = np.unique(robot * len(grasps) + grasp, return_inverse=True)
-        held = np.bincount(pair, [float(one.held) for one in reports])
-        count = np.bincount(pair, [float(one.count) for one in reports])
-        return cls([str(n) for n in names], *np.divmod(pairs, len(grasps)), held, count)
+        held = _sums(pair, np.array([one.held for one in reports], dtype=np.float64))
+        count = _sums(pair, np.array([one.count for one in reports], dtype=np.float64))
+        of_robot, of_grasp = np.divmod(pairs, len(grasps))
+        return cls([str(name) for name in names], of_robot, of_grasp, held, count)
 
     def by_robot(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums (r,) over the grasps of each robot."""
-        return np.bincount(self.robot, values)
+        return _sums(self.robot, values)
 
     def of_others(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return for each pair the sum over the other robots that tried the grasp, (n,)."""
-        sums: NDArray[np.float64] = np.bincount(self.grasp, values)[self.grasp] - values
-        return sums
+        return _sums(self.grasp, values)[self.grasp] - values
+
+
+def _sums(group: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sum of the values of each group."""
+    sums: NDArray[np.float64] = np.bincount(group, values)  # type: ignore[assignment]  # of floats
+    return sums
 
 
 def _beliefs(said: _Said, belief: NDArray[np.float64], share: float) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper import panda_hand
 from rtask.cli import cli
 from rtask.client.trials import ServerExecutor
-from rtask.errors import ServiceError, UsageError
+from rtask.errors import RemoteUnavailableError, ServiceError, UsageError
 from rtask.services import ServiceHost
 from rtask.services.builtin import PushTrials, SpacePlans
 from rtask.services.builtin.space_plans import request_for
@@ -122,6 +123,14 @@ def test_results_come_as_they_are_ready_and_the_rest_is_given_up(task, executor)
     number, (one,) = next(coming)
     assert one.name == task.meshes[number].name
     coming.close()
+
+
+def test_a_server_that_cannot_be_reached_is_told_before_any_plan():
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        made = ServerExecutor(f"http://127.0.0.1:{bound.getsockname()[1]}", timeout_s=1.0)
+        with pytest.raises(RemoteUnavailableError, match="cannot be reached"), made:
+            pytest.fail("it was opened")
 
 
 def test_a_server_says_what_it_cannot_carry_out(server, task):
