@@ -46,8 +46,10 @@ def last_events(count: int) -> list[Model]:
     if not isinstance(knowledge_base(), KnowledgeBase):
         return []
     log = context().activity
-    events = [*_before(log.first_seq), *log.after(0)]
-    return [as_json(one) for one in reversed(events) if one.kind not in _SILENT][:count]
+    events = [one for one in log.after(0) if one.kind not in _SILENT]
+    if len(events) < count:  # commits before the log began are read anew each time
+        events = [*(one for one in _before(log.first_seq) if one.kind not in _SILENT), *events]
+    return [as_json(one) for one in reversed(events[-count:])]
 
 
 def _before(seq: int) -> list[Event]:

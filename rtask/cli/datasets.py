@@ -97,10 +97,15 @@ def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -
         files = sorted(one for one in source.rglob("*") if one.is_file())
         named = {f"{start}{one.relative_to(source).as_posix()}": one for one in files}
     else:
-        named = {path or source.name: source}
+        named = {(path or source.name).removeprefix("/"): source}
+    for one in named:
+        try:
+            one.encode()
+        except UnicodeEncodeError:
+            raise UsageError(f"{one!r}: the name of a file is not UTF-8; rename it") from None
     with _connected(server) as client:
         sent = client.put_many(name, named)
-    words = f"wrote {sent} files to {name}"
+    words = f"wrote {sent} {'file' if sent == 1 else 'files'} to {name}"
     if sent < len(named):
         words += f", which has the other {len(named) - sent} already"
     _tell(as_json, {"name": name, "files": list(named), "sent": sent}, words)

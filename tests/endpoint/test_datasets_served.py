@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from click.testing import CliRunner
 
 from rtask.cli import cli
 from rtask.client.datasets import DatasetClient
+from rtask.errors import UsageError
 from rtask.services.outward.frames import pack
 from tests.servers import RunningServer, running_server
 
@@ -49,6 +51,25 @@ def test_a_folder_of_many_files_is_stored_and_what_is_there_is_not_sent_again(se
     assert put(server, "lab/Many", tmp_path / "parts") == 0
     (tmp_path / "parts" / "7" / "4207.txt").write_text("changed")
     assert put(server, "lab/Many", tmp_path / "parts") == 1
+
+
+def test_a_path_that_begins_with_a_slash_is_known_again(server, tmp_path):
+    httpx.put(f"{server.url}/datasets/lab/Slash").raise_for_status()
+    (tmp_path / "a").write_text("1")
+    words = ["dataset", "put", "lab/Slash", str(tmp_path / "a"), "--as", "/x/y"]
+    told = [CliRunner().invoke(cli, [*words, "--server", server.url]).stdout for _ in range(2)]
+    assert told[0] == "wrote 1 file to lab/Slash\n"
+    assert told[1] == "wrote 0 files to lab/Slash, which has the other 1 already\n"
+
+
+def test_a_file_whose_name_is_not_utf8_is_named_and_nothing_is_stored(server, tmp_path):
+    httpx.put(f"{server.url}/datasets/lab/Named").raise_for_status()
+    (tmp_path / "a").write_text("1")
+    (tmp_path / os.fsdecode(b"b\xff")).write_text("2")
+    words = ["dataset", "put", "lab/Named", str(tmp_path), "--server", server.url]
+    with pytest.raises(UsageError, match=r"b\\udcff.*: the name of a file is not UTF-8"):
+        CliRunner().invoke(cli, words, catch_exceptions=False)
+    assert httpx.get(f"{server.url}/datasets/lab/Named").json()["files"] == {}
 
 
 def test_many_files_are_stored_together_or_not_at_all(server):

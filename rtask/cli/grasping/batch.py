@@ -48,7 +48,7 @@ __all__ = ["batch"]
 @click.option(
     "--deadline",
     type=click.FloatRange(min=0, min_open=True),
-    help="Seconds after which no further result is waited for.  [default: all are]",
+    help="Seconds after which the next result is the last that is waited for.  [default: all are]",
 )
 @limit_option(10, "Number of grasps of each object to return.")
 @click.option(
