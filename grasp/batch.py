@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,6 +57,11 @@ class BatchPlan:
         Metres per unit of the files.
     floating
         Without a support below the lowest vertex.
+
+    Raises
+    ------
+    ValueError
+        An option suits no mesh.
     """
 
     meshes: tuple[MeshFile, ...]
@@ -63,6 +69,13 @@ class BatchPlan:
     options: SpatialOptions
     scale: float = 1.0
     floating: bool = False
+
+    def __post_init__(self) -> None:
+        for name, value in (("scale", self.scale), ("mass", self.options.mass)):
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{name}: expected a finite number above 0, got {value}")
+        if self.options.samples < 1:
+            raise ValueError(f"samples: expected at least 1, got {self.options.samples}")
 
     def __call__(self, first: int, count: int) -> list[Planned]:
         """Return the plans of ``count`` meshes from number ``first`` on."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import concurrent.futures
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 from grasp.push.shards import Range, T, Task
 from rtask.client.remote import RemoteClient
@@ -14,6 +14,9 @@ from rtask.services.builtin.push_trials import NAME as PUSH_TRIALS
 from rtask.services.builtin.push_trials import codes_of, request_of
 from rtask.services.builtin.space_plans import NAME as SPACE_PLANS
 from rtask.services.builtin.space_plans import planned_from, request_for
+
+if TYPE_CHECKING:
+    from grasp.batch import BatchPlan, MeshFile, Planned
 
 __all__ = ["ServerExecutor"]
 
@@ -90,13 +93,19 @@ class ServerExecutor:
             return self._codes("pose", task.trials, grid)
         if isinstance(task, BatchPlan):
             return lambda one: [
-                planned_from(self._call(SPACE_PLANS, "plan", request_for(task, mesh)), mesh.name)
-                for mesh in task.meshes[one[0] : one[0] + one[1]]
+                self._planned(task, mesh) for mesh in task.meshes[one[0] : one[0] + one[1]]
             ]
         raise UsageError(
             "a server carries out trials of push grasps and plans of meshes, not "
             f"{type(task).__name__}"
         )
+
+    def _planned(self, batch: BatchPlan, mesh: MeshFile) -> Planned:
+        from grasp.spatial.meshes.mesh_files import MESH_ENDINGS
+
+        if f".{mesh.kind}" not in MESH_ENDINGS:  # no request can carry it
+            return batch.plan(mesh)
+        return planned_from(self._call(SPACE_PLANS, "plan", request_for(batch, mesh)), mesh.name)
 
     def _codes(self, method: str, trials: Any, more: dict[str, Any]) -> Callable[[Range], Any]:
         shard, grasps = request_of(trials), len(trials.rows)

@@ -290,7 +290,10 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
     return f"{path}: expected {what}, got {_shown(value)}"
 
 
-_BOUNDS = {"greater_than_equal": ("ge", "below"), "less_than_equal": ("le", "above")}
+_BOUNDS = {
+    "greater_than_equal": ("ge", "below"), "less_than_equal": ("le", "above"),
+    "greater_than": ("gt", "not above"), "less_than": ("lt", "not below"),
+}  # fmt: skip
 _LENGTHS = {"too_short": ("min_length", "below"), "too_long": ("max_length", "above")}
 _EXPECTED = {"list_type": "a list", "dict_type": "an object with fields", "literal_error": "a text"}
 

@@ -32,7 +32,7 @@ from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow
 
-RANGES = [(0, 1), (1, 2), (3, 1)]
+RANGES = [(0, 1), (1, 2), (3, 2)]
 
 
 def file_of(name: str, shape: trimesh.Trimesh) -> MeshFile:
@@ -48,13 +48,14 @@ def task() -> BatchPlan:
         file_of("can", can),
         MeshFile("broken", "ply", b"no mesh"),
         file_of("wall", wall),
+        MeshFile("scene", "glb", b"glTF"),
     )
     return BatchPlan(files, panda_hand(), SpatialOptions(samples=20, tries=200))
 
 
 @pytest.fixture(scope="module")
 def serial(task: BatchPlan) -> list[Planned]:
-    return task(0, 4)
+    return task(0, 5)
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +99,7 @@ def test_a_batch_is_the_same_on_every_executor(task, serial, executor):
     assert len(serial[0].found) > 0
     assert "no PLY mesh" in serial[2].error
     assert not serial[3].found
+    assert "a mesh ends in .stl" in serial[4].error
 
 
 def test_a_mesh_without_a_face_has_no_grasp_and_a_reason(task):
@@ -142,11 +144,22 @@ def test_a_server_says_what_it_cannot_carry_out(server, task):
 
 
 @pytest.mark.parametrize(
+    "options",
+    [{"scale": float("nan")}, {"scale": 0.0}, {"options": SpatialOptions(mass=-1.0)},
+     {"options": SpatialOptions(samples=0)}],
+)  # fmt: skip
+def test_options_that_suit_no_mesh_are_refused_once(task, options):
+    with pytest.raises(ValueError, match="expected"):
+        dataclasses.replace(task, **options)
+
+
+@pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"gripper": {"name": "x"}}, "gripper: "),
         ({"kind": "dxf"}, "kind"),
         ({"samples": 0}, "samples: 0 is below 1"),
+        ({"scale": 0}, "scale: 0 is not above 0"),
         ({"colour": 1}, "colour"),
     ],
 )
@@ -177,7 +190,7 @@ def test_a_pose_shard_beyond_the_grid_is_refused():
 @pytest.fixture
 def files(task: BatchPlan, tmp_path: Path) -> list[str]:
     paths = []
-    for mesh in task.meshes:
+    for mesh in task.meshes[:4]:
         path = tmp_path / f"{mesh.name}.ply"
         path.write_bytes(mesh.contents)
         paths.append(str(path))
