@@ -165,8 +165,8 @@ def _swipe(page: Any, dx: int, dy: int) -> None:
 
 
 def _eventually(read: Any) -> Any:
-    """Return what a function finds as soon as it finds something; its last answer after 10 s."""
-    for _ in range(200):
+    """Return what a function finds as soon as it finds something; its last answer after 60 s."""
+    for _ in range(1200):
         if found := read():
             return found
         time.sleep(0.05)

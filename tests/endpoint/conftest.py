@@ -93,7 +93,7 @@ class Robot:
         """Send a message and wait for what comes next."""
         before = len(self.heard)
         self.say(message)
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 60
         while len(self.heard) == before:
             assert time.monotonic() < deadline, f"no answer to {str(message)[:200]}"
             time.sleep(0.001)

@@ -26,7 +26,7 @@ GOAL = {
 
 
 def wait_for(robot: Any, count: int) -> list[dict[str, Any]]:
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while len(robot.heard) < count:
         assert time.monotonic() < deadline, robot.heard
         time.sleep(0.001)
@@ -143,7 +143,7 @@ def planner(bridge: Bridge) -> list[Progress]:
             raise UsageError("wrong: no")
         progress.report(0.5, "scoring")
         progress.report(0.4, "scoring")
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 60
         while "wait" in args and not progress.is_cancelled and time.monotonic() < deadline:
             time.sleep(0.001)
         return {"grasps": []}

@@ -20,7 +20,7 @@ def nao(number: int) -> Access:
 
 
 def wait_for(robot: Any, count: int = 1) -> list[dict[str, Any]]:
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while len(robot.heard) < count:
         assert time.monotonic() < deadline, robot.heard
         time.sleep(0.001)

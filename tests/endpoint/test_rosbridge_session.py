@@ -100,7 +100,7 @@ def test_a_slow_call_does_not_hold_up_a_fast_one_of_the_same_robot(
     fast = robot.ask(call("/rtask/search_object", id="fast"))
     assert fast["id"] == "fast"
     engine.gate.set()
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while len(robot.heard) < 2 and time.monotonic() < deadline:
         time.sleep(0.001)
     assert robot.heard[1]["id"] == "slow"

@@ -94,25 +94,27 @@ def test_the_server_announces_on_its_own_topics(bridge: Bridge, connect: Connect
     assert ("/rtask/changes", "rtask/Change") in bridge.topics.listing()
 
 
+@pytest.mark.slow
 def test_the_newest_message_of_a_pause_comes_when_it_ends(connect: Connect) -> None:
     """rosbridge protocol 2, 3.3.2: `queue_length` 0 keeps only the newest while throttled."""
     robot = connect()
-    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 50})
+    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 1000})
     for number in range(5):
         robot.say({"op": "publish", "topic": "/t", "msg": {"n": number}})
     assert [message["msg"]["n"] for message in robot.heard] == [0]
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while len(robot.heard) < 2 and time.monotonic() < deadline:
         time.sleep(0.001)
     assert [message["msg"]["n"] for message in robot.heard] == [0, 4]
 
 
+@pytest.mark.slow
 def test_a_queue_keeps_as_many_as_were_asked_for(connect: Connect) -> None:
     robot = connect()
-    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 20, "queue_length": 2})
+    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 1000, "queue_length": 2})
     for number in range(5):
         robot.say({"op": "publish", "topic": "/t", "msg": {"n": number}})
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while len(robot.heard) < 3 and time.monotonic() < deadline:
         time.sleep(0.001)
     assert [message["msg"]["n"] for message in robot.heard] == [0, 3, 4]

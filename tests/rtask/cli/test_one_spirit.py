@@ -22,8 +22,6 @@ pytestmark = pytest.mark.slow
 _ROOT = Path(__file__).resolve().parents[3]
 _GRAPH = "urn:lab/graph/agent/nao-1"
 Run = Callable[..., tuple[int, str, str]]
-# What prints nothing but a file in a format of its own or the output of a script of the user, or
-# talks until it is interrupted.
 _USED_IN_TWO_WAYS = {
     "--limit": "serve: of a rate",
     "--store": "serve: where statements are; grasp plan: whether to store",
@@ -47,6 +45,8 @@ _OF_FILES = {
     "token create": "an operator's, on the machine of the server", "token expire": "as create",
     "token list": "as create", "token revoke": "as create",
 }  # fmt: skip
+# What prints nothing but a file in a format of its own or the output of a script of the user, or
+# talks until it is interrupted.
 _WITHOUT_JSON = {"serve", "act-serve", "urdf", "changes", "node", "ros", "run"}
 
 
