@@ -39,14 +39,14 @@ def put(server: RunningServer, name: str, folder: Path) -> int:
 
 
 def test_a_folder_of_many_files_is_stored_and_what_is_there_is_not_sent_again(server, tmp_path):
-    for number in range(10_000):
+    for number in range(4_500):
         folder = tmp_path / "parts" / f"{number % 20}"
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f"{number}.txt").write_text(f"part {number}")
     httpx.put(f"{server.url}/datasets/lab/Many").raise_for_status()
-    assert put(server, "lab/Many", tmp_path / "parts") == 10_000
+    assert put(server, "lab/Many", tmp_path / "parts") == 4_500
     with DatasetClient(server.url) as client:
-        assert len(client.describe("lab/Many")["files"]) == 10_000
+        assert len(client.describe("lab/Many")["files"]) == 4_500
         assert client.get("lab/Many", "7/4207.txt") == b"part 4207"
     assert put(server, "lab/Many", tmp_path / "parts") == 0
     (tmp_path / "parts" / "7" / "4207.txt").write_text("changed")
