@@ -30,7 +30,13 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 
 @click.command()
 @options.seed()
-@click.option("--objects", default=6, show_default=True, help="Objects on each table.")
+@click.option(
+    "--objects",
+    default=6,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Objects on each table.",
+)
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
 @click.option(
     "--robot",
@@ -193,7 +199,13 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) 
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @options.robots_in_turn
 @options.seed()
-@click.option("--objects", default=4, show_default=True, help="Objects on each table.")
+@click.option(
+    "--objects",
+    default=4,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Objects on each table.",
+)
 @options.json_flag("path")
 def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bool) -> None:
     """Film robots side by side, each grasping an object, to OUT (.webp, .png or .gif).

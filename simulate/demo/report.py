@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rtask.kb.durability.settings import write_durably
 from simulate.demo.queries import Answer, with_prefixes
 from simulate.demo.report_page import report_page
 
@@ -208,7 +209,7 @@ def write_report(
 ) -> None:
     """Write ``report.json``, ``report.md`` and ``report.html`` beside the pictures."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "report.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    write_durably(folder / "report.json", json.dumps(result, indent=2) + "\n")
     lines = ["# What the robots did", "", *_markdown(COLUMNS, table), "", "## Totals", ""]
     names = [key for key in result["robots"][0] if key != "name"] if result["robots"] else []
     lines += _markdown(

@@ -29,6 +29,7 @@ p { margin: .2rem 0; overflow-wrap: anywhere; }
 _GRASPS = {
     "memory": "remembered grasp",
     "candidate": "grasp proposed from its shape",
+    "scene": "grasp planned on the whole view",
     "none": "no grasp",
 }
 

@@ -10,8 +10,11 @@ from types import FrameType
 from typing import Any, Literal, TextIO
 
 import click
+from click.core import ParameterSource
 
 from rtask.cli.options import option
+from rtask.errors import UsageError
+from rtask.kb.durability.settings import write_durably
 from simulate import options
 from simulate.study.commands import print_table
 
@@ -175,6 +178,9 @@ def sharing(
     from simulate.study.runner import run
 
     if from_attempts is not None:
+        _refuse_given(
+            "robots", "objects", "prior", "products", "kinds", "workers", "preset", "resume"
+        )
         _replay(from_attempts, fleets, on_table, seed, out, as_json)
         return
     study = sharing_study(
@@ -196,6 +202,18 @@ def sharing(
     click.echo(f"report  {out / 'report.json'}, {out / 'sharing.png'}")
 
 
+def _refuse_given(*names: str) -> None:
+    """Refuse options that do not concern a replay: the table has settled what they say."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and source is ParameterSource.COMMANDLINE:
+            raise UsageError(
+                f"{parameter.opts[0]} does not concern fleets replayed with --from-attempts: they "
+                "are of two robots, and the table says the rest"
+            )
+
+
 def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_json: bool) -> None:
     """Replay fleets from a table of attempts and print what sharing was worth."""
     from simulate.fleet.replay import COLUMNS, replay, replay_rows
@@ -204,7 +222,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
 
     summary = replay(read_attempts(table), fleets, on_table, MAX_ATTEMPTS, seed)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "replay.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    write_durably(out / "replay.json", json.dumps(summary, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(summary))
         return
@@ -268,7 +286,7 @@ def trust(
         lie,
     )  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
-    (out / "trust.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    write_durably(out / "trust.json", json.dumps(summary, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(summary))
         return
@@ -287,7 +305,13 @@ def trust(
 @click.command()
 @click.argument("wanted")
 @options.seed()
-@click.option("--objects", default=5, show_default=True, help="Objects on the table.")
+@click.option(
+    "--objects",
+    default=5,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Objects on the table.",
+)
 @options.robot
 @option(
     "--server",

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rtask.kb.durability.settings import write_durably
 from simulate.demo.report import by_product
 from simulate.fleet.assignment import FleetPlan
 from simulate.study.chart import Bar, bar_chart
@@ -190,7 +191,7 @@ def write_fleet_report(
     """Write ``report.json`` and ``attempts.png`` of several runs, each (name, done, figures)."""
     folder.mkdir(parents=True, exist_ok=True)
     report = {name: {**figures, "done": done} for name, done, figures in runs}
-    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    write_durably(folder / "report.json", json.dumps(report, indent=1) + "\n")
     bars = [
         Bar(f"{r['name']} {which}", name, value["mean"], *value["interval95"])
         for name, _, figures in runs

@@ -18,6 +18,7 @@ from typing import Any
 
 import rtask
 from rtask.errors import RtaskError, UsageError
+from rtask.kb.durability.settings import write_durably
 from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.robots import check_robot
@@ -144,7 +145,7 @@ class Fleet:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         settings = {**asdict(self.settings), "folder": str(folder)}
-        (folder / _MARK).write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+        write_durably(folder / _MARK, json.dumps(settings, indent=1) + "\n")
 
     def _start(self, index: int) -> MemberProcess:
         settings = self.settings

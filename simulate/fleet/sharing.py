@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rtask
+from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.fleet.figures import (
@@ -313,7 +314,7 @@ def write_sharing_report(
 ) -> dict[str, Any]:
     """Write ``report.json`` and ``sharing.png``; return the figures."""
     summary = {"settings": dict(settings), **summarise_sharing(results, settings["max_attempts"])}
-    (folder / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    write_durably(folder / "report.json", json.dumps(summary, indent=1) + "\n")
     lines = []
     for what in ("common", "own"):
         for condition in _CONDITIONS:

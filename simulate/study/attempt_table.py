@@ -18,6 +18,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.planar import PlanarGrasp, propose_planar
 from rtask.errors import UsageError
+from rtask.kb.durability.settings import write_durably
 from simulate.grasping.floating import execute
 from simulate.study.runner import Study
 from simulate.world.objects import PRODUCTS, ObjectSpec, sample_products
@@ -136,7 +137,7 @@ def write_attempts(
     kept = [{k: v for k, v in one.items() if k != "says"} for one in results]
     data = {"format": _FORMAT, "settings": dict(settings), "products": kept}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(data) + "\n", encoding="utf-8")
+    write_durably(path, json.dumps(data) + "\n")
 
 
 def read_attempts(path: Path) -> dict[str, Any]:

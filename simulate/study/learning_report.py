@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.env import MAX_ATTEMPTS
+from rtask.kb.durability.settings import write_durably
 from simulate.grasping.record import is_counted
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import mean_interval
@@ -232,7 +233,7 @@ def write_learning_report(folder: Path, results: Results, seed: int, seeds: int)
     """Write ``report.json`` and two charts for each kind of grasps; return the figures."""
     figures, curves = summarise_learning(results, [seed + k for k in range(seeds)])
     summary = {"seed": seed, "objects": len(results), **figures}
-    (folder / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    write_durably(folder / "report.json", json.dumps(summary, indent=1) + "\n")
     for source, title in (("geometry", "Grasps proposed by geometry"), ("blind", "Blind grasps")):
         lines = [
             _line(name.partition(": ")[2], curve)

@@ -96,3 +96,14 @@ def test_the_command_replays_atable_of(tmp_path) -> None:
     assert (tmp_path / "out" / "replay.json").exists()
     shown = CliRunner().invoke(sharing, args, catch_exceptions=False)
     assert "a look-alike" in shown.output
+
+
+def test_options_that_a_replay_ignores_are_refused(tmp_path) -> None:
+    table = tmp_path / "attempts.json"
+    table.write_text(json.dumps(table_of([0, 1, 2])), encoding="utf-8")
+    done = CliRunner().invoke(
+        sharing, ["--from-attempts", str(table), "--robots", "3", "--out", str(tmp_path / "out")]
+    )
+    assert isinstance(done.exception, UsageError)
+    assert "--robots does not concern" in str(done.exception)
+    assert not (tmp_path / "out").exists()
