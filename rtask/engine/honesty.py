@@ -38,6 +38,8 @@ MANNERS: Mapping[str, tuple[float, float]] = {
 """Manners of reporting: the chances of the report "held" where the grasp held, and where not."""
 
 _CONTRADICTS, _LEAST = 0.02, 8
+_LATEST = 5_000
+"""Attempts that are looked at, so that no decision waits long for it."""
 
 _PRIOR = np.array([0.9, 0.025, 0.025, 0.025, 0.025])
 _PSEUDO = 0.5
@@ -240,7 +242,7 @@ class HonestyCatalogue:
                 self._changed += told
 
     def now(self) -> dict[str, Honesty]:
-        """Return the beliefs by IRI of the robot, from all outcomes that are stored."""
+        """Return the beliefs by IRI of the robot, from the latest 5,000 attempts."""
         with self._lock:
             if self._known is None or self._changed:
                 self._renew()
@@ -263,11 +265,17 @@ class HonestyCatalogue:
 
 
 def _reports(kb: GraphCore) -> list[Reports]:
-    """Return what each robot reported of each grasp; hands of another type try other grasps."""
+    """Return what each robot reported of each grasp in the latest attempts.
+
+    Hands of another type try other grasps.
+    """
     unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
     rows = kb.select(f"""{PREFIXES}
 SELECT ?robot ?grasp ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{
-  ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot ; rt:hasOutcome ?outcome .
+  {{ SELECT ?attempt ?outcome WHERE {{
+    ?attempt rt:hasOutcome ?outcome ; prov:endedAtTime ?ended
+  }} ORDER BY DESC(?ended) DESC(?attempt) LIMIT {_LATEST} }}
+  ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot .
   ?outcome rt:hasReason ?reason ; rt:success ?held FILTER(?reason NOT IN ({unjudged}))
 }} GROUP BY ?robot ?grasp ?held ORDER BY ?robot ?grasp""")
     counts: dict[tuple[str, str], Counter[bool]] = {}
