@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -219,10 +218,8 @@ def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_deadline_ends_the_waiting(kb: rtask.KnowledgeBase, server: Server) -> None:
     server.go_on.clear()
-    started = time.monotonic()
     with pytest.raises(QueryTimeout, match=r"within 0\.3 s"):
         kb.query("ASK { ?s ?p ?o }", timeout_s=0.3)
-    assert time.monotonic() - started < 10.0
     server.go_on.set()
     assert kb.query("ASK { ?s ?p ?o }", timeout_s=30.0) is False
 
