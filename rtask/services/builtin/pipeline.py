@@ -217,7 +217,7 @@ def _checked(
     ------
     UsageError
         A name is taken twice, a reference leads nowhere or to a value of another type, an input
-        does not exist, steps wait for each other.
+        does not exist or is missing, steps wait for each other.
     """
     plan: dict[str, Step] = {}
     methods: dict[str, Any] = {}
@@ -241,7 +241,11 @@ def _checked(
         for name, step in plan.items()
     }
     for name, step in plan.items():
-        _check_types(step, methods[name].request, answers)
+        request = methods[name].request
+        _check_types(step, request, answers)
+        for own, field in request.wire_names.items():
+            if own not in step.inputs and request.model_fields[field].is_required():
+                raise UsageError(f"step {step.id}: {step.call} needs the input {own!r}")
     return plan
 
 

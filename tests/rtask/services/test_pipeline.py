@@ -141,6 +141,7 @@ def test_the_answer_says_how_long_each_step_took(host):
             {},
             "step sum: numbers: parts.parts does not fit: a list of: a Part is not a list of numb",
         ),
+        ([CUT, {**ADD, "inputs": {}}], {}, "step sum: .* needs the input 'numbers'"),
         ([], {}, "steps: length 0 is below 1"),
     ],
 )
