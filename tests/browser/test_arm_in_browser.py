@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from tests.browser.pages import LOOKS, TIMEOUT_MS, fits, keep_picture, open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -103,7 +104,7 @@ def test_every_robot_is_drawn_with_its_joints_and_planned_for(
         page.locator(".link.goal").first.wait_for(state="attached")
         page.get_by_role("button", name="Plan", exact=True).click()
         page.locator(".path").wait_for(state="attached")
-        assert page.locator("[data-joint][type=range]").count() == len(arm["joints"])
+        has_count(page.locator("[data-joint][type=range]"), len(arm["joints"]))
 
 
 def test_a_pose_that_is_typed_and_one_that_is_dragged_lead_to_the_same_posture(
@@ -167,7 +168,7 @@ def test_a_goal_inside_a_ball_is_refused_with_its_reason(
         page.locator(".link.hit").first.wait_for()
         page.get_by_role("button", name="Plan", exact=True).press("Enter")
         page.get_by_role("alert").get_by_text("goal: the robot touches an obstacle").wait_for()
-        assert page.locator(".path").count() == 0
+        has_count(page.locator(".path"), 0)
 
 
 def test_the_view_and_the_scene_are_changed_by_keys_and_kept_in_the_address(
@@ -187,7 +188,7 @@ def test_the_view_and_the_scene_are_changed_by_keys_and_kept_in_the_address(
         assert page.get_by_label("ball 2, x in m").input_value() == "-0.5"
         assert page.get_by_label("joint2, rad or m").input_value() == "0.5"
         page.get_by_role("button", name="Remove ball 1").press("Enter")
-        assert page.locator("[data-balls] tr").count() == 1
+        has_count(page.locator("[data-balls] tr"), 1)
 
 
 def test_the_browser_computes_no_kinematics(browser: Any) -> None:

@@ -16,6 +16,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 PREFIXES = " ".join(f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "rdf"))
@@ -97,10 +98,10 @@ def test_an_unnamed_object_is_narrowed_by_words_merged_and_taken_back(page: Any)
     page.get_by_role("link", name="Say what it is: box 2").click()
     page.get_by_label("What kind of thing").fill("can")
     page.get_by_role("button", name="Find").click()
-    assert page.get_by_role("button", name="It is a thing of its own, a “can”").count() == 1
+    has_count(page.get_by_role("button", name="It is a thing of its own, a “can”"), 1)
     keep(page, "teach")
     page.get_by_role("link", name="It is this one: tea tin").click()
-    assert page.locator(".side img").count() == 4
+    has_count(page.locator(".side img"), 4)
     assert "It will have 4 views" in page.locator("main").inner_text()
     keep(page, "merge")
     page.get_by_role("button", name="Merge them").click()

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -62,7 +63,7 @@ def test_a_dataset_grows_is_forked_and_merged_with_a_conflict(
         page.goto(f"{server.url}/datasets/{ours}")
         _upload(page, "cup.txt", "our cup")
         page.get_by_role("button", name="Remove bowl.txt").click()
-        assert page.get_by_role("link", name="bowl.txt").count() == 0
+        has_count(page.get_by_role("link", name="bowl.txt"), 0)
         _make_version(page, "a better cup")
         page.get_by_label("Compare").select_option("1")
         page.get_by_label("with").select_option("2")

@@ -11,6 +11,7 @@ import httpx
 import pytest
 
 from tests.browser.attempts import WIDTHS, store_of_attempts
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, bearer, running_server
 
 ATTEMPTS = 22
@@ -185,7 +186,7 @@ def test_two_people_disagree_without_scripts_and_an_open_page_hears_of_it(
     card.get_by_label("Reason").select_option("slip_lift")
     card.get_by_role("button", name="Store the correction").click()
     ann.wait_for_url("**/feedback#attempt-0")
-    assert card.get_by_text("ann: did not hold (it slipped out while being lifted)").count() == 1
+    has_count(card.get_by_text("ann: did not hold (it slipped out while being lifted)"), 1)
 
     bob.get_by_text("Somebody has just judged this attempt.").wait_for()
     assert bob.locator("#attempt-0").get_by_text("ann: did not hold").count() == 1

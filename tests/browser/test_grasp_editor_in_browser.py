@@ -13,6 +13,7 @@ import httpx
 import pytest
 
 from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -61,7 +62,7 @@ def test_there_is_a_whisker_or_a_dot_for_each_grasp_and_the_best_is_the_longest(
         assert page.locator(".label").text_content() == f"{chances[0]:.2f}"
         page.locator('[data-row="2"]').click()
         assert page.locator(".whisker.selected").get_attribute("data-whisker") == "2"
-        assert page.locator(".jaw").count() == 2
+        has_count(page.locator(".jaw"), 2)
         page.locator('.hit[data-grasp="5"]').dispatch_event("click")
         assert page.locator("[data-row][aria-selected=true]").get_attribute("data-row") == "5"
         assert fits(page)

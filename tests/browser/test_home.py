@@ -21,6 +21,7 @@ import pytest
 import ontology
 import rtask
 from tests.browser.pages import open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 HOSTILE = '<img src=x onerror="document.title=1">'
@@ -207,7 +208,7 @@ def test_things_are_searched_for_from_the_header_by_keys(
     page.get_by_role("combobox", name="Search").fill("tea tni")
     page.keyboard.press("Enter")
     page.wait_for_url("**/search?q=tea+tni")
-    assert page.locator("h1").count() == 1
+    has_count(page.locator("h1"), 1)
     assert page.evaluate("() => document.documentElement.scrollWidth") == width
     found = page.get_by_role("region", name="Objects").get_by_role("link", name="tea tin")
     found.focus()

@@ -15,6 +15,7 @@ import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
 from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, bearer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -113,7 +114,7 @@ def test_a_derived_statement_leads_to_its_proof(
         row = page.get_by_role("row").filter(has_text="rt:DrinkingVessel")
         row.get_by_role("link", name="proof").click()
         page.wait_for_url("**/explain?**")
-        assert page.get_by_text("Nobody states it. It follows:").count() == 1
+        has_count(page.get_by_text("Nobody states it. It follows:"), 1)
         assert page.locator("ol.proof ol.proof").count() >= 1
         assert page.get_by_text("by ann").count() >= 1
         assert page.get_by_role("button", name="Withdraw this").count() == 0  # a stranger

@@ -12,6 +12,7 @@ import pytest
 
 import rtask
 from endpoint.access.tokens import TokenStore
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 WRITE = "INSERT DATA { GRAPH <urn:evil> { <urn:evil> <urn:was> 'here' } }"
@@ -60,7 +61,7 @@ def test_an_operator_signs_in_makes_a_token_and_leaves(
     insert = {"update": "INSERT DATA { <urn:cup> <urn:p> 1 }"}
     assert httpx.post(f"{server.url}/update", data=insert, headers=headers).status_code == 204
     page.get_by_role("link", name="Audit trail").click()
-    assert page.get_by_text("token-created").count() == 1
+    has_count(page.get_by_text("token-created"), 1)
     page.get_by_role("link", name="Tokens").click()
     page.get_by_role("button", name=f"Revoke {made.split('_')[1]}").click()
     page.wait_for_url("**/admin/tokens")

@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -169,7 +170,7 @@ def test_a_wrong_value_is_said_at_its_field_and_nothing_typed_is_lost(
         assert page.get_by_label("arms *").get_attribute("aria-invalid") == "true"
         page.get_by_label("arms *").fill("[1, 2, 3]")
         page.get_by_role("button", name="Call").click()
-        assert page.get_by_text("a lever has two arms").count() == 1
+        has_count(page.get_by_text("a lever has two arms"), 1)
         assert page.get_by_label("load (kg) *").input_value() == "10"
 
 
@@ -206,7 +207,7 @@ def test_an_answer_is_read_without_scripts(browser: Any, server: RunningServer) 
         page.get_by_label("seconds (s) *").fill("0")
         page.get_by_role("button", name="Call").click()
         assert "1728 points" in page.locator("main").inner_text()
-        assert page.get_by_role("cell", name="at 0, 0, 0 m, turned 0, 0, 0, 1").count() == 2
+        has_count(page.get_by_role("cell", name="at 0, 0, 0 m, turned 0, 0, 0, 1"), 2)
 
 
 def test_a_call_as_a_job_shows_its_progress_and_is_cancelled(
@@ -223,7 +224,7 @@ def test_a_call_as_a_job_shows_its_progress_and_is_cancelled(
         page.get_by_text("cancelled", exact=True).wait_for()
         page.get_by_role("link", name="Jobs").first.click()
         page.get_by_role("heading", name="Jobs").wait_for()
-        assert page.get_by_role("cell", name="cancelled").count() == 1
+        has_count(page.get_by_role("cell", name="cancelled"), 1)
         page.goto(f"{server.url}/services/lab/Lever?$method=watch")
         page.get_by_label("seconds (s) *").fill("0")
         page.get_by_label("dataset for parts").fill("robots/PlanarArm@1")
