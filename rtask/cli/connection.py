@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rtask.client import Client
@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     from rtask.graph import Graph
     from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["base_of", "connection", "open_graph", "open_to_read", "reasoner_of"]
+__all__ = [
+    "base_of",
+    "connection",
+    "open_graph",
+    "open_to_change",
+    "open_to_read",
+    "reasoner_of",
+]
 
 
 def open_to_read(data: Path) -> KnowledgeBase:
@@ -29,6 +36,18 @@ def open_to_read(data: Path) -> KnowledgeBase:
             raise
     rtask.open(data, ontologies=False, reason=False).close()
     return rtask.open(data, mode="r")
+
+
+def open_to_change(data: Path, **options: Any) -> KnowledgeBase:
+    """Open a folder for writing that is a knowledge base already, with options of `rtask.open`.
+
+    A misspelt name is an error, rather than a new and empty knowledge base.
+    """
+    import rtask
+    from rtask.kb.durability.settings import Settings
+
+    Settings.load(data)
+    return rtask.open(data, **options)
 
 
 def open_graph(data: Path, server: str | None) -> Graph:
@@ -51,7 +70,9 @@ def base_of(graph: Graph) -> str:
 
 
 @contextmanager
-def connection(data: Path, server: str | None, agent: str | None = None) -> Iterator[Client]:
+def connection(
+    data: Path, server: str | None, agent: str | None = None, *, creates: bool = False
+) -> Iterator[Client]:
     """Yield a client of the server, or of an engine over the folder.
 
     Parameters
@@ -59,6 +80,8 @@ def connection(data: Path, server: str | None, agent: str | None = None) -> Iter
     agent
         With a folder: the robot or person on whose behalf calls are made. A server knows it from
         the token.
+    creates
+        Make the folder if it does not exist.
     """
     import rtask
 
@@ -66,7 +89,10 @@ def connection(data: Path, server: str | None, agent: str | None = None) -> Iter
         with rtask.connect(server, token=os.environ.get("RTASK_TOKEN")) as client:
             yield client
         return
-    with rtask.open(data) as kb, rtask.connect(kb, agent=agent) as client:
+    with (
+        rtask.open(data) if creates else open_to_change(data) as kb,
+        rtask.connect(kb, agent=agent) as client,
+    ):
         yield client
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rtask.cli.connection import open_to_read
+from rtask.cli.connection import open_to_change, open_to_read
 from rtask.cli.options import data_option, json_option, print_json
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
@@ -27,9 +27,7 @@ _PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition"
 @json_option
 def backup(target: Path, data: Path, as_json: bool) -> None:
     """Copy a knowledge base to TARGET, a new folder that opens by itself."""
-    import rtask
-
-    with Working("copying"), rtask.open(data, ontologies=False, reason=False) as kb:
+    with Working("copying"), open_to_change(data, ontologies=False, reason=False) as kb:
         record = kb.backup(target)
     if as_json:
         print_json({"target": str(target), **record})
@@ -85,11 +83,9 @@ def verify(data: Path, repair: bool, as_json: bool) -> None:
 
     Exit code 1 if there is an error; with --repair, if one remains.
     """
-    import rtask
-
     with Working("checking derived data and blobs"):
         if repair:
-            with rtask.open(data, ontologies=False) as kb:
+            with open_to_change(data, ontologies=False) as kb:
                 findings = kb.verify(repair=True)
                 left = kb.verify()
         else:
@@ -172,10 +168,8 @@ def rebuild(what: str, data: Path, as_json: bool) -> None:
         else:
             click.echo(f"{what}: up to commit {last}")
         return
-    import rtask
-
     done = {}
-    with rtask.open(data) as kb:
+    with open_to_change(data) as kb:
         for part in _PARTS if what == "all" else (what,):
             with Working(f"rebuilding {part}"):
                 done[part] = _rebuild(kb, part)
@@ -225,10 +219,8 @@ def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json
     instead of refusing the commit. RECORDS are IRIs from the list; without any, all are meant.
     Putting back fails, and changes nothing, while a statement still contradicts the others.
     """
-    import rtask
-
     if action is not None:
-        with rtask.open(data) as kb:
+        with open_to_change(data) as kb:
             before = len(kb.quarantined())
             kb.release(records or None, drop=action == "forget")
             count = before - len(kb.quarantined())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import open_graph
+from rtask.cli.connection import open_graph, open_to_change
 from rtask.cli.options import (
     data_option,
     exit_if_empty,
@@ -86,11 +86,10 @@ def upgrade(
     equivalent to another) are rewritten in all data. Terms that it removes without replacement are
     reported with the number of statements that use them. All is one commit; --undo takes it back.
     """
-    import rtask
     from rtask.ontology_docs.upgrading import undo_upgrade
     from rtask.ontology_docs.upgrading import upgrade as run
 
-    with announce_compilation(), rtask.open(data) as kb:
+    with announce_compilation(), open_to_change(data) as kb:
         if undo:
             commit = undo_upgrade(kb, source)
             if as_json:
@@ -123,10 +122,9 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
 
     Refused while other ontologies import it or data use its terms, unless --force is given.
     """
-    import rtask
     from rtask.ontology_docs.unloading import unload as run
 
-    with announce_compilation(), rtask.open(data) as kb:
+    with announce_compilation(), open_to_change(data) as kb:
         found = run(kb, iri, force=force, dry_run=dry_run)
     if as_json:
         print_json(found.to_dict())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rtask.cli.connection import open_to_read, reasoner_of
+from rtask.cli.connection import open_to_change, open_to_read, reasoner_of
 from rtask.cli.options import (
     agent_option,
     data_option,
@@ -134,14 +134,13 @@ def remove(
     names: tuple[str, ...], data: Path, server: str | None, agent: str | None, as_json: bool
 ) -> None:
     """Remove rules, named by label or IRI, with what followed from them alone."""
-    import rtask
 
     if server:
         with _connected(server, agent) as client:
             made = client.remove(names)
             seq, gone = made["commit"], made["withdrawn"]
     else:
-        with announce_compilation(), rtask.open(data) as kb:
+        with announce_compilation(), open_to_change(data) as kb:
             commit = kb.remove_rules(names, agent)
             seq, gone = commit.seq, commit.withdrawn
     if as_json:

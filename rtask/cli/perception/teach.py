@@ -59,7 +59,11 @@ def teach(
     (.png or .json).
     """
     files = _files(photos)
-    with announce_compilation(), Working("learning"), connection(data, server, agent) as client:
+    with (
+        announce_compilation(),
+        Working("learning"),
+        connection(data, server, agent, creates=True) as client,
+    ):
         thing = _known(client, name)
         entries = []
         for file in files:

@@ -244,6 +244,37 @@ def test_where_the_graph_is_not_the_error_says_where_one_is(
     assert "there is one here: --data rtask-demo/store" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("backup", "copy"),
+        ("verify", "--repair"),
+        ("rebuild", "all"),
+        ("quarantine", "--release"),
+        ("ontology", "unload", "urn:o"),
+        ("ontology", "upgrade", "urn:o", "--undo"),
+        ("rules", "remove", "r"),
+        ("feedback",),
+        ("contributors", "withdraw", "nao-1"),
+        ("objects", "undo", "urn:c"),
+        ("ask", "a", "mug"),
+    ],
+    ids=" ".join,
+)
+def test_a_command_that_needs_a_graph_does_not_make_one(
+    arguments: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main([*arguments, "--data", "mispelt"])
+    assert caught.value.code == 1
+    assert "mispelt is not a knowledge base" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
 def test_completion_knows_commands_and_options() -> None:
     def completed(words: str, at: int) -> str:
         environment = {
