@@ -39,6 +39,8 @@ REASONS = {
     "slip_transport": "it slipped out on the way",
     "place_plan": "no way to put it down was found",
     "drop_outside": "it was put down in the wrong place",
+    "crushed": "it gave way under the fingers",
+    "came_apart": "a part of it came off",
 }
 
 

@@ -8,10 +8,13 @@ attempts make them more or less likely by Bayes' rule. What follows holds for ev
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["hidden_share"]
+__all__ = ["Hidden", "hidden_causes", "hidden_share"]
 
 _NOTHING, _MASS, _ZONE = 0.6, 0.2, 0.2
 """Chances that nothing hides, that the mass lies anywhere, that a zone is weak."""
@@ -23,6 +26,14 @@ _RARELY = 0.05
 """Chance to hold against a cause."""
 _USUALLY = 0.85
 """Chance to hold where nothing speaks against it."""
+_STEP = float(_CENTRES[1] - _CENTRES[0])
+_MIDDLE = 0.06
+"""A centre of mass nearer to the middle is not called off-centre."""
+_PRIOR = np.concatenate([
+    [_NOTHING],
+    np.full(len(_CENTRES), _MASS / len(_CENTRES)),
+    np.full(len(_ZONES), _ZONE / len(_ZONES)),
+])  # fmt: skip
 
 
 def hidden_share(
@@ -59,22 +70,110 @@ def hidden_share(
     """
     if len(tried) == 0 or len(places) == 0:
         return np.ones(len(places))
-    prior = np.concatenate([
-        [_NOTHING],
-        np.full(len(_CENTRES), _MASS / len(_CENTRES)),
-        np.full(len(_ZONES), _ZONE / len(_ZONES)),
-    ])  # fmt: skip
-    chance = _USUALLY * _allowed(tried, half_finger)
-    likelihood = np.log(np.where(held[None] > 0, chance, 1 - chance)) @ weights
-    posterior = prior * np.exp(likelihood - likelihood.max())
-    posterior /= posterior.sum()
+    prior, posterior = _PRIOR, _posterior(tried, half_finger, held, weights)
     allowed = _allowed(places, half_finger)
     # Rounded, so that the order of the attempts does not affect the last bit.
     share = (posterior @ allowed) / (prior @ allowed)
     return np.asarray(np.round(share / share.max(), 9))
 
 
-def _allowed(places: NDArray[np.float64], half_finger: float) -> NDArray[np.float64]:
+@dataclass(frozen=True)
+class Hidden:
+    """A cause that attempts make likely.
+
+    Parameters
+    ----------
+    kind
+        ``mass``: the centre of mass is away from the middle; ``zone``: a part at one end gives way.
+    probability
+        0..1, given the attempts.
+    start, end
+        Where along the longer side, from the middle, in units of its length: of a zone, both ends;
+        of a centre of mass, one standard deviation to either side of the mean.
+    """
+
+    kind: Literal["mass", "zone"]
+    probability: float
+    start: float
+    end: float
+
+
+def hidden_causes(
+    tried: NDArray[np.float64],
+    half_fingers: NDArray[np.float64],
+    held: NDArray[np.float64],
+    least: float = 0.3,
+) -> list[Hidden]:
+    """Return the causes that are likely after some attempts, most likely first.
+
+    They are the hypotheses of :func:`hidden_share`, taken together by what a person would call one
+    cause: the centre of mass is off to one side, or a part at one end is weak.
+
+    Parameters
+    ----------
+    tried : (k,)
+        Places of the attempts along the longer side, from its middle, in units of its length.
+    half_fingers : (k,)
+        Half the width of the finger of each attempt, in the same units.
+    held : (k,)
+        1 for a success, 0 for a failure.
+    least
+        Smallest probability of a cause that is returned.
+
+    Examples
+    --------
+    >>> failed_in_the_middle_and_right = np.array([0.0, 0.25, -0.3])
+    >>> causes = hidden_causes(
+    ...     failed_in_the_middle_and_right, np.full(3, 0.05), np.array([0.0, 0.0, 1.0])
+    ... )
+    >>> [(cause.kind, round(cause.probability, 1)) for cause in causes]
+    [('mass', 0.5), ('zone', 0.4)]
+    >>> hidden_causes(np.zeros(1), np.full(1, 0.05), np.ones(1))
+    []
+    """
+    if len(tried) == 0 or np.all(held > 0):
+        return []
+    posterior = _posterior(tried, half_fingers, held, np.ones(len(tried)))
+    mass, zones = posterior[1 : 1 + len(_CENTRES)], posterior[1 + len(_CENTRES) :]
+    found = []
+    for side in (-1.0, 1.0):
+        chance = np.where(side * _CENTRES > _MIDDLE, mass, 0.0)
+        total = float(chance.sum())
+        if total > 0:
+            mean = float(chance @ _CENTRES) / total
+            variance = float(chance @ _CENTRES**2) / total - mean**2
+            spread = max(variance, _STEP**2 / 12) ** 0.5
+            found.append(Hidden("mass", total, mean - spread, mean + spread))
+        mine = np.where(_ZONES[:, 0] == side, zones, 0.0)
+        total = float(mine.sum())
+        reach = float(mine @ _ZONES[:, 1]) / total if total > 0 else 0.0
+        ends = sorted((side * 0.5, side * (0.5 - reach)))
+        found.append(Hidden("zone", total, ends[0], ends[1]))
+    likely = [
+        Hidden(one.kind, *(round(v, 9) + 0.0 for v in (one.probability, one.start, one.end)))
+        for one in found
+        if one.probability >= least
+    ]
+    return sorted(likely, key=lambda one: (-one.probability, one.kind, one.start))
+
+
+def _posterior(
+    tried: NDArray[np.float64],
+    half_finger: NDArray[np.float64] | float,
+    held: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the probabilities (h,) of the hypotheses after attempts."""
+    chance = _USUALLY * _allowed(tried, half_finger)
+    likelihood = np.log(np.where(held[None] > 0, chance, 1 - chance)) @ weights
+    posterior: NDArray[np.float64] = _PRIOR * np.exp(likelihood - likelihood.max())
+    posterior /= posterior.sum()
+    return posterior
+
+
+def _allowed(
+    places: NDArray[np.float64], half_finger: NDArray[np.float64] | float
+) -> NDArray[np.float64]:
     """Return the share (h, n) of each grasp's chance that each hypothesis leaves."""
     nothing = np.ones((1, len(places)))
     lever = (places[None] - _CENTRES[:, None]) / _LEVER

@@ -217,7 +217,7 @@ def test_rule_results_have_no_domain_and_no_range(graphs: dict[str, rdflib.Graph
 
 def test_reason_codes_match_their_iris(whole: rdflib.Graph) -> None:
     reasons = list(whole.subjects(RDF.type, RT.OutcomeReason))
-    assert len(reasons) == 33
+    assert len(reasons) == 35
     for reason in reasons:
         assert reason == RT["reason_" + str(whole.value(reason, RT.code))]
         assert whole.value(reason, RT.phase) is not None

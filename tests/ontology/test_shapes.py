@@ -228,6 +228,17 @@ FAULTS = [
         "StateProjection",
         add(":p a rt:StateProjection ; rt:outputDimension 5 ; rt:explainedVariance 1.1e0"),
     ),
+    ("hc1", "HiddenCause", put(":hc1 rt:causeProbability", "1.2e0")),
+    ("hc1", "HiddenCause", drop(":hc1 prov:wasDerivedFrom")),
+    ("hc1", "GraspZone", put(":hc1 rt:zoneEnd", "-0.05e0")),
+    (
+        "hc2",
+        "MassOffCentre",
+        add(
+            ":pen rt:hasHiddenCause :hc2 . :hc2 a rt:MassOffCentre ; rt:causeProbability 0.5e0 ; "
+            "rt:centreAlongX 0.02e0 ; prov:wasDerivedFrom :a3"
+        ),
+    ),
     (
         "map",
         "ScoreCalibration",

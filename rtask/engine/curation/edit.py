@@ -7,8 +7,9 @@ author; the commit records who moved it, and the inverse commit undoes it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from rtask.engine.memory.causes import restate
 from rtask.engine.triples import Triples
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["NOTE", "Edit"]
 
+_OF_OUTCOMES = (RT.success, RT.hasReason, RT.hasFeedback)
 NOTE = "objects: "
 """Prefix of the notes of commits that can be undone."""
 
@@ -126,6 +128,7 @@ class Edit:
 
     def commit(self, context: Context, note: str, author: Access) -> Commit:
         """Store the edit as one commit in the name of a person; the caller holds the write lock."""
+        self._restate_causes(context)
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
             for quad in self.removed.keys() - self.added.keys():
@@ -133,6 +136,64 @@ class Edit:
             tx.add_quads(quad for quad in self.added if quad not in self.removed)
         context.views.sync()
         return tx.commit
+
+    def _restate_causes(self, context: Context) -> None:
+        """State the hidden causes of the objects whose attempts the edit changes anew."""
+        graph = context.kb.graphs.causes
+        for said in (self.removed, self.added):
+            for quad in [q for q in said if q.graph_name == graph]:
+                del said[quad]
+        will_be = _WillBe(self)
+        for thing in sorted(self._tried_things(will_be), key=str):
+            gone, come = restate(context, will_be.match, thing)
+            self.removed.update(dict.fromkeys(gone))
+            self.added.update(dict.fromkeys(come))
+
+    def _tried_things(self, will_be: _WillBe) -> set[NamedNode]:
+        """Return the objects whose grasps, attempts, outcomes or verdicts the edit changes."""
+
+        def both(*pattern: Any) -> list[Quad]:
+            return [*self.match(*pattern), *will_be.match(*pattern)]
+
+        changed: dict[object, list[Quad]] = {}
+        for quad in (*self.removed, *self.added):
+            changed.setdefault(quad.predicate, []).append(quad)
+        outcomes = {q.subject for p in _OF_OUTCOMES for q in changed.get(p, ())}
+        attempts = {q.subject for q in changed.get(RT.hasOutcome, ())}
+        attempts |= {q.subject for one in outcomes for q in both(None, RT.hasOutcome, one)}
+        grasps = {q.object for q in changed.get(RT.executesGrasp, ())}
+        grasps |= {q.object for one in attempts for q in both(one, RT.executesGrasp)}
+        poses = {q.subject for p in (RT.x, RT.theta) for q in changed.get(p, ())}
+        grasps |= {q.subject for one in poses for q in both(None, RT.graspPose, one)}
+        things = {q.subject for p in (RT.hasGrasp, RT.extentX) for q in changed.get(p, ())}
+        things |= {q.subject for one in grasps for q in both(None, RT.hasGrasp, one)}
+        return {one for one in things if isinstance(one, NamedNode)}
+
+
+class _WillBe:
+    """Statements after an edit, by subject and by object."""
+
+    def __init__(self, edit: Edit) -> None:
+        self._edit = edit
+        self._of: dict[object, list[Quad]] = {}
+        self._to: dict[object, list[Quad]] = {}
+        for quad in edit.added:
+            self._of.setdefault(quad.subject, []).append(quad)
+            self._to.setdefault(quad.object, []).append(quad)
+
+    def match(
+        self, subject: Any, predicate: NamedNode | None = None, value: Any = None
+    ) -> list[Quad]:
+        """Return the changeable statements about a subject or with a value."""
+        come = self._to.get(value, ()) if subject is None else self._of.get(subject, ())
+        stay = [
+            q for q in self._edit.match(subject, predicate, value) if q not in self._edit.removed
+        ]
+        fits = (
+            q for q in come
+            if predicate in (None, q.predicate) and value in (None, q.object)
+        )  # fmt: skip
+        return list(dict.fromkeys([*stay, *fits]))
 
 
 def _name(quad: Quad) -> NamedNode:

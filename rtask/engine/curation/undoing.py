@@ -86,10 +86,14 @@ def _entry(context: Context, commit: str) -> HistoryEntry:
 
 def _inverse(context: Context, entry: HistoryEntry) -> Edit:
     """Return the inverse of a commit, as far as its statements still stand."""
-    edit, rights = Edit(context.kb), context.kb.access()
-    mine = [q for q in entry.added if rights.may_write(q.graph_name)]
-    edit.remove(quad for quad in mine if quad in context.kb.store)
-    edit.added.update(dict.fromkeys(q for q in entry.removed if rights.may_write(q.graph_name)))
+    edit, rights, causes = Edit(context.kb), context.kb.access(), context.kb.graphs.causes
+
+    def ours(quad: Quad) -> bool:
+        # Causes are stated anew from the attempts that the edit leaves.
+        return rights.may_write(quad.graph_name) and quad.graph_name != causes
+
+    edit.remove(quad for quad in entry.added if ours(quad) and quad in context.kb.store)
+    edit.added.update(dict.fromkeys(filter(ours, entry.removed)))
     return edit
 
 

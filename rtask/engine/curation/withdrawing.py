@@ -2,8 +2,8 @@
 
 What others build on stays: objects that they have handled, grasps that they have tried, and what
 these need. Attempts, outcomes, verdicts, places and planned grasps of the contributor go, and with
-them what was computed from them: counts, maps from scores to chances, and beliefs, which are stated
-anew from what the others told. What rules inferred goes with the commit.
+them what was computed from them: counts, maps from scores to chances, beliefs and hidden causes,
+which are stated anew from what the others told. What rules inferred goes with the commit.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         if self._is_replaceable(node):
             return False
         return any(
-            quad.graph_name != self.graph
+            quad.graph_name not in (self.graph, self.context.kb.graphs.causes)
             and quad not in edit.removed
             and not self._is_ontology(quad.graph_name)
             for quad in (*edit.match(node), *edit.match(None, None, node))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
+from rtask.engine.memory.causes import Causes, restate
 from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import tail
 from rtask.engine.policy import UNJUDGED
@@ -92,11 +93,14 @@ class Pending:
         Judged attempts by grasp and (held, in coarse physics).
     scored
         Judged attempts with a score by hand and kind of score.
+    causes
+        Attempts and verdicts that change hidden causes; None if there are none.
     """
 
     totals: dict[NamedNode, tuple[int, int]] = field(default_factory=dict)
     judged: dict[NamedNode, Counter[tuple[bool, bool]]] = field(default_factory=dict)
     scored: dict[tuple[NamedNode, str], list[Scored]] = field(default_factory=dict)
+    causes: Causes | None = None
 
 
 def count(
@@ -212,6 +216,7 @@ def rebuild(context: Context) -> Commit:
                 for subject, predicate, value in triples:
                     tx.add(subject, predicate, value, graph)
             _rebuild_maps(context, tx)
+            _rebuild_causes(context, tx)
         return tx.commit
 
 
@@ -225,6 +230,16 @@ def _rebuild_maps(context: Context, tx: Transaction) -> None:
                 tx.remove(subject, predicate, value, graph)
             for subject, predicate, value in triples:
                 tx.add(subject, predicate, value, graph)
+
+
+def _rebuild_causes(context: Context, tx: Transaction) -> None:
+    """State the hidden causes of every object again from the attempts at it."""
+    kb = context.kb
+    links = (*kb.match(None, RT.hasGrasp), *kb.match(None, RT.hasHiddenCause))
+    for thing in sorted({q.subject for q in links if isinstance(q.subject, NamedNode)}, key=str):
+        gone, come = restate(context, kb.match, thing)
+        tx.remove_quads(gone)
+        tx.add_quads(come)
 
 
 def judged(

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from rtask.engine.memory.calibration import Scored, calibrate, score_of
+from rtask.engine.memory.causes import Causes, StatingCauses, state_causes
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
 from rtask.engine.memory.statistics import GraspStatistics, Pending, count, judged_counts, totalled
 from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
@@ -84,7 +85,7 @@ class Feedback(Answer):
 
 
 @dataclass(frozen=True)
-class _Recounting(Access):
+class _Recounting(StatingCauses):
     """A person's rights, extended to the counts that the verdict changes."""
 
     counts: GraphName | None = None
@@ -157,7 +158,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
     triples, counts = Triples(), Triples()
     state_verdict(context, triples, after.outcome, after.verdicts[-1], after.votes)
     home, kept = context.home_graph(author), context.kb.graphs.agent(tail(after.robot))
-    was, now = label_of(before), label_of(after)
+    was, now, causes = label_of(before), label_of(after), Causes(context)
     withdrawn, recounted = [], []
     if was != now:
         recounted = count(
@@ -175,8 +176,10 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
         who = context.agent_iri(author)
         recounted += _recalibrated(context, counts, after, now, kept)
         withdrawn = believe(context, triples, after.grasp, totals, who, home)
+        causes.judge(after.grasp, after.attempt, now)
     rights = _Recounting(author.agent, author.role, counts=kept)
     with context.kb.transaction(access=rights, note="a person's verdict") as tx:
+        state_causes(causes, tx)
         for subject, predicate, value in recounted:
             tx.remove(subject, predicate, value, kept)
         for subject, predicate, value in withdrawn:

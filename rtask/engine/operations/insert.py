@@ -15,6 +15,7 @@ from annotated_types import MaxLen, MinLen
 from numpy.typing import NDArray
 
 from rtask.engine.curation.naming import described_class, short_id_of
+from rtask.engine.memory.causes import StatingCauses, state_causes
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import Pending
@@ -109,10 +110,12 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
         author = context.author(access, fallback)
         writer = _Writer(context, author, access)
         entries = [writer.write(one) for one in prepared]
-        with context.kb.transaction(access=author, note="insert objects") as tx:
+        rights = StatingCauses.of(author)
+        with context.kb.transaction(access=rights, note="insert objects") as tx:
             for subject, predicate, value in writer.withdrawn:
                 tx.remove(subject, predicate, value)
             writer.triples.write(tx)
+            state_causes(writer.pending.causes, tx)
         commit = context.commit_id(tx.commit) if tx.commit.added else ""
         for view, thing, class_iri, seen in writer.views:
             context.views.learn(view, thing, class_iri, seen.features)

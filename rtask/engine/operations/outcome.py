@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge
 
+from rtask.engine.memory.causes import StatingCauses, state_causes
 from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.received import Outcome, OutcomeReport, received
@@ -89,7 +90,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
         if before is not None and before.has_attempt:
             statistics = over_all_robots(context, iri(before.grasp))
             return ReportedOutcome(stored=0, commit="", statistics=statistics, grasp=before.grasp)
-        triples = Triples()
+        triples, pending = Triples(), Pending()
         recorded = record(
             context,
             triples,
@@ -104,12 +105,14 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 graph=context.home_graph(author),
                 decision=decision,
             ),
-            Pending(),
+            pending,
         )
-        with context.kb.transaction(access=author, note="report outcome") as tx:
+        rights = StatingCauses.of(author)
+        with context.kb.transaction(access=rights, note="report outcome") as tx:
             for subject, predicate, value in recorded.withdrawn:
                 tx.remove(subject, predicate, value)
             triples.write(tx)
+            state_causes(pending.causes, tx)
     node, counts = recorded.grasp, recorded.counts
     return ReportedOutcome(
         stored=1,

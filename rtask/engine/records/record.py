@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rtask.engine.decisions import Decision
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.calibration import Scored, calibrate
+from rtask.engine.memory.causes import Causes, Tried, place_along
 from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.statistics import Pending, count, judged_counts
 from rtask.engine.policy import UNJUDGED
@@ -211,6 +212,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         None if quality is None else rounded(quality),
     )  # fmt: skip
     withdrawn += _calibrate(context, triples, entry, pending)
+    _tell_causes(context, triples, entry, pending, (attempt.attempt, grasp, is_new))
     return Recorded(grasp, withdrawn, counts)
 
 
@@ -223,6 +225,31 @@ def _calibrate(context: Context, triples: Triples, entry: Entry, pending: Pendin
     told = pending.scored.setdefault((gripper.iri, kind), [])
     told.append(Scored("", kind, rounded(quality), entry.outcome.held))
     return calibrate(context, triples, gripper, kind, told, entry.graph)
+
+
+def _tell_causes(
+    context: Context,
+    triples: Triples,
+    entry: Entry,
+    pending: Pending,
+    stored: tuple[NamedNode, NamedNode, bool],
+) -> None:
+    """Add a judged attempt from above to those that speak about hidden causes."""
+    attempt, grasp, is_new = stored
+    at, gripper = entry.received.in_object, entry.gripper.gripper
+    if is_new:
+        x = None if at is None or entry.received.orientation is not None else rounded(at[0])
+    else:
+        x = place_along(context.kb.match, grasp)
+    if x is None:
+        return
+    if pending.causes is None:
+        pending.causes = Causes(context)
+    pending.causes.size(entry.thing, triples)
+    outcome = entry.outcome
+    pending.causes.add(
+        entry.thing, Tried(attempt, x, outcome.held, float(gripper.finger_width), outcome.reason)
+    )
 
 
 def _times(entry: Entry) -> Mapping[str, float]:

@@ -69,6 +69,11 @@ class Graphs:
         return self._named("rules")
 
     @property
+    def causes(self) -> NamedNode:
+        """Graph of the hidden causes that the engine infers from all outcomes."""
+        return self._named("causes")
+
+    @property
     def quarantine(self) -> NamedNode:
         """Graph of contradictory statements, outside of the union; written by commits only."""
         return self._named(_QUARANTINE)

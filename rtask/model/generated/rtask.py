@@ -1210,6 +1210,30 @@ class GripperTranslation(InformationEntity):
     translation_direction: Link[Direction] = Link(_RT + "translationDirection", _RT + "Direction", functional=True)
 
 
+class HiddenCause(InformationEntity):
+    """A property of an object that no camera sees and that explains how attempts at it ended;
+    inferred from the judged attempts of all robots and stated anew with each.
+
+    ``rt:HiddenCause``
+
+    Attributes
+    ----------
+    cause_probability
+        The probability of the cause, given the attempts that it is derived from. [UNITLESS]
+    explains_reason
+        A reason given for attempts that failed as the cause would have it.
+    hidden_cause_of
+        The object to which the cause belongs.
+    """
+
+    __iri__: ClassVar[str] = _RT + "HiddenCause"
+    __required__: ClassVar[tuple[str, ...]] = ("cause_probability", "was_derived_from",)
+
+    cause_probability: One[float] = One(_RT + "causeProbability", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    explains_reason: Links[OutcomeReason] = Links(_RT + "explainsReason", _RT + "OutcomeReason", limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_came_apart", _RT + "reason_crushed", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
+    hidden_cause_of: Links[ManipulableObject] = Links(_RT + "hiddenCauseOf", _RT + "ManipulableObject", inverse=_RT + "hasHiddenCause", stored=False)
+
+
 class JointTrajectory(InformationEntity):
     """A posture over time; the content of trajectory_msgs/JointTrajectory.
 
@@ -1450,7 +1474,7 @@ class Outcome(InformationEntity):
     __required__: ClassVar[tuple[str, ...]] = ("has_feedback", "has_reason", "success",)
 
     has_feedback: Links[Feedback] = Links(_RT + "hasFeedback", _RT + "Feedback")
-    has_reason: Link[OutcomeReason] = Link(_RT + "hasReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
+    has_reason: Link[OutcomeReason] = Link(_RT + "hasReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_came_apart", _RT + "reason_crushed", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
     outcome_of: Links[Action] = Links(_RT + "outcomeOf", _RT + "Action", inverse=_RT + "hasOutcome", stored=False)
     success: One[bool] = One(_RT + "success", _XSD + "boolean", functional=True)
 
@@ -2105,6 +2129,29 @@ class GraspOutcome(Outcome):
     placed: One[bool] = One(_RT + "placed", _XSD + "boolean", functional=True)
 
 
+class GraspZone(HiddenCause):
+    """A part at one end of an object that gives way where a finger touches it.
+
+    ``rt:GraspZone``
+
+    Attributes
+    ----------
+    zone_end
+        Where along x of the body frame the zone ends. [M]
+    zone_kind
+        In which way the zone gives way; not stated if the reasons do not tell.
+    zone_start
+        Where along x of the body frame the zone begins. [M]
+    """
+
+    __iri__: ClassVar[str] = _RT + "GraspZone"
+    __required__: ClassVar[tuple[str, ...]] = ("zone_end", "zone_start",)
+
+    zone_end: One[float] = One(_RT + "zoneEnd", _XSD + "double", functional=True, unit="M")
+    zone_kind: Link[ZoneKind] = Link(_RT + "zoneKind", _RT + "ZoneKind", functional=True, limits=Limits(one_of=(_RT + "zone_comes_off", _RT + "zone_fragile", _RT + "zone_slippery",)))
+    zone_start: One[float] = One(_RT + "zoneStart", _XSD + "double", functional=True, unit="M")
+
+
 class HumanFeedback(Feedback):
     """Evidence from a person; it wins over physics.
 
@@ -2128,7 +2175,7 @@ class HumanFeedback(Feedback):
 
     held_votes: One[int] = One(_RT + "heldVotes", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     lost_votes: One[int] = One(_RT + "lostVotes", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
-    said_reason: Link[OutcomeReason] = Link(_RT + "saidReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
+    said_reason: Link[OutcomeReason] = Link(_RT + "saidReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_came_apart", _RT + "reason_crushed", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
 
 
 class Image2D(VisualFeature):
@@ -2188,6 +2235,24 @@ class ManipulatingAction(Action):
     """
 
     __iri__: ClassVar[str] = _RT + "ManipulatingAction"
+
+
+class MassOffCentre(HiddenCause):
+    """The centre of mass is away from the middle, so that what is held far from it turns or slips.
+
+    ``rt:MassOffCentre``
+
+    Attributes
+    ----------
+    centre_along_x
+        Where along x of the body frame the centre of mass is expected; rt:centreOfMassSigma
+        says how surely. [M]
+    """
+
+    __iri__: ClassVar[str] = _RT + "MassOffCentre"
+    __required__: ClassVar[tuple[str, ...]] = ("centre_along_x", "centre_of_mass_sigma",)
+
+    centre_along_x: One[float] = One(_RT + "centreAlongX", _XSD + "double", functional=True, unit="M")
 
 
 class MetaGraph(NamedGraph):
@@ -2488,6 +2553,15 @@ class Task(IntentionalProcess):
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
 
 
+class ZoneKind(CodedValue):
+    """In which way a zone gives way.
+
+    ``rt:ZoneKind``
+    """
+
+    __iri__: ClassVar[str] = _RT + "ZoneKind"
+
+
 class RobotGroup(Group):
     """Robots organised for one goal.
 
@@ -2761,6 +2835,8 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
         What the object is for.
     has_grasp
         A way to take the object.
+    has_hidden_cause
+        A cause that the attempts at the object make likely.
     has_model
         A model of the object; of several, that with the most views counts.
     has_symmetry
@@ -2796,6 +2872,7 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     has_feature: Links[VisualFeature] = Links(_RT + "hasFeature", _RT + "VisualFeature", inverse=_RT + "featureOf")
     has_function: Links[ObjectFunction] = Links(_RT + "hasFunction", _RT + "ObjectFunction", limits=Limits(one_of=(_RT + "clean", _RT + "containLiquid", _RT + "containSolid", _RT + "cut", _RT + "drinkFrom", _RT + "eatWith", _RT + "fasten", _RT + "illuminate", _RT + "playWith", _RT + "write",)))
     has_grasp: Links[GraspConfiguration] = Links(_RT + "hasGrasp", _RT + "GraspConfiguration", inverse=_RT + "graspOf")
+    has_hidden_cause: Links[HiddenCause] = Links(_RT + "hasHiddenCause", _RT + "HiddenCause", inverse=_RT + "hiddenCauseOf")
     has_model: Links[ObjectModel] = Links(_RT + "hasModel", _RT + "ObjectModel")
     has_symmetry: Links[Symmetry] = Links(_RT + "hasSymmetry", _RT + "Symmetry")
     has_view: Links[View] = Links(_RT + "hasView", _RT + "View", inverse=_RT + "viewOf")
@@ -3674,6 +3751,8 @@ power_grasping = NamedNode(_RT + "powerGrasping")
 pushing = NamedNode(_RT + "pushing")
 reason_approach_collision = NamedNode(_RT + "reason_approach_collision")
 reason_approach_ik = NamedNode(_RT + "reason_approach_ik")
+reason_came_apart = NamedNode(_RT + "reason_came_apart")
+reason_crushed = NamedNode(_RT + "reason_crushed")
 reason_drop_outside = NamedNode(_RT + "reason_drop_outside")
 reason_grasp_collision = NamedNode(_RT + "reason_grasp_collision")
 reason_hardware = NamedNode(_RT + "reason_hardware")
@@ -3712,3 +3791,6 @@ sector3 = NamedNode(_RT + "sector3")
 slip_closure = NamedNode(_RT + "slipClosure")
 suction_holding = NamedNode(_RT + "suctionHolding")
 write = NamedNode(_RT + "write")
+zone_comes_off = NamedNode(_RT + "zone_comes_off")
+zone_fragile = NamedNode(_RT + "zone_fragile")
+zone_slippery = NamedNode(_RT + "zone_slippery")

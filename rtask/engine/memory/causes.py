@@ -1,0 +1,276 @@
+"""Hidden causes as facts: what the outcomes of all robots say about an object.
+
+A cause (:func:`grasp.learning.causes.hidden_causes`) is a property of the object and holds for
+every hand. It is stated in the graph of causes, derived from the attempts that it was inferred
+from, in the same commit as the outcome, verdict or correction that changes it. What is stated depends on the
+judged attempts alone, so that it is the same whatever the order in which they came and went.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from grasp.learning.causes import hidden_causes
+from rtask.engine.policy import UNJUDGED
+from rtask.engine.triples import Triples
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PROV, RDF, RT, local_name, reason
+from rtask.rdf.terms import GraphName, NamedNode, Quad, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.transaction import Transaction
+
+__all__ = [
+    "Causes", "StatingCauses", "Tried", "place_along", "restate", "state_causes", "stated_causes",
+]  # fmt: skip
+
+MIN_PROBABILITY = 0.3
+_FRAGILE, _COMES_OFF = "crushed", "came_apart"
+_SLIPS = ("slip_lift", "slip_hold", "slip_transport")
+
+Match = Callable[..., Iterable[Quad]]
+"""Statements by pattern, as they are or as they will be; see :meth:`Edit.after`."""
+
+
+@dataclass(frozen=True)
+class StatingCauses(Access):
+    """Rights of an author, extended to the graph of causes, which the outcome changes."""
+
+    def may_write(self, graph: GraphName) -> bool:
+        return super().may_write(graph) or (self.graphs is not None and graph == self.graphs.causes)
+
+    @classmethod
+    def of(cls, author: Access) -> StatingCauses:
+        """Return the extended rights of an author."""
+        return cls(author.agent, author.role, author.rights)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A judged attempt from above at an object.
+
+    Parameters
+    ----------
+    x
+        Place of the grasp along the longer side, object frame, m.
+    finger_width
+        Of the hand, m; 0 if it is not known.
+    reason
+        Code of the reason that the robot reported.
+    """
+
+    attempt: NamedNode
+    x: float
+    held: bool
+    finger_width: float
+    reason: str
+
+
+class Causes:
+    """Causes that a commit states anew.
+
+    Parameters
+    ----------
+    context
+        What is stored.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._tried: dict[NamedNode, list[Tried]] = {}
+        self._judged: dict[NamedNode, dict[NamedNode, bool | None]] = {}
+        self._length: dict[NamedNode, float] = {}
+
+    def add(self, thing: NamedNode, tried: Tried) -> None:
+        """Add an attempt of this commit."""
+        self._tried.setdefault(thing, []).append(tried)
+
+    def judge(self, grasp: NamedNode, attempt: NamedNode, held: bool | None) -> None:
+        """Judge a stored attempt otherwise; None = it counts no more."""
+        for link in self._context.kb.match(None, RT.hasGrasp, grasp):
+            if isinstance(link.subject, NamedNode):
+                self._judged.setdefault(link.subject, {})[attempt] = held
+
+    def size(self, thing: NamedNode, triples: Triples) -> None:
+        """Take the length of a new object from the triples of this commit."""
+        lengths = [v for s, p, v in triples if s == thing and p == RT.extentX]
+        if lengths and isinstance(lengths[0], float):
+            self._length[thing] = lengths[0]
+
+    def changes(self) -> tuple[list[Quad], list[Quad]]:
+        """Return the statements that go and those that come."""
+        gone: list[Quad] = []
+        come: list[Quad] = []
+        for thing in sorted({*self._tried, *self._judged}, key=str):
+            now = _stated(
+                self._context, self._context.kb.match, thing, self._tried.get(thing, ()),
+                self._judged.get(thing, {}), self._length.get(thing),
+            )  # fmt: skip
+            old = stated_causes(self._context, thing)
+            gone += [quad for quad in old if quad not in now]
+            come += [quad for quad in now if quad not in old]
+        return gone, come
+
+
+def state_causes(causes: Causes | None, tx: Transaction) -> None:
+    """Write what a commit changes about causes; needs the rights of :class:`StatingCauses`."""
+    if causes is not None:
+        gone, come = causes.changes()
+        tx.remove_quads(gone)
+        tx.add_quads(come)
+
+
+def stated_causes(context: Context, thing: NamedNode) -> list[Quad]:
+    """Return what the graph of causes says about an object."""
+    kb, graph = context.kb, context.kb.graphs.causes
+    links = list(kb.match(thing, RT.hasHiddenCause, None, graph))
+    return [
+        *links,
+        *(q for link in links if isinstance(link.object, NamedNode)
+          for q in kb.match(link.object, None, None, graph)),
+    ]  # fmt: skip
+
+
+def restate(context: Context, match: Match, thing: NamedNode) -> tuple[list[Quad], list[Quad]]:
+    """Return the statements about an object's causes that go and those that come.
+
+    Parameters
+    ----------
+    match
+        Statements as they will be.
+    """
+    now, old = _stated(context, match, thing), stated_causes(context, thing)
+    return [q for q in old if q not in now], [q for q in now if q not in old]
+
+
+def _stated(
+    context: Context,
+    match: Match,
+    thing: NamedNode,
+    more: Iterable[Tried] = (),
+    judged: Mapping[NamedNode, bool | None] | None = None,
+    length: float | None = None,
+) -> dict[Quad, None]:
+    """Return the statements about an object that its attempts imply."""
+    lengths = [_number(q.object) for q in match(thing, RT.extentX)]
+    length = min(lengths, default=length)
+    if not length:
+        return {}
+    found = sorted((*_attempts(context, match, thing, judged or {}), *more), key=lambda t: str(t))
+    x, fingers, held = (
+        np.array([getattr(one, name) for one in found], np.float64)
+        for name in ("x", "finger_width", "held")
+    )
+    triples = Triples()
+    for cause in hidden_causes(x / length, fingers / 2 / length, held, MIN_PROBABILITY):
+        start, end = cause.start * length, cause.end * length
+        side = "positive" if start + end > 0 else "negative"
+        node = iri(f"{thing.value}/cause/{cause.kind}-{side}")
+        reasons = Counter(
+            one.reason for one in found
+            if not one.held and _touches(one, start, end) is (cause.kind == "zone")
+        )  # fmt: skip
+        triples.add(thing, RT.hasHiddenCause, node)
+        triples.node(node, [RT.HiddenCause], {RT.causeProbability: cause.probability})
+        for code in sorted(reasons):
+            triples.add(node, RT.explainsReason, reason(code))
+        for one in found:
+            triples.add(node, PROV.wasDerivedFrom, one.attempt)
+        if cause.kind == "mass":
+            middle, spread = (start + end) / 2, (end - start) / 2
+            numbers = {RT.centreAlongX: middle, RT.centreOfMassSigma: spread}
+            triples.node(node, [RT.MassOffCentre], numbers)
+            continue
+        kind = _zone_kind(reasons)
+        zone = {RT.zoneStart: start, RT.zoneEnd: end, RT.zoneKind: kind}
+        triples.node(node, [RT.GraspZone], zone)
+    graph = context.kb.graphs.causes
+    return dict.fromkeys(Quad(s, p, object_term(v), graph) for s, p, v in triples)
+
+
+def _touches(one: Tried, start: float, end: float) -> bool:
+    half = one.finger_width / 2
+    return one.x + half >= start and one.x - half <= end
+
+
+def _zone_kind(reasons: Mapping[str, int]) -> NamedNode | None:
+    """Return in which way a zone gives way, as far as the reasons tell."""
+    if reasons.get(_FRAGILE):
+        return RT.zone_fragile
+    if reasons.get(_COMES_OFF):
+        return RT.zone_comes_off
+    return RT.zone_slippery if any(reasons.get(code) for code in _SLIPS) else None
+
+
+def _attempts(
+    context: Context, match: Match, thing: NamedNode, judged: Mapping[NamedNode, bool | None]
+) -> list[Tried]:
+    """Return the judged attempts from above at an object, by pattern."""
+    widths: dict[object, float] = {
+        one.iri: float(one.gripper.finger_width) for one in context.grippers.all()
+    }
+    found = {}
+    for grasp in {q.object for q in match(thing, RT.hasGrasp)}:
+        x = place_along(match, grasp)
+        if x is None:
+            continue
+        tries = {q.subject for q in match(None, RT.executesGrasp, grasp)}
+        for attempt in tries:
+            if not isinstance(attempt, NamedNode):
+                continue
+            told = [(q.predicate, q.object) for q in match(attempt)]
+            for outcome in {o for p, o in told if p == RT.hasOutcome}:
+                held, code = _label(match, outcome)
+                held = judged.get(attempt, held)
+                if held is not None:
+                    width = max((widths.get(o, 0.0) for p, o in told if p == RT.activates),
+                                default=0.0)  # fmt: skip
+                    found[attempt] = Tried(attempt, x, held, width, code)
+    return list(found.values())
+
+
+def place_along(match: Match, grasp: object) -> float | None:
+    """Return the place of a grasp from above along x of its object, m; None for one in space."""
+    for link in match(grasp, RT.graspPose):
+        told = {q.predicate: q.object for q in match(link.object)}
+        if RT.theta in told and RT.x in told:
+            return _number(told[RT.x])
+    return None
+
+
+def _label(match: Match, outcome: object) -> tuple[bool | None, str]:
+    """Return whether an attempt held, as :func:`rtask.engine.memory.verdicts.label_of` does.
+
+    None if it does not count; also the code of the reason that the robot reported.
+    """
+    decided, code = None, ""
+    latest: dict[object, tuple[str, bool]] = {}
+    for quad in match(outcome):
+        if quad.predicate == RT.success:
+            decided = bool(python_value(object_term(quad.object)))
+        elif quad.predicate == RT.hasReason and isinstance(quad.object, NamedNode):
+            code = local_name(quad.object.value).removeprefix("reason_")
+        elif quad.predicate == RT.hasFeedback:
+            said = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
+            if RT.verdict in said and PROV.wasAttributedTo in said and RT.atTime in said:
+                when = str(python_value(object_term(said[RT.atTime])))
+                held = bool(python_value(object_term(said[RT.verdict])))
+                who = said[PROV.wasAttributedTo]
+                latest[who] = max(latest.get(who, ("", False)), (when, held))
+    if decided is None:
+        return None, code
+    votes = [held for _, held in latest.values()]
+    if votes and 2 * sum(votes) == len(votes):
+        return None, code
+    label = 2 * sum(votes) > len(votes) if votes else decided
+    return (None if label == decided and code in UNJUDGED else label), code
+
+
+def _number(value: object) -> float:
+    return float(str(python_value(object_term(value))))  # type: ignore[arg-type]  # a stored term
