@@ -127,7 +127,7 @@ def hidden_causes(
     ...     failed_in_the_middle_and_right, np.full(3, 0.05), np.array([0.0, 0.0, 1.0])
     ... )
     >>> [(cause.kind, round(cause.probability, 1)) for cause in causes]
-    [('mass', 0.5), ('zone', 0.4)]
+    [('zone', 0.5), ('mass', 0.4)]
     >>> hidden_causes(np.zeros(1), np.full(1, 0.05), np.ones(1))
     []
     """

@@ -170,6 +170,8 @@ class OutcomeReport(TypedDict, total=False):
     """whether the object was held"""
     placed: bool
     """whether it reached its destination; default: not known"""
+    place: str
+    """name of the place where it was put, such as "left box"; default: not known"""
     reason: str
     """code of the reason: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: float

@@ -103,7 +103,9 @@ def outcome_message(
     pictures: list[tuple[str, bytes]],
 ) -> dict[str, Any]:
     """Return the outcome message of a physical attempt."""
-    placed = {} if record.judged_placed.answer == "unknown" else {"placed": record.placed}
+    placed: dict[str, Any] = {}
+    if record.judged_placed.answer != "unknown":
+        placed = {"placed": record.placed, "place": record.place if record.placed else None}
     return {
         "success": record.kept,
         **placed,

@@ -93,6 +93,7 @@ class AttemptRun:
         self.plan, self.arm = plan, plan.arm
         self.reason = "not_judged"
         self.place_reason = ""
+        self.place = ""
         self.error_m = float("nan")
         """Error of the tool position (m) at the grasp, and later at the place of release."""
         self._hand = self.robot.arm(plan.arm)
@@ -210,6 +211,7 @@ class AttemptRun:
         request = self.plan.request
         spot = PlaceSpot.in_box(box, used, max(request.height, request.length))
         before = self._box_before or self._box_map(box)
+        self.place = f"{box.side} box"
         return self._place(spot, before, lambda: self._box_map(box), np.array(box.centre))
 
     def place_at(self, x: float, y: float) -> str:
@@ -415,6 +417,7 @@ class AttemptRun:
             judged_placed=self.placed,
             old_place=self.old_place,
             place_reason=self.place_reason,
+            place=self.place,
             links_touching=last.links,
             contact_force_n=last.force_n,
             jaw_gap_m=max(closed.opening, 0.0) * self._hand.mouth,

@@ -49,6 +49,8 @@ class GraspRecord:
     place_reason
         ``ok``, ``slip_transport``, ``place_plan``, ``drop_outside`` or ``not_judged``; empty when
         nothing was placed.
+    place
+        Where the object was to be put, such as ``left box``; empty if it is not a box.
     links_touching, contact_force_n, jaw_gap_m
         Finger links stopped by something and the force from their motors' effort, both at the last
         phase before transport in which the hand should hold the object; gap of the jaws after
@@ -85,6 +87,7 @@ class GraspRecord:
     planning_s: float
     tilt: float
     ik_solutions: int
+    place: str = ""
     times: Mapping[str, float] = field(default_factory=dict)
     links: Mapping[str, int] = field(default_factory=dict)
     forces: Mapping[str, float] = field(default_factory=dict)

@@ -14,6 +14,7 @@ from rtask.engine.memory.statistics import judged, state, statistics_of
 from rtask.engine.names import slug, tail
 from rtask.engine.perception.growth import posed_views, regrown, state_model
 from rtask.engine.records.objects import body_frame
+from rtask.engine.records.task_tree import parts_of
 from rtask.engine.triples import Triples, stamp
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
@@ -143,6 +144,7 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
   ?attempt rt:executesGrasp ?grasp OPTIONAL {{ ?attempt rt:requestId ?id }} }}""")
     moved: dict[NamedNode, list[NamedNode]] = {}
     stays: set[NamedNode] = set()
+    tasks: set[NamedNode] = set()
     for row in rows:
         task, attempt, grasp = row["task"], row["attempt"], row["grasp"]
         assert isinstance(task, NamedNode)
@@ -152,8 +154,8 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
             stays.add(grasp)
             continue
         moved.setdefault(grasp, []).append(attempt)
-        for quad in edit.match(task, RT.handles, thing):
-            edit.replace(quad, Quad(task, RT.handles, new, quad.graph_name))
+        tasks |= {*parts_of(task)}
+    _move_tasks(edit, thing, new, tasks)
     poses: set[NamedNode] = set()
     for grasp, attempts in moved.items():
         if grasp not in stays:
@@ -163,6 +165,22 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
         else:
             _copy_grasp(context, edit, new, grasp, attempts)
     return poses
+
+
+def _move_tasks(edit: Edit, thing: NamedNode, new: NamedNode, tasks: set[NamedNode]) -> None:
+    """Move tasks to another object; what they are parts of goes along if all its parts go."""
+    wholes = {q.subject for task in tasks for q in edit.match(None, RT.hasSubTask, task)}
+    going = set(tasks)
+    for whole in wholes:
+        assert isinstance(whole, NamedNode)
+        parts = edit.match(whole, RT.hasSubTask)
+        if all(quad.object in tasks for quad in parts):
+            going.add(whole)
+        else:
+            edit.remove(quad for quad in parts if quad.object in tasks)
+    for task in going:
+        for quad in edit.match(task, RT.handles, thing):
+            edit.replace(quad, Quad(task, RT.handles, new, quad.graph_name))
 
 
 def _copy_grasp(

@@ -2,8 +2,9 @@
 
 A cause (:func:`grasp.learning.causes.hidden_causes`) is a property of the object and holds for
 every hand. It is stated in the graph of causes, derived from the attempts that it was inferred
-from, in the same commit as the outcome, verdict or correction that changes it. What is stated depends on the
-judged attempts alone, so that it is the same whatever the order in which they came and went.
+from, in the same commit as the outcome, verdict or correction that changes it. What is stated
+depends on the judged attempts alone, so that it is the same whatever the order in which they came
+and went.
 """
 
 from __future__ import annotations

@@ -204,6 +204,7 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.success: one.outcome.held,
             RT.placed: one.outcome.placed,
             RT.hasReason: reason(one.outcome.reason),
+            RT.placeReason: reason(one.outcome.place_reason) if one.outcome.place_reason else None,
             RT.hasFeedback: feedback,
         },
     )

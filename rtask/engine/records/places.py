@@ -1,4 +1,4 @@
-"""Places of objects: the poses at which robots saw them, and the end effector that holds one.
+"""Places of objects: the poses at which robots saw them, and what holds them: a hand, a box.
 
 A pose holds in a frame of one robot, and is compared with poses in that frame alone: the same name
 of two robots' frames, such as ``base_link``, means two frames. An attempt that may have moved the
@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
+from rtask.engine.grippers import KnownGripper
 from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.received import Outcome
+from rtask.engine.records.task_tree import is_place_of, place_iri
 from rtask.engine.triples import Triples, stamp
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, Value, iri, object_term, python_value
@@ -186,10 +188,11 @@ def state_seen(
     triples.pose(pose, frame, found.frame_from_object)
     triples.add(pose, RT.atTime, stamp(sighting.time))
     hands = {gripper.iri for gripper in context.grippers.all()}
+    supports = () if is_new else _supports(context.kb, thing, sighting.graph)
     withdrawn: list[tuple[NamedNode, NamedNode, Value]] = [
-        (thing, RT.locatedOn, hand)
-        for hand in (() if is_new else _supports(context.kb, thing, sighting.graph))
-        if hand in hands
+        (thing, RT.locatedOn, support)
+        for support in supports
+        if support in hands or is_place_of(sighting.robot, support)
     ]
     for one in stored[MAX_ESTIMATES - 1 :]:
         withdrawn += _statements(context.kb, (one.iri, one.pose), sighting.graph)
@@ -200,28 +203,32 @@ def state_moved(
     context: Context,
     triples: Triples,
     thing: NamedNode,
-    hand: NamedNode,
+    gripper: KnownGripper,
     outcome: Outcome,
     ended: dt.datetime,
     graph: NamedNode,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """Add where an attempt left its object; return the statements to be withdrawn.
 
-    The object is located on the end effector if it was held and nothing is said of placing it. If
-    it was placed or lost, its place is unknown until it is seen again.
+    The object is located on the end effector if it was held and nothing is said of placing it, and
+    on the place where it was put if the robot names that. If it was lost, or put down somewhere,
+    its place is unknown until it is seen again.
     """
     if not may_have_moved(outcome):
         return []
     for one in _estimates(context.kb, thing):
         if not one.is_over and one.time <= ended:
             triples.add(one.iri, PROV.invalidatedAtTime, stamp(ended))
-    is_in_hand = outcome.held and outcome.placed is None
-    if is_in_hand:
-        triples.add(thing, RT.locatedOn, hand)
+    now = None
+    if outcome.held and outcome.placed is None:
+        now = gripper.iri
+    elif outcome.held and outcome.placed and outcome.report.place:
+        now = place_iri(gripper.robot, outcome.report.place)
+    triples.add(thing, RT.locatedOn, now)
     return [
         (thing, RT.locatedOn, support)
         for support in _supports(context.kb, thing, graph)
-        if not (is_in_hand and support == hand)
+        if support != now
     ]
 
 

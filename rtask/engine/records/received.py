@@ -96,6 +96,8 @@ class OutcomeReport(Message):
     """whether the object was held"""
     placed: Flag | None = None
     """whether it reached its destination; default: not known"""
+    place: Text | None = None
+    """name of the place where it was put, such as "left box"; default: not known"""
     reason: Text | None = None
     """code of the reason: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: Annotated[Number, Unit("m")] | None = None
@@ -334,11 +336,19 @@ def in_object(pose: FloatArray) -> tuple[tuple[float, float, float, float], Quat
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an attempt, checked against the reason codes of the ontology."""
+    """Outcome of an attempt, checked against the reason codes of the ontology.
+
+    Parameters
+    ----------
+    place_reason
+        Code of the reason why an object that was held did not arrive; empty if it did, or if no
+        known code was given.
+    """
 
     held: bool
     reason: str
     placed: bool | None = None
+    place_reason: str = ""
     comments: tuple[str, ...] = ()
     report: OutcomeReport = field(default_factory=lambda: OutcomeReport(success=False))
 
@@ -359,11 +369,12 @@ class Outcome:
         UsageError
             A failure has the reason ``ok``.
         """
-        held, code = report.success, report.reason
+        held, code, after = report.success, report.reason, ""
         comments = [report.comment] if report.comment else []
         if held:
             if code not in (None, "ok"):
                 comments.append(f"after holding: {code}")
+                after = code if code in known and report.placed is False else ""
             code = "ok"
         elif code == "ok":
             raise UsageError(f"{path}.reason: a failure cannot have the reason ok", field=path)
@@ -372,4 +383,4 @@ class Outcome:
                 log.warning("unknown reason code %r is kept as a comment", code)
                 comments.append(code)
             code = "not_judged"
-        return cls(held, code, report.placed, tuple(comments), report)
+        return cls(held, code, report.placed, after, tuple(comments), report)

@@ -25,6 +25,7 @@ from rtask.engine.records.attempts import (
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.places import state_moved
 from rtask.engine.records.received import Outcome, Received
+from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
 from rtask.engine.triples import Triples, rounded
 from rtask.errors import UnknownTermError
@@ -192,9 +193,10 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         seed=None if entry.decision is None else entry.decision.seed,
     )
     triples.extend(attempt_triples(context, attempt))
+    state_task_tree(context, triples, attempt)
     gripper, held = entry.gripper, entry.outcome.held
     withdrawn: Withdrawn = state_moved(
-        context, triples, entry.thing, gripper.iri, entry.outcome, entry.ended, entry.graph
+        context, triples, entry.thing, gripper, entry.outcome, entry.ended, entry.graph
     )
     if entry.outcome.reason in UNJUDGED:
         return Recorded(grasp, withdrawn)

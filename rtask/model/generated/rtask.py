@@ -2120,12 +2120,15 @@ class GraspOutcome(Outcome):
 
     Attributes
     ----------
+    place_reason
+        Why an object that was held did not arrive where it was to go.
     placed
         Whether the object arrived where it was to go.
     """
 
     __iri__: ClassVar[str] = _RT + "GraspOutcome"
 
+    place_reason: Link[OutcomeReason] = Link(_RT + "placeReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_came_apart", _RT + "reason_crushed", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
     placed: One[bool] = One(_RT + "placed", _XSD + "boolean", functional=True)
 
 

@@ -105,6 +105,17 @@ def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) 
     # A robot makes one attempt at a time.
     assert len({(row["robot"], row["time"]) for row in answers["eq02"]}) == tried
     assert len({(row["robot"], row["ended"]) for row in answers["eq20"]}) == tried
+    # Each attempt is a part of what its robot set out to do, and says what came then.
+    told = answers["eq23"]
+    assert len({(row["robot"], row["object"], row["number"], row["grasp"]) for row in told}) >= 1
+    assert {row["robot"] for row in told} == names
+    again = [row for row in told if not row["held"] and row["then"] is not None]
+    assert all(row["reason"] != "ok" for row in again)
+    in_box = {row["object"] for row in told if row["placed"] and row["place"]}
+    where = {row["object"]: str(row["place"]) for row in answers["eq22"] if row["place"]}
+    assert where.keys() <= in_box
+    assert where
+    assert set(where.values()) <= {"left box", "right box"}
     for question in ("eq05", "eq06", "eq08", "eq09", "eq11", "eq14", "eq17", "eq19"):
         assert answers[question], question
 
