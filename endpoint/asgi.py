@@ -63,7 +63,13 @@ class AsgiApplication:
         self._context = application.context
         self._held = 0
         self.points = PointQueue(application)
-        self.connections = Connections(bridge, self._context.auth)
+        following = self._context.following
+        self.connections = Connections(
+            bridge,
+            self._context.auth,
+            following if following is not None and following.forwards else None,
+            self._context.config.max_message_bytes,
+        )
         self.changes = Changes(self._context)
         self._context.gauges["rtask_subscribers"] = lambda: len(self.changes)
         self._context.gauges["rtask_robots_connected"] = lambda: len(self.connections)

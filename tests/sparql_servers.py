@@ -110,7 +110,6 @@ CheckpointInterval = 60
 NumberOfBuffers = 10000
 MaxDirtyBuffers = 6000
 CaseMode = 2
-DefaultIsolation = 8
 [HTTPServer]
 ServerPort = 127.0.0.1:{http}
 ServerRoot = {folder}

@@ -19,6 +19,7 @@ import httpx
 
 from endpoint.access.tokens import TokenStore
 from endpoint.follow.replication import RECORDS, SNAPSHOT
+from endpoint.follow.versions import minimum_version
 from endpoint.http.messages import RefusedError, Request, Response
 from rtask.errors import MissingBlobError, RemoteUnavailableError, RtaskError, UsageError
 from rtask.kb.durability.blobs import PREFIX, digest_of
@@ -139,7 +140,7 @@ class Follower:
         self._kb = kb
         self._tokens = tokens
         self._token = token
-        self._forwards = forwards
+        self.forwards = forwards
         self._start_over = start_over or _start_again
         self._writer_seq = 0
         self._current_at = self._heard_at = float("-inf")
@@ -294,7 +295,7 @@ class Follower:
             503: the writer does not answer.
         """
         target = request.raw_path + (f"?{request.query_string}" if request.query_string else "")
-        if not self._forwards:
+        if not self.forwards:
             return Response(307, b"", "", (("Location", self.url + target),))
         headers = {n: v for n, v in request.headers.items() if n in _PASSED_ON}
         try:
@@ -312,6 +313,15 @@ class Follower:
         kept = tuple((n, v) for n, v in answer.headers.items() if n.lower() not in _DROPPED)
         media_type = answer.headers.get("content-type", "")
         return Response(answer.status_code, answer.content, media_type, kept)
+
+    def catch_up(self) -> None:
+        """Wait, for two seconds at most, for what the writer has committed by now."""
+        try:
+            now = self._http.get("/health", timeout=2.0).json()
+            wait_for = minimum_version(self._kb, f"{now['epoch']}:{now['seq']}")
+            wait_for(Response)
+        except (httpx.HTTPError, RtaskError, ValueError, KeyError) as error:
+            _log.info("an answer may lack what was just written: %s", error)
 
 
 class _Frames:

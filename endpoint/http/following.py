@@ -28,5 +28,12 @@ class Following(Protocol):
     def is_connected(self) -> bool:
         """Whether the other server has been heard of in the last seconds."""
 
+    @property
+    def forwards(self) -> bool:
+        """Whether writes are passed on; clients are told where to send them otherwise."""
+
     def forward(self, request: Request) -> Response:
         """Let the other server answer a request."""
+
+    def catch_up(self) -> None:
+        """Wait a moment for what the other server has committed by now."""

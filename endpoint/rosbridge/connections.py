@@ -7,6 +7,7 @@ import contextlib
 import logging
 
 from endpoint.access.auth import Authenticator, Caller
+from endpoint.http.following import Following
 from endpoint.http.messages import RefusedError, Request
 from endpoint.http.websocket import (
     INTERNAL_ERROR,
@@ -21,6 +22,7 @@ from endpoint.http.websocket import (
     refuse_handshake,
 )
 from endpoint.rosbridge.session import Bridge, Session
+from endpoint.rosbridge.upstream import Upstream
 from rtask.errors import RtaskError
 
 ADDRESSES = ("/", "/rosbridge")
@@ -39,11 +41,24 @@ class Connections:
         State that the sessions share.
     auth
         Identifies robots.
+    following
+        The server to which everything goes on that does not only read; none if this is nobody's
+        follower, or passes nothing on.
+    max_bytes
+        Size limit of one message.
     """
 
-    def __init__(self, bridge: Bridge, auth: Authenticator) -> None:
+    def __init__(
+        self,
+        bridge: Bridge,
+        auth: Authenticator,
+        following: Following | None = None,
+        max_bytes: int = 64 << 20,
+    ) -> None:
         self._bridge = bridge
         self._auth = auth
+        self._following = following
+        self._max_bytes = max_bytes
         self._open: set[Connection] = set()
 
     async def serve(
@@ -63,6 +78,8 @@ class Connections:
             return
         await transmit({"type": "websocket.accept"})
         connection = Connection(self._bridge, caller, receive, transmit)
+        if self._following is not None:
+            connection.pass_on(self._following, request, self._max_bytes)
         self._open.add(connection)
         _log.info("robot %s connected from %s", caller.name, request.client)
         try:
@@ -122,7 +139,15 @@ class Connection:
         self._transmit = transmit
         self._outbox = Outbox(asyncio.get_running_loop())
         self._session = Session(bridge, self._outbox.put, caller.access)
+        self._engine = bridge.engine
+        self._upstream: Upstream | None = None
         self._closing = False
+
+    def pass_on(self, following: Following, request: Request, max_bytes: int) -> None:
+        """From now on, pass what does not only read to the server that is followed."""
+        self._upstream = Upstream(
+            following, self._engine, request, self._outbox.put, self.close, max_bytes
+        )
 
     async def run(self) -> None:
         """Read until the robot leaves, while one task writes."""
@@ -136,6 +161,8 @@ class Connection:
             self._closing = True
             self._session.close()
             self._outbox.close()
+            if self._upstream is not None:
+                await self._upstream.close()
             writer.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await writer
@@ -149,7 +176,9 @@ class Connection:
             frame = message.get("text")
             if frame is None:
                 frame = message.get("bytes") or b""
-            if isinstance(frame, str) and len(frame) > LARGE_MESSAGE:
+            if self._upstream is not None and await self._upstream.take(frame):
+                pass
+            elif isinstance(frame, str) and len(frame) > LARGE_MESSAGE:
                 await loop.run_in_executor(None, self._session.feed, frame)
             else:
                 self._session.feed(frame)

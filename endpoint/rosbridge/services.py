@@ -18,6 +18,10 @@ RequestClass = type[Message]
 AnswerClass = type[Answer]
 
 
+_WRITES_IN_PART = frozenset(("teach_object",))
+"""Operations whose requests need different rights; some of them write."""
+
+
 class Operation(Protocol):
     """The part of an operation that rosbridge uses."""
 
@@ -152,6 +156,12 @@ def ros_type(operation: str) -> str:
     'rtask/RecogniseForGrasp'
     """
     return f"rtask/{camel_case(operation)}"
+
+
+def only_reads(engine: Engine, operation: str) -> bool:
+    """Whether an operation, whatever its request, leaves the graph as it is."""
+    found = engine.operations.get(operation)
+    return found is not None and found.scope == "read" and operation not in _WRITES_IN_PART
 
 
 def engine_services(engine: Engine) -> list[Service]:

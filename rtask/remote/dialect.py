@@ -9,8 +9,7 @@ does a string that begins like that by itself.
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -277,37 +276,3 @@ class Dialect:
 def _is_encoding(text: str, datatype: str, language: str | None) -> bool:
     """Whether a literal is one that travels encoded."""
     return datatype == _STRING and language is None and text.startswith(_AS)
-
-
-_GRAPH_WORD = re.compile(r"\bGRAPH\b", re.IGNORECASE)
-
-
-def dataset_fields(
-    dialect: Dialect,
-    text: str,
-    default: Sequence[NamedNode] | None,
-    named: Sequence[NamedNode] | None,
-    all_graphs: Iterable[NamedNode],
-    names_dataset: bool,
-) -> list[tuple[str, str]]:
-    """Return the protocol's parameters that make a query read the right graphs.
-
-    Parameters
-    ----------
-    default, named
-        The dataset that the caller asked for, if any.
-    all_graphs
-        What ``GRAPH ?g`` may range over where the union is a named graph.
-    names_dataset
-        Whether the text itself has FROM or FROM NAMED.
-    """
-    if default is not None or named is not None:
-        fields = [("default-graph-uri", graph.value) for graph in default or ()]
-        return [*fields, *(("named-graph-uri", graph.value) for graph in named or ())]
-    union = dialect.union
-    if union is None or names_dataset:
-        return []
-    fields = [("default-graph-uri", union.value)]
-    if _GRAPH_WORD.search(text):
-        fields += [("named-graph-uri", graph.value) for graph in all_graphs]
-    return fields

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Quad
@@ -24,6 +25,7 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.kb.store.writes import Writes
+from rtask.remote.claim import Claim
 from rtask.remote.dialect import Dialect
 from rtask.remote.endpoints import Endpoints
 
@@ -39,6 +41,9 @@ _PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 _MAX_RECORD = 1 << 18
 _RECORDS = 500
 _STALE_S = 3_600.0
+_PATIENCE_S, _PATIENCE_LARGE_S = 20, 600
+_SURE_S = 10.0
+"""A claim that is younger has not been taken for one of an ended process."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ class HeadGraph:
         self._endpoints = endpoints
         self._dialect = dialect
         self._name = f"<{dialect.base}graph/store>"
+        self._claim = Claim(endpoints, self._name)
 
     def pattern(self, value: str) -> str:
         """Return the pattern that matches the head."""
@@ -92,8 +98,7 @@ class HeadGraph:
         else:
             raise StoreFormatError(
                 f"{self._endpoints} holds {len(rows)} heads in {self._name}, one is expected; "
-                "was the store emptied or restored while it was in use, or does the server carry "
-                "out updates side by side (Virtuoso without DefaultIsolation = 8)?"
+                "was the store emptied or restored while it was in use?"
             )
         return Head.of(rows[0][0])
 
@@ -132,13 +137,14 @@ class HeadGraph:
         """
         size = self._dialect.abilities.statements
         if len(writes.removed) + len(writes.added) <= size:
-            self._send(self._whole(old, new, writes, record), old, new)
+            self._send(partial(self._whole, old, new, writes, record), old, new)
             return
         staged = _Staged(self._endpoints, self._dialect, self._name, new.token)
         is_known = True
         try:
             staged.store(writes)
-            self._send(self._moving(old, new, record, staged), old, new)
+            moving = partial(self._moving, old, new, record, staged)
+            self._send(moving, old, new, _PATIENCE_LARGE_S)
         except RemoteUnavailableError:
             is_known = False  # the server may still be moving them; a later opening removes them
             raise
@@ -149,10 +155,14 @@ class HeadGraph:
     def _whole(self, old: Head, new: Head, writes: Writes, record: str | None) -> str:
         block = self._dialect.block
         return (
-            f"DELETE {{ {self.pattern(str(old))} {block(writes.removed)} }}\n"
+            f"DELETE {{ {self._condition(old)} {block(writes.removed)} }}\n"
             f"INSERT {{ {self._new(new, record)} {block(writes.added)} }}\n"
-            f"WHERE {{ {self.pattern(str(old))} }}"
+            f"WHERE {{ {self._condition(old)} }}"
         )
+
+    def _condition(self, old: Head) -> str:
+        """Return the patterns of the head and of the claim, which end with the commit."""
+        return f"{self.pattern(str(old))} {self._claim.pattern}"
 
     def _new(self, new: Head, record: str | None) -> str:
         commit = self._commit(new.seq)
@@ -165,12 +175,41 @@ class HeadGraph:
     def _moving(self, old: Head, new: Head, record: str | None, staged: _Staged) -> str:
         deleted, inserted, branches = staged.parts()
         return (
-            f"DELETE {{ {self.pattern(str(old))} {deleted} }}\n"
+            f"DELETE {{ {self._condition(old)} {deleted} }}\n"
             f"INSERT {{ {self._new(new, record)} {inserted} }}\n"
-            f"WHERE {{ {self.pattern(str(old))} {{ {branches} }} }}"
+            f"WHERE {{ {self._condition(old)} {{ {branches} }} }}"
         )
 
-    def _send(self, text: str, old: Head, new: Head) -> None:
+    def _send(
+        self, text: Callable[[], str], old: Head, new: Head, patience_s: int = _PATIENCE_S
+    ) -> None:
+        """Send a commit until it is known whether it is stored.
+
+        Parameters
+        ----------
+        text
+            Returns the request once the right to commit has been claimed.
+        """
+        self._claim.take(self.pattern("?h"), lambda heads: self._require(old, heads), patience_s)
+        try:
+            self._send_claimed(text(), old, new)
+        except RemoteUnavailableError:
+            raise  # the server may still be storing it
+        except BaseException:
+            self._claim.release()
+            raise
+
+    def _require(self, old: Head, heads: list[Any]) -> None:
+        found = Head.of(heads[0]) if len(heads) == 1 else self.read()
+        if found != old:
+            raise VersionConflictError(
+                f"somebody else committed: expected version {old.seq}, found {found.seq}; "
+                "read again and retry",
+                expected=old.seq,
+                found=found.seq,
+            )
+
+    def _send_claimed(self, text: str, old: Head, new: Head) -> None:
         end = time.monotonic() + self._endpoints.connection.timeout_s
         while True:
             failure: RtaskError | None = None
@@ -181,6 +220,8 @@ class HeadGraph:
             except QuerySyntaxError as error:
                 # Some servers answer 400 to whatever goes wrong.
                 failure = CallFailedError(f"the server refused a commit: {error}", status=400)
+            if failure is None and self._claim.age_s < _SURE_S:
+                return
             try:
                 found, token = self._after(new)
             except (RemoteUnavailableError, QueryTimeout) as error:
@@ -188,13 +229,7 @@ class HeadGraph:
             else:
                 if token == new.token:
                     return
-                if found != old:
-                    raise VersionConflictError(
-                        f"somebody else committed: expected version {old.seq}, found {found.seq}; "
-                        "read again and retry",
-                        expected=old.seq,
-                        found=found.seq,
-                    )
+                self._require(old, [found])
                 if isinstance(failure, CallFailedError):
                     raise failure
             if time.monotonic() >= end:

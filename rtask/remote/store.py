@@ -3,7 +3,8 @@
 A commit is one request that takes effect only if nobody else has committed since (compare and set):
 a head, kept in the graph ``<base>graph/store``, names the last commit and who made it, and the
 request replaces it. Asking for the head afterwards tells whether the commit took effect, so a
-request whose answer was lost can be sent again without any risk.
+request whose answer was lost can be sent again without any risk. A claim before it keeps two
+processes apart where the server itself does not (:mod:`rtask.remote.claim`).
 
 What a commit needs to know about the store before is asked for in one query, by subject. What is
 known about a subject is kept until the next commit, of this process or of another, which is noticed
@@ -26,10 +27,11 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DEFAULT, GraphName, Subject, Term, stored, stored_quad, triple_key
-from rtask.remote.dialect import Dialect, dataset_fields
+from rtask.remote.dataset import directed
+from rtask.remote.dialect import Dialect
 from rtask.remote.endpoints import ROWS, TRIPLES, Endpoints
 from rtask.remote.head import Head, HeadGraph
-from rtask.sparql.lexer import names_dataset, query_form
+from rtask.sparql.lexer import query_form
 from rtask.sparql.syntax import check_query
 
 __all__ = ["RemoteStore"]
@@ -316,16 +318,15 @@ class RemoteStore(GraphStore):
         check_query(text, base_iri)
         if self._is_changing:
             self._pin()
-        fields = dataset_fields(
+        sent, fields = directed(
             self._dialect,
             text,
             default_graph,
             named_graphs,
-            (graph for graph in self._named() if isinstance(graph, NamedNode)),
-            names_dataset(text),
+            lambda: [graph for graph in self._named() if isinstance(graph, NamedNode)],
         )
         rows = query_form(text) in ("select", "ask")
-        whole = text if base_iri is None else f"BASE <{base_iri}>\n{text}"
+        whole = sent if base_iri is None else f"BASE <{base_iri}>\n{sent}"
         data = self._endpoints.query(whole, ROWS if rows else TRIPLES, fields, timeout_s)
         return self._dialect.answer(data, rows)
 

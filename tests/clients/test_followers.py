@@ -14,6 +14,8 @@ from typing import Any
 
 import httpx
 import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
 
 import rtask
 from rtask.loader import load
@@ -22,6 +24,10 @@ from tests.sparql_servers import free_port
 
 pytestmark = pytest.mark.slow
 
+_HANDS = [
+    {"name": "hand", "kind": "ParallelJawGripper", "gripper_type": "jaws", "max_opening": 0.08,
+     "jaw_width": 0.02, "finger_length": 0.05, "max_payload": 1.0}
+]  # fmt: skip
 _ROWS = {"Accept": "application/sparql-results+json"}
 
 
@@ -119,6 +125,62 @@ def test_a_follower_answers_reads_passes_writes_on_and_shows_ones_own(
     assert follower.process.returncode == 0
     assert writer.stop() == 0
     assert _digest(folder) == _digest(follower.data)
+
+
+def _call(robot: ClientConnection, service: str, **args: Any) -> dict[str, Any]:
+    robot.send(json.dumps({"op": "call_service", "id": "1", "service": service, "args": args}))
+    while True:
+        answer: dict[str, Any] = json.loads(robot.recv(timeout=60))
+        if answer["op"] == "service_response":
+            return answer
+
+
+def _websocket(server: RunningServer, headers: dict[str, str]) -> ClientConnection:
+    return connect(server.url.replace("http", "ws", 1), additional_headers=headers, max_size=None)
+
+
+def test_robots_write_and_meet_others_through_a_follower_and_read_there(
+    folder: Path, token_file: Path, follow: Start
+) -> None:
+    with rtask.open(folder):  # with the ontology, for the engine
+        pass
+    robot = bearer(_rtask("token", "create", "-d", str(folder), "--robot", "nao-2"))
+    reader = bearer(_rtask("token", "create", "-d", str(folder), "--role", "reader"))
+    with running_server(folder) as writer, follow(writer.url) as follower:
+        with _websocket(follower, robot) as near, _websocket(writer, robot) as far:
+            for number in range(3):
+                told = {"name": "nao-2", "model": f"Nao {number}", "end_effectors": _HANDS}
+                stored = _call(near, "/rtask/register_robot", **told)
+                assert stored["result"] is True, stored
+                seq = httpx.get(writer.url + "/health").json()["seq"]
+                assert _call(near, "/rtask/compare_contributors")["result"] is True
+                # What was read there has one's own write.
+                assert httpx.get(follower.url + "/health").json()["seq"] >= seq
+            far.send(json.dumps({"op": "subscribe", "topic": "/hello", "type": "std_msgs/String"}))
+            _call(far, "/rosapi/get_time")  # the subscription before it has been carried out
+            message = {"topic": "/hello", "msg": {"data": "here"}}
+            near.send(json.dumps({"op": "advertise", "topic": "/hello", "type": "std_msgs/String"}))
+            near.send(json.dumps({"op": "publish", **message}))
+            assert json.loads(far.recv(timeout=60)) == {"op": "publish", **message}
+            with _websocket(follower, reader) as other:
+                refused = _call(
+                    other,
+                    "/rtask/register_robot",
+                    name="nao-2",
+                    model="other",
+                    end_effectors=_HANDS,
+                )
+                assert (refused["result"], refused["status"]) == (False, 403)
+            writer.stop()
+            with pytest.raises(ConnectionClosed):  # what was advertised there is gone
+                near.recv(timeout=60)
+        with _websocket(follower, robot) as near:
+            refused = _call(
+                near, "/rtask/register_robot", name="nao-2", model="other", end_effectors=_HANDS
+            )
+            assert (refused["result"], refused["status"]) == (False, 503)
+            assert writer.url in refused["values"]
+            assert _call(near, "/rtask/compare_contributors")["result"] is True
 
 
 def test_a_token_that_the_writer_revokes_is_void_on_followers(

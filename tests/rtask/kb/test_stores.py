@@ -26,11 +26,13 @@ from rtask.errors import (
 )
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Change
+from rtask.kb.store.writes import Writes
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import BlankNode, Literal, iri, literal, prologue
+from rtask.rdf.terms import BlankNode, Literal, Quad, iri, literal, prologue
 from rtask.remote import opening, transport
 from rtask.remote.dialect import Abilities
 from rtask.remote.endpoints import Endpoints
+from rtask.remote.head import Head, HeadGraph
 from rtask.remote.probe import probe
 from rtask.remote.store import RemoteStore
 from tests import sparql_servers
@@ -199,6 +201,24 @@ def test_named_graphs_can_be_asked_for(kb: KnowledgeBase) -> None:
     assert _texts(kb, "GRAPH ?x { <urn:a> <urn:p> 1 }") == ["<urn:i>"]
     with pytest.raises(DataError, match="does not exist"):
         kb.update("CLEAR GRAPH <urn:h>")
+
+
+def test_a_variable_for_graphs_ranges_over_those_of_the_knowledge_base(kb: KnowledgeBase) -> None:
+    kb.update("INSERT DATA { GRAPH <urn:g> { <urn:a> <urn:p> 1 } <urn:a> <urn:q> 2 }")
+    theirs = "GRAPH <urn:somebody> { <urn:a> <urn:p> 1 }"
+    if isinstance(kb.store, RemoteStore):  # another program's graph on the same server
+        kb.store.endpoints.update(f"INSERT DATA {{ {theirs} }}")
+    known = sorted(str(graph) for graph in kb.store.named_graphs() if kb.store.count(graph))
+    try:
+        assert _texts(kb, "{ SELECT DISTINCT ?x { GRAPH ?x { ?s ?p ?o } } }") == known
+        assert _texts(kb, "GRAPH ?x { <urn:a> <urn:p> ?o }GRAPH $x { ?s <urn:p> 1 }") == ["<urn:g>"]
+        nested = "?s <urn:q> 2 FILTER EXISTS { GRAPH ?g { ?s <urn:p> 1 } } BIND(?s AS ?x)"
+        assert _texts(kb, nested) == ["<urn:a>"]
+        found = kb.query("CONSTRUCT { ?g <urn:holds> ?s } { GRAPH ?g { ?s <urn:p> 1 } }")
+        assert [str(triple.subject) for triple in found] == ["<urn:g>"]
+    finally:
+        if isinstance(kb.store, RemoteStore):
+            kb.store.endpoints.update(f"DELETE DATA {{ {theirs} }}")
 
 
 _VALUES = [
@@ -392,9 +412,12 @@ def test_two_processes_over_one_server_see_each_other_and_never_overwrite(
 
             def add(kb: KnowledgeBase, agent: str) -> None:
                 for number in range(15):
+                    # Some hundred statements keep a server busy long enough for both to meet.
+                    more = " . ".join(f"<urn:{agent}-{number}> <urn:r> {n}" for n in range(300))
+                    text = f"INSERT DATA {{ <urn:b> <urn:{agent}> {number} . {more} }}"
                     while True:
                         with contextlib.suppress(VersionConflictError):
-                            kb.update(f"INSERT DATA {{ <urn:b> <urn:{agent}> {number} }}", agent)
+                            kb.update(text, agent)
                             break
 
             def run(kb: KnowledgeBase, agent: str) -> None:
@@ -411,10 +434,56 @@ def test_two_processes_over_one_server_see_each_other_and_never_overwrite(
                 thread.join()
             assert not failed
             assert len(one.match("urn:b")) == 30
+            assert len(one.match(None, "urn:r")) == 30 * 300
             numbers = one.select(
                 f"SELECT ?n {{ ?a a <{_RT}WriteActivity> ; <{_RT}commitNumber> ?n }}"
             )
             assert sorted(int(str(r.value("n"))) for r in numbers) == list(range(1, 34))
+
+
+def test_of_commits_at_the_same_moment_one_is_stored(kb: KnowledgeBase) -> None:
+    """Also on servers whose updates do not see each other, as Oxigraph's and Virtuoso's."""
+    store = _remote(kb)
+    graphs = [HeadGraph(store.endpoints, store.dialect) for _ in range(2)]
+    for number in range(12):
+        old, together = store.read_head(), threading.Barrier(2)
+        stored: list[Head] = []
+
+        def commit(
+            which: int,
+            old: Head = old,
+            together: threading.Barrier = together,
+            stored: list[Head] = stored,
+            number: int = number,
+        ) -> None:
+            new = old.next(f"{number}-{which}")
+            name = iri(f"urn:s{number}-{which}")
+            quads = [Quad(name, iri("urn:p"), literal(n), iri("urn:g")) for n in range(300)]
+            together.wait()
+            with contextlib.suppress(VersionConflictError):
+                graphs[which].replace(old, new, Writes({}, dict.fromkeys(quads)), None)
+                stored.append(new)
+
+        threads = [threading.Thread(target=commit, args=(which,)) for which in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert stored == [store.read_head()]
+        assert store.count(iri("urn:g")) == 300 * (number + 1)
+
+
+def test_a_claim_that_a_killed_process_left_does_not_stop_others_for_good(
+    kb: KnowledgeBase,
+) -> None:
+    name = "<urn:lab/graph/store>"
+    claim = f'GRAPH {name} {{ {name} <urn:rtask:store:claim> "somebody:1:2" }}'  # for 2 s
+    _remote(kb).endpoints.update(f"INSERT DATA {{ {claim} }}")
+    kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+    assert kb.seq == 1
+    assert not _remote(kb).endpoints.ask(f"ASK {{ {claim} }}")
+    left = f"ASK {{ GRAPH {name} {{ ?s <urn:rtask:store:claim> ?c }} }}"
+    assert not _remote(kb).endpoints.ask(left)
 
 
 def test_what_a_server_cannot_do_is_said_plainly(kb: KnowledgeBase, tmp_path: Path) -> None:

@@ -1,0 +1,158 @@
+"""A robot's second connection, from a follower to the writer.
+
+What only reads the graph is answered by the follower, near the robot. Everything else goes on to
+the writer as it came: writes, topics, actions, and services that robots and workers offer. So
+robots hear each other wherever they are connected.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import InvalidStatus, WebSocketException
+
+from endpoint.http.following import Following
+from endpoint.http.messages import Request
+from endpoint.http.websocket import SERVICE_RESTART
+from endpoint.rosbridge.messages import JsonObject, encode, parse, service_response, with_id
+from endpoint.rosbridge.packing import Frame
+from endpoint.rosbridge.services import Engine, only_reads
+from rtask.errors import UsageError
+
+__all__ = ["Upstream"]
+
+_HERE = frozenset(("search_object", "set_level", "auth"))
+_WAITING = 8
+_LARGE = 64 << 10
+
+
+class Upstream:
+    """Passes the messages of one robot on; connects when the first one is to be passed.
+
+    Parameters
+    ----------
+    following
+        The writer.
+    engine
+        Its operations that only read are answered here.
+    request
+        The robot's handshake, whose token is shown to the writer, too.
+    deliver
+        Sends a frame to the robot.
+    end
+        Closes the robot's connection: what it had subscribed to and advertised is lost.
+    max_bytes
+        Size limit of one message.
+    """
+
+    def __init__(
+        self,
+        following: Following,
+        engine: Engine,
+        request: Request,
+        deliver: Callable[[Frame], None],
+        end: Callable[[int, str], Awaitable[None]],
+        max_bytes: int,
+    ) -> None:
+        self._following = following
+        self._reads = {f"rtask/{name}" for name in engine.operations if only_reads(engine, name)}
+        token = request.headers.get("authorization")
+        self._headers = {} if token is None else {"Authorization": token}
+        self._deliver = deliver
+        self._end = end
+        self._max_bytes = max_bytes
+        self._frames: asyncio.Queue[Frame] = asyncio.Queue(_WAITING)
+        self._task: asyncio.Task[None] | None = None
+        self._may_have_written = False
+
+    async def take(self, frame: Frame) -> bool:
+        """Pass a frame on; tell whether it was one for the writer.
+
+        One that is to be answered here waits until the robot's own writes have arrived here.
+        """
+        if isinstance(frame, str) and len(frame) > _LARGE:
+            is_here = await asyncio.to_thread(self._is_for_here, frame)
+        else:
+            is_here = self._is_for_here(frame)
+        if is_here:
+            if self._may_have_written:
+                self._may_have_written = False
+                await asyncio.to_thread(self._following.catch_up)
+            return False
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._run())
+        await self._frames.put(frame)
+        return True
+
+    def _is_for_here(self, frame: Frame) -> bool:
+        if not isinstance(frame, str):
+            return False
+        try:
+            message = parse(frame)
+        except UsageError:
+            return True  # the session says what is wrong with it
+        if message.get("op") != "call_service":
+            return message.get("op") in _HERE
+        return str(message.get("service")).lstrip("/") in self._reads
+
+    async def _run(self) -> None:
+        """Connect, and pass frames both ways until one side leaves."""
+        url = self._following.url.replace("http", "ws", 1) + "/"
+        try:
+            socket = await connect(
+                url,
+                additional_headers=self._headers,
+                max_size=self._max_bytes,
+                compression=None,
+                open_timeout=5.0,
+            )
+        except InvalidStatus as error:
+            self._refuse(
+                error.response.status_code,
+                f"{self._following.url} answered {error.response.status_code}; connect with "
+                "Authorization: Bearer <token>, which is shown to it as well",
+            )
+            return
+        except (OSError, WebSocketException) as error:  # a timeout is an OSError
+            reason = str(error) or type(error).__name__
+            self._refuse(
+                503, f"writes go to {self._following.url}, which does not answer: {reason}"
+            )
+            return
+        sending = asyncio.create_task(self._send(socket))
+        try:
+            with contextlib.suppress(WebSocketException):
+                async for frame in socket:
+                    self._may_have_written = True
+                    self._deliver(frame)
+        finally:
+            sending.cancel()
+            await socket.close()
+        await self._end(SERVICE_RESTART, f"{self._following.url} closed the connection")
+
+    async def _send(self, socket: ClientConnection) -> None:
+        with contextlib.suppress(WebSocketException):
+            while True:
+                await socket.send(await self._frames.get())
+
+    def _refuse(self, status: int, reason: str) -> None:
+        """Answer the frames that wait; the next one tries again to connect."""
+        while not self._frames.empty():
+            self._deliver(encode(_refusal(self._frames.get_nowait(), status, reason)))
+
+    async def close(self) -> None:
+        """Leave the writer."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+
+def _refusal(frame: Frame, status: int, reason: str) -> JsonObject:
+    message = parse(frame) if isinstance(frame, str) else {}
+    if message.get("op") == "call_service":
+        return service_response(message, False, reason, status)
+    return with_id({"op": "status", "level": "error", "msg": reason}, message)

@@ -1,0 +1,132 @@
+"""The right to commit, which one process at a time has.
+
+Some servers carry out updates side by side: each reads what was there before both, so that a
+condition in an update does not keep another process from committing at the same moment. Oxigraph
+and Virtuoso, as they are installed, are among them. A process therefore writes down its claim
+first, and then looks: whoever sees the claim of another withdraws and tries again later. Two
+processes cannot both miss each other, because each looks after its own claim is stored (Lamport
+1974, "A New Solution of Dijkstra's Concurrent Programming Problem"). All this takes of a server is
+that a query sees every update that was acknowledged before it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import secrets
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rtask.errors import RemoteUnavailableError, RtaskError
+from rtask.remote.endpoints import Endpoints
+
+__all__ = ["Claim"]
+
+_CLAIM = "<urn:rtask:store:claim>"
+_BACK_OFF_S = (0.01, 0.1)
+
+
+class Claim:
+    """Claims of one process, which are told from others by a random name.
+
+    Parameters
+    ----------
+    name
+        Graph in which claims are stored, in angle brackets.
+    """
+
+    def __init__(self, endpoints: Endpoints, name: str) -> None:
+        self._endpoints = endpoints
+        self._name = name
+        self._process = secrets.token_hex(6)
+        self._number = 0
+        self._patience_s = 0
+        self._seen: dict[str, float] = {}
+        self._taken_at = float("-inf")
+
+    @property
+    def pattern(self) -> str:
+        """Pattern of the present claim, for the request that depends on it."""
+        return self._of(self._text)
+
+    @property
+    def _text(self) -> str:
+        return f"{self._process}:{self._number}:{self._patience_s}"
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the claim was seen to be the only one."""
+        return time.monotonic() - self._taken_at
+
+    def _of(self, claim: str) -> str:
+        return f'GRAPH {self._name} {{ {self._name} {_CLAIM} "{claim}" }}'
+
+    def take(self, and_read: str, check: Callable[[list[Any]], None], patience_s: int) -> None:
+        """Wait until no other process commits, and keep others from it.
+
+        Parameters
+        ----------
+        patience_s
+            Seconds that a server may need for the commit. Others then take the claim for one of a
+            process that has ended, and remove it.
+        and_read
+            Pattern with the variable ``?h``, which is asked for in the same query.
+        check
+            Is given the values of ``?h``; an error it raises withdraws the claim.
+
+        Raises
+        ------
+        RemoteUnavailableError
+            The server does not answer, or other processes held the right all the time.
+        """
+        self._number, self._patience_s = self._number + 1, patience_s
+        end = time.monotonic() + self._endpoints.connection.timeout_s
+        everybody = f"GRAPH {self._name} {{ {self._name} {_CLAIM} ?c }}"
+        failure: RemoteUnavailableError | None = None
+        while True:
+            try:
+                self._endpoints.update(f"INSERT DATA {{ {self.pattern} }}")
+                asked = time.monotonic()
+                rows = self._endpoints.rows(
+                    f"SELECT ?h ?c {{ {{ {and_read} }} UNION {{ {everybody} }} }}"
+                )
+                failure = None
+                others = self._others([c.value for _, c in rows if c is not None])
+                if not others:
+                    check([h for h, _ in rows if h is not None])
+                    self._taken_at = asked
+                    return
+                self.release()
+            except RemoteUnavailableError as error:
+                failure = error
+            except BaseException:
+                self.release()
+                raise
+            if time.monotonic() >= end:
+                raise RemoteUnavailableError(
+                    f"{self._endpoints} does not answer"
+                    if failure
+                    else f"{self._endpoints}: other processes have been committing for "
+                    f"{self._endpoints.connection.timeout_s:g} s; nothing was stored, try again"
+                ) from failure
+            time.sleep(random.uniform(*_BACK_OFF_S))
+
+    def _others(self, claims: list[str]) -> list[str]:
+        """Return the claims of other processes, without those that ended processes left behind."""
+        now = time.monotonic()
+        self._seen = {claim: self._seen.get(claim, now) for claim in claims if claim != self._text}
+        others = []
+        for claim, since in self._seen.items():
+            process, _, rest = claim.partition(":")
+            patience_s = float(rest.rpartition(":")[2])
+            if process == self._process or now - since > patience_s:
+                self._endpoints.update(f"DELETE DATA {{ {self._of(claim)} }}")
+            else:
+                others.append(claim)
+        return others
+
+    def release(self) -> None:
+        """Withdraw the claim; one that cannot be withdrawn now is with the next one."""
+        with contextlib.suppress(RtaskError):
+            self._endpoints.update(f"DELETE DATA {{ {self.pattern} }}")
