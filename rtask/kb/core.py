@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Collection, Sequence
 from functools import partial
@@ -9,9 +10,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from rtask.errors import RemoteError
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import Violation
-from rtask.kb.durability.journal import Record
+from rtask.kb.durability.journal import JournalFile, Record
 from rtask.kb.feed.as_of import copy_as_of
 from rtask.kb.feed.live_queries import RowChange, require_select
 from rtask.kb.feed.subscriptions import Subscription
@@ -26,6 +28,8 @@ from rtask.kb.retraction import Retraction
 from rtask.kb.watching import Watching
 
 __all__ = ["GraphCore"]
+
+_log = logging.getLogger(__name__)
 
 
 class GraphCore(Reading, Watching, Reasoning, Retraction):
@@ -166,11 +170,16 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
 
     def _save_closure(self) -> None:
         """Save the closure for the next opening."""
-        checkpoints = self._files.checkpoints
-        if self._inference is None or checkpoints is None or self.store.is_stuck:
+        checkpoints, journal = self._files.checkpoints, self._files.journal
+        is_read_only = checkpoints is None and isinstance(journal, JournalFile)
+        if self._inference is None or is_read_only or self.store.is_stuck:
             return
-        checkpoints.journal.sync(self.seq)
-        save = self._inference.prepare_save()
+        journal.sync(self.seq)
+        try:
+            save = self._inference.prepare_save()
+        except RemoteError as error:
+            _log.warning("the closure was not saved, the server does not answer: %s", error)
+            return
         if save is not None:
             save()
 

@@ -120,6 +120,13 @@ class HeadGraph:
                 (int(name.value.rpartition("/")[2]), text.value) for name, text in rows
             )
 
+    def token(self, seq: int) -> str | None:
+        """Return the token of a commit, by which it differs from another one of its number."""
+        rows = self._endpoints.rows(
+            f"SELECT ?t {{ GRAPH {self._name} {{ {self._commit(seq)} {_TOKEN} ?t }} }}"
+        )
+        return rows[0][0].value if len(rows) == 1 else None
+
     def _commit(self, seq: int) -> str:
         return f"<{self._dialect.base}activity/{seq}>"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from typing import Any
 
 from rtask.kb.commit.catalogue import CommitRecord
 from rtask.kb.durability.journal import Record, body_of, encode
@@ -32,12 +33,15 @@ class RemoteJournal:
             [quad for quad in quads if quad.graph_name not in self._left_out]
             for quads in (change.removed, change.added)
         )
-        header = {
+        header: dict[str, Any] = {
             "seq": record.seq,
             "time": record.ended.isoformat(),
             "agent": record.access.agent,
             "note": record.note,
+            "kind": "delta",
         }
+        if record.is_partial:
+            header["partial"] = True
         self._store.record = encode(header, body_of(removed, added)).decode()
 
     def withdraw(self) -> None:
@@ -52,6 +56,21 @@ class RemoteJournal:
         for _, text in self._records.records(since, self._store.head.seq):
             head, _, body = text.partition("\n")
             yield Record(json.loads(head), body.encode())
+
+    def place_of(self, seq: int) -> tuple[str, int, list[Any]] | None:
+        """Return a commit's number, and what tells it from another one of the same number.
+
+        Records of very large commits are not kept; this is.
+        """
+        token = self._records.token(seq)
+        return None if token is None else ("", seq, [seq, token, None])
+
+    def records_from(self, _: str, start: int) -> Iterator[Record]:
+        """Yield what tells a commit from others, and the records of those after it."""
+        token = self._records.token(start)
+        if token is not None:
+            yield Record({"seq": start, "time": token}, b"")
+        yield from self.records(start)
 
     def oldest(self) -> int | None:
         """Return the number of the oldest commit with a record."""

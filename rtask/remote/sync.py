@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Sequence
 
 from rtask.errors import ClosedError, RtaskError
 from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.journal import Record
 from rtask.kb.feed.feed import Feed
 from rtask.kb.feed.outage import Outage
-from rtask.rdf.terms import LONG_AGO
+from rtask.rdf.terms import LONG_AGO, TripleKey, triple_key
 from rtask.remote.journal import RemoteJournal
 from rtask.remote.store import RemoteStore
 
@@ -55,16 +57,45 @@ class Sync:
         committer.catalogue.refresh()
         committer.last_seq = store.head.seq
         committer.last_time = committer.catalogue.last_time() or LONG_AGO
+        records = list(self._journal.records(before))
         if committer.inference is not None:
-            committer.inference.forget()
-        self._writer.take_in([self._feed.read(record) for record in self._journal.records(before)])
+            committer.inference.take_in(self._changed(records, before))
+        self._writer.take_in([self._feed.read(record) for record in records])
         _log.debug("took in commits %d to %d of another process", before + 1, store.head.seq)
+
+    def _changed(self, records: Sequence[Record], before: int) -> list[TripleKey] | None:
+        """Return the triples for the reasoner that commits changed; ``None`` if not known."""
+        numbers = [record.seq for record in records]
+        if not numbers or numbers != list(range(before + 1, self._store.head.seq + 1)):
+            return None
+        graphs = self._writer.committer.graphs
+        changed: dict[TripleKey, None] = {}
+        for record in records:
+            if record.header.get("kind") != "delta" or record.header.get("partial"):
+                return None
+            for quad in (*record.removed(), *record.added()):
+                if quad.graph_name == graphs.rules:
+                    return None
+                if graphs.is_input(quad.graph_name):
+                    changed[triple_key(quad)] = None
+        return list(changed)
+
+    def _save_if_due(self) -> None:
+        """Save the closure, so that the next opening need not derive everything again."""
+        inference = self._writer.committer.inference
+        if inference is None or not inference.is_save_due():
+            return
+        with self._writer.exclusive():
+            save = inference.prepare_save()
+        if save is not None:
+            save()
 
     def _run(self) -> None:
         outage = Outage(_log, "commits of others cannot be seen")
         while not self._closed.wait(EVERY_S):
             try:
                 self.look()
+                self._save_if_due()
                 outage.ended()
             except ClosedError:
                 return

@@ -1,11 +1,13 @@
 """Followers: how fast they take in commits, how old their answers are, what they cost the writer.
 
-    .venv/bin/python tests/benchmarks/bench_follow.py [--seconds 10]
+    .venv/bin/python tests/benchmarks/bench_follow.py [--seconds 5] [--pairs 8]
 
 Real servers on this machine. The catch-up is a follower that was down for 2,000 commits of ten
 statements in 50 graphs, on disk; CPU is that of the follower's process while it catches up. For the
 age, a client stores 50 commits a second at the writer, and each is timed from its acknowledgement
-until the follower announces it. The cost is the writer's CPU with three followers and with none.
+until the follower announces it. The cost is the CPU time of the writer's process for the same
+commits with three followers and with none, in pairs one after the other, whose order alternates;
+the followers start and catch up between the measurements. The interval is Student's, of the pairs.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import httpx
 import psutil
+from scipy import stats
 
 import rtask
 from rtask.kb.durability.journal import JournalFile
@@ -101,38 +104,61 @@ def _announced(
                 heard[int(line.rpartition(":")[2])] = time.perf_counter()
 
 
-def _age_and_cost(root: Path, seconds: float) -> None:
+def _age_and_cost(root: Path, seconds: float, pairs: int) -> None:
     folder, token_file = root / "writer2", root / "token2"
     token = make_writer(folder, token_file)
+    late: list[float] = []
+    alone: list[float] = []
+    beside: list[float] = []
     with running_server(folder) as writer:
         process = psutil.Process(writer.process.pid)
         _load(writer, token, 2.0)
-        alone = _cpu(process, writer, token, seconds)[0]
-        with contextlib.ExitStack() as stack:
-            followers = [
-                stack.enter_context(_follow(writer, root / f"f{n}", token_file)) for n in range(3)
-            ]
-            heard: dict[int, float] = {}
-            ready = threading.Event()
-            threading.Thread(
-                target=_announced, args=(followers[0], token, heard, ready), daemon=True
-            ).start()
-            ready.wait(20)
-            time.sleep(2.0)
-            beside, acknowledged = _cpu(process, writer, token, seconds)
-            time.sleep(1.0)
-        late = sorted(
-            1e3 * max(0.0, heard[seq] - at) for seq, at in acknowledged.items() if seq in heard
-        )
+        for pair in range(pairs):
+            for with_followers in (False, True) if pair % 2 else (True, False):
+                if with_followers:
+                    cost, ages = _beside(writer, process, root, token_file, token, seconds)
+                    beside.append(cost)
+                    late += ages
+                else:
+                    alone.append(_cpu(process, writer, token, seconds)[0])
+    late.sort()
     print(
         f"age at {RATE:g} commits/s: median {statistics.median(late):.1f} ms, "
-        f"p95 {late[int(0.95 * len(late))]:.1f} ms, of {len(late)} commits of {len(acknowledged)}"
+        f"p95 {late[int(0.95 * len(late))]:.1f} ms, of {len(late)} commits"
     )
-    share = (beside - alone) / beside
+    shares = [100 * (b - a) / b for a, b in zip(alone, beside, strict=True)]
+    low, high = stats.t.interval(0.95, pairs - 1, statistics.mean(shares), stats.sem(shares))
     print(
-        f"writer: {alone:.2f} s CPU alone, {beside:.2f} s with three followers: "
-        f"{100 * share:.1f} % of its CPU is theirs"
+        f"writer: {statistics.mean(alone):.2f} s CPU alone, {statistics.mean(beside):.2f} s with "
+        f"three followers ({pairs} pairs of {seconds:g} s): {statistics.mean(shares):.1f} % of its "
+        f"CPU is theirs (95 %: {low:.1f} to {high:.1f})"
     )
+
+
+def _beside(
+    writer: RunningServer, process: psutil.Process, root: Path, token_file: Path, token: str,
+    seconds: float,
+) -> tuple[float, list[float]]:  # fmt: skip
+    """Return the writer's CPU time with three followers, and the ages of commits at one, in ms."""
+    with contextlib.ExitStack() as stack:
+        followers = [
+            stack.enter_context(_follow(writer, root / f"f{n}", token_file)) for n in range(3)
+        ]
+        heard: dict[int, float] = {}
+        ready = threading.Event()
+        threading.Thread(
+            target=_announced, args=(followers[0], token, heard, ready), daemon=True
+        ).start()
+        ready.wait(20)
+        while min(map(_seq, followers)) < _seq(writer):
+            time.sleep(0.1)
+        cost, acknowledged = _cpu(process, writer, token, seconds)
+        while min(map(_seq, followers)) < _seq(writer):
+            time.sleep(0.1)
+        time.sleep(0.5)
+    return cost, [
+        1e3 * max(0.0, heard[seq] - at) for seq, at in acknowledged.items() if seq in heard
+    ]
 
 
 def _cpu(
@@ -146,12 +172,13 @@ def _cpu(
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--pairs", type=int, default=8)
+    options = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as name:
         _catch_up(Path(name))
-        _age_and_cost(Path(name), seconds)
+        _age_and_cost(Path(name), options.seconds, options.pairs)
 
 
 if __name__ == "__main__":

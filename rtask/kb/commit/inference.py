@@ -87,9 +87,29 @@ class Inference:
             self._closure = self._restore() or self._build()
         return self._closure
 
-    def forget(self) -> None:
-        """Mark the closure as stale after another process's commit; it is made again on need."""
-        self._closure = None
+    def take_in(self, changed: Collection[TripleKey] | None) -> None:
+        """Follow what another process committed, and has stored.
+
+        Parameters
+        ----------
+        changed
+            The asserted triples that came or went; ``None`` if that is not known, so that the
+            closure is to be made again when it is needed.
+        """
+        from reasoner import ClosureTooLargeError
+
+        closure, self._closure = self._closure, None
+        if closure is None or changed is None:
+            return
+        if changed:
+            gained = dict.fromkeys(self._present(changed))
+            lost = [triple for triple in changed if triple not in gained]
+            try:
+                closure.stage(add=list(gained), remove=lost).apply()
+            except ClosureTooLargeError as error:
+                _log.warning("the closure cannot follow what others committed: %s", error)
+                return
+        self._closure = closure
 
     def _restore(self) -> Any:
         if self.saved is None:
@@ -97,7 +117,7 @@ class Inference:
         return self.saved.restore(self._held(), self._rules_in_force())
 
     def _held(self) -> Held:
-        return Held(self._seq(), self._sizes(), self._graphs.is_input, self._holds)
+        return Held(self._seq(), self._sizes(), self._graphs.is_input, self._present)
 
     def _sizes(self) -> dict[str, int]:
         """Return the number of triples of each graph that the reasoner reads and that has any."""
@@ -107,6 +127,10 @@ class Inference:
             if isinstance(graph, NamedNode) and self._graphs.is_input(graph)
         }
         return {name: size for name, size in sizes.items() if size}
+
+    def _present(self, triples: Collection[TripleKey]) -> list[TripleKey]:
+        self._store.prefetch({subject for subject, _, _ in triples})
+        return [triple for triple in triples if self._holds(triple)]
 
     def _holds(self, triple: TripleKey) -> bool:
         quads = self._store.quads_for_pattern(*triple, None)

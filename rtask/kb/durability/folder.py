@@ -28,7 +28,7 @@ from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.private_copy import PrivateCopy
 from rtask.kb.durability.published import HeldSnapshot, hold_newest
 from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
-from rtask.kb.durability.saved_closures import SavedClosures
+from rtask.kb.durability.saved_closures import SavedClosures, TracedJournal
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
@@ -72,7 +72,7 @@ class Files:
 
     def saved_closures(self) -> SavedClosures | None:
         """Return the closures saved in the folder; ``None`` for a store in memory."""
-        if self.folder is None or not isinstance(self.journal, JournalFile) or self.held:
+        if self.folder is None or not isinstance(self.journal, TracedJournal) or self.held:
             return None
         return SavedClosures(self.folder, self.journal, self.settings.epoch)
 

@@ -12,19 +12,19 @@ import logging
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from rtask.errors import StoreError
-from rtask.kb.durability.journal import JournalFile, Record
+from rtask.kb.durability.journal import Record
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
 if TYPE_CHECKING:
     from reasoner import Closure, LabelledRule
 
-__all__ = ["Held", "SavedClosures", "discard_saved", "saved_folders"]
+__all__ = ["Held", "SavedClosures", "TracedJournal", "discard_saved", "saved_folders"]
 
 _log = logging.getLogger(__name__)
 _PREFIX = "closure-"
@@ -51,14 +51,28 @@ class Held:
         Number of triples of each graph that the reasoner reads, by IRI; empty graphs left out.
     is_input
         Whether the reasoner reads a graph.
-    holds
-        Whether some graph that the reasoner reads holds a triple.
+    present
+        Returns those of some triples that a graph holds that the reasoner reads.
     """
 
     seq: int
     sizes: Mapping[str, int]
     is_input: Callable[[GraphName], bool]
-    holds: Callable[[TripleKey], bool]
+    present: Callable[[Collection[TripleKey]], list[TripleKey]]
+
+
+@runtime_checkable
+class TracedJournal(Protocol):
+    """A journal whose records can be followed from a place that was noted."""
+
+    def records(self, since: int = 0) -> Iterator[Record]:
+        """Yield the records of commits after ``since``, oldest first."""
+
+    def records_from(self, segment: str, start: int) -> Iterator[Record]:
+        """Yield the record at a place, and those after it."""
+
+    def place_of(self, seq: int) -> tuple[str, int, list[Any]] | None:
+        """Return segment, start and identity of a commit's record; ``None`` if it is not kept."""
 
 
 def saved_folders(folder: Path) -> list[Path]:
@@ -90,7 +104,7 @@ class SavedClosures:
         Identifier of the commit numbering.
     """
 
-    def __init__(self, folder: Path, journal: JournalFile, epoch: str) -> None:
+    def __init__(self, folder: Path, journal: TracedJournal, epoch: str) -> None:
         self._folder = folder
         self._journal = journal
         self._epoch = epoch
@@ -132,10 +146,9 @@ class SavedClosures:
         touched = self._touched(origin, held)
         closure = Closure.from_image(Image.read(path, head), rules)
         if touched:
-            gained = [key for key in touched if held.holds(key)]
-            present = set(gained)
-            lost = [key for key in touched if key not in present]
-            closure.stage(add=gained, remove=lost).apply()
+            gained = dict.fromkeys(held.present(touched.keys()))
+            lost = [key for key in touched if key not in gained]
+            closure.stage(add=list(gained), remove=lost).apply()
         _log.debug("read %s and followed %d triples", path, len(touched))
         return closure
 

@@ -231,7 +231,7 @@ class Follower:
         committer.catalogue.refresh()
         committer.last_time = committer.catalogue.last_time() or LONG_AGO
         if committer.inference is not None:
-            committer.inference.forget()
+            committer.inference.take_in(None)
 
     def _run(self) -> None:
         outage = Outage(_log, "the writer's commits cannot be followed")

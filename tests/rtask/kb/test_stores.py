@@ -26,6 +26,8 @@ from rtask.errors import (
 )
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Change
+from rtask.kb.commit.inference import Inference
+from rtask.kb.durability import saved_closures
 from rtask.kb.store.writes import Writes
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, Literal, Quad, iri, literal, prologue
@@ -372,7 +374,69 @@ def test_readmes_calls_with_reasoning_contradictions_and_quarantine(
             tx.add("urn:cup", rtask.rdf.terms.RDF_TYPE, iri(_RT + "Robot"))
 
 
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> list[Inference]:
+    """Return a list to which each building of a closure from all statements is added."""
+    found: list[Inference] = []
+    build = Inference._build
+
+    def noted(self: Inference) -> Any:
+        found.append(self)
+        return build(self)
+
+    monkeypatch.setattr(Inference, "_build", noted)
+    monkeypatch.setattr(saved_closures, "_MIN_ASSERTED", 0)
+    return found
+
+
+_TBOX = (
+    b"@prefix : <urn:t:> . @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .\n"
+    b":Mug rdfs:subClassOf :Vessel . :Vessel rdfs:subClassOf :Thing ."
+)
+
+
+def test_the_closure_is_there_after_opening_again(
+    place: Callable[..., KnowledgeBase], built: list[Inference], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with place(reason=True) as kb:
+        kb.load(_TBOX, format="turtle", graph="urn:lab/graph/import/tbox")
+        kb.update("INSERT DATA { <urn:m0> a <urn:t:Mug> }", "nao-1")
+    built.clear()
+    with monkeypatch.context() as patch, place(again=True, reason=True) as kb:
+        patch.setattr(Inference, "prepare_save", lambda _: None)  # as if it were killed later
+        kb.update("DELETE DATA { <urn:m0> a <urn:t:Mug> }", "nao-1")
+        kb.update("INSERT DATA { <urn:m1> a <urn:t:Mug> }", "nao-1")
+        kb.close()
+    with place(again=True, reason=True) as kb:
+        with kb.transaction(agent="nao-1") as tx:
+            tx.add("urn:m2", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Mug"))
+        assert tx.commit.derived == 2
+        assert kb.explain("urn:m1", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing")) is not None
+        assert kb.explain("urn:m0", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing")) is None
+    assert built == []
+
+
 # Only on servers
+
+
+def test_the_closure_follows_what_other_processes_commit(
+    place: Callable[..., KnowledgeBase], built: list[Inference], tmp_path: Path
+) -> None:
+    with place(reason=True) as one:
+        _remote(one)
+        one.load(_TBOX, format="turtle", graph="urn:lab/graph/import/tbox")
+        with place(again=True, reason=True, folder=tmp_path / "other") as two:
+            two.update("INSERT DATA { <urn:m0> a <urn:t:Mug> }", "nao-2")
+            built.clear()
+            for number in range(1, 4):
+                one.update(f"INSERT DATA {{ <urn:m{number}> a <urn:t:Mug> }}", "nao-1")
+                two.update(f"DELETE DATA {{ <urn:m{number - 1}> a <urn:t:Mug> }}", "nao-1")
+            assert _texts(two, "?x a <urn:t:Thing>") == ["<urn:m0>", "<urn:m3>"]
+            for kb in (one, two):
+                assert not kb.explain("urn:m1", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing"))
+                missing, surplus = kb._reasoner().difference()
+                assert (list(missing), surplus) == ([], [])
+            assert len(built) == 2  # by asking for the difference
 
 
 def _remote(kb: KnowledgeBase) -> RemoteStore:
