@@ -279,3 +279,22 @@ def test_byte_strings_come_when_they_are_asked_for(
         )
         missing = httpx.get(f"{follower.url}/api/blobs/{'0' * 64}", headers=reader)
         assert missing.status_code == 404
+
+
+def test_a_backup_is_made_at_the_writer_or_of_a_stopped_follower(
+    writer: RunningServer, folder: Path, follow: Start, tmp_path: Path
+) -> None:
+    admin = bearer(_rtask("token", "create", "-d", str(folder), "--role", "admin"))
+    with follow(writer.url) as follower:
+        text = {"update": "INSERT DATA { <urn:new> <urn:p> 1 }"}
+        stored = httpx.post(follower.url + "/update", data=text, headers=admin, timeout=60)
+        own = {"RTASK-Min-Version": stored.headers["RTASK-Version"], **admin}
+        _wait(lambda: _has(follower, "urn:new", own))
+        made = httpx.post(follower.url + "/backup", headers=admin, timeout=60)
+        assert made.status_code == 201, made.text
+        assert made.json()["folder"].startswith(str(folder))
+    assert writer.stop() == 0
+    assert follower.data is not None
+    _rtask("backup", "-d", str(follower.data), str(tmp_path / "backup"))
+    _rtask("restore", str(tmp_path / "backup"), str(tmp_path / "restored"))
+    assert _digest(tmp_path / "restored") == _digest(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import configparser
 import json
+import os
 import re
 import shlex
 import shutil
@@ -11,9 +12,11 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import click
 import pytest
 
 from endpoint.commands import serve
+from rtask.cli.worker import worker
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "docs" / "deploy"
@@ -23,9 +26,9 @@ INSTRUCTIONS = {
 }
 
 
-def unknown_options(words: list[str]) -> list[str]:
-    """Return the options of a command line that `rtask serve` does not have."""
-    known = {option for parameter in serve.params for option in parameter.opts}
+def unknown_options(words: list[str], command: click.Command = serve) -> list[str]:
+    """Return the options of a command line that a command does not have."""
+    known = {option for parameter in command.params for option in parameter.opts}
     return [word for word in words if word.startswith("-") and word.split("=")[0] not in known]
 
 
@@ -55,11 +58,18 @@ def test_the_unit_runs_without_privileges_and_waits_for_the_end(
     assert unit["Install"]["WantedBy"] == "multi-user.target"
 
 
-def test_systemd_itself_finds_no_fault(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("unit_file", "instance"),
+    [
+        ("rtask.service", "rtask.service"),
+        ("rtask-follower@.service", "rtask-follower@8766.service"),
+    ],
+)
+def test_systemd_itself_finds_no_fault(tmp_path: Path, unit_file: str, instance: str) -> None:
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here")
-    text = (DEPLOY / "rtask.service").read_text("utf-8")
-    copy = tmp_path / "rtask.service"
+    text = (DEPLOY / unit_file).read_text("utf-8")
+    copy = tmp_path / instance
     copy.write_text(text.replace("/usr/local/bin/rtask", "/bin/true"), encoding="utf-8")
     done = subprocess.run(
         ["systemd-analyze", "verify", "--man=no", str(copy)],
@@ -67,7 +77,7 @@ def test_systemd_itself_finds_no_fault(tmp_path: Path) -> None:
         text=True,
         timeout=60,
     )
-    faults = [line for line in done.stderr.splitlines() if "rtask.service" in line]
+    faults = [line for line in done.stderr.splitlines() if instance in line]
     assert [line for line in faults if "nknown" in line or "nvalid" in line] == []
 
 
@@ -128,8 +138,31 @@ def test_the_compose_file_starts_what_there_is() -> None:
     yaml = pytest.importorskip("yaml")
     services = yaml.safe_load((DEPLOY / "compose.yaml").read_text("utf-8"))["services"]
     ours = [service for service in services.values() if service["image"] == "rtask"]
-    assert len(ours) == 3
+    assert len(ours) == 4
     for service in ours:
-        command, *words = shlex.split(service["command"])
-        assert command == "serve"
-        assert unknown_options(words) == []
+        name, *words = shlex.split(service["command"])
+        assert unknown_options(words, {"serve": serve, "worker": worker}[name]) == []
+
+
+def test_compose_itself_finds_no_fault(tmp_path: Path) -> None:
+    program = shutil.which("docker-compose")
+    if program is None:
+        pytest.skip("no docker-compose here; apt-get install docker-compose")
+    done = subprocess.run(
+        [
+            program,
+            "-f",
+            str(DEPLOY / "compose.yaml"),
+            "--profile",
+            "worker",
+            "config",
+            "--services",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "HOME": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    services = {"writer", "follower1", "follower2", "worker", "proxy"}
+    assert set(done.stdout.split()) == services
