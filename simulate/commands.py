@@ -14,7 +14,7 @@ import click
 from rtask.errors import RobotError
 from simulate import options
 from simulate.act.commands import act_serve, act_test
-from simulate.fleet.commands import attempts, fetch, sharing, trust
+from simulate.fleet.commands import attempts, fetch, requests, sharing, trust
 from simulate.ros.commands import ros, ros_reach
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
@@ -143,6 +143,7 @@ simulate.add_command(grasping)
 simulate.add_command(judging)
 simulate.add_command(learn)
 simulate.add_command(piles)
+simulate.add_command(requests)
 simulate.add_command(sharing)
 simulate.add_command(trust)
 simulate.add_command(table4)

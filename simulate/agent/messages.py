@@ -105,7 +105,9 @@ def outcome_message(
     """Return the outcome message of a physical attempt."""
     placed: dict[str, Any] = {}
     if record.judged_placed.answer != "unknown":
-        placed = {"placed": record.placed, "place": record.place if record.placed else None}
+        placed["placed"] = record.placed
+        if record.placed and record.place:
+            placed["place"] = record.place
     return {
         "success": record.kept,
         **placed,

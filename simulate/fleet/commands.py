@@ -18,7 +18,7 @@ from rtask.kb.durability.settings import write_durably
 from simulate import options
 from simulate.study.commands import print_table
 
-__all__ = ["attempts", "fetch", "run_fleet", "sharing", "trust"]
+__all__ = ["attempts", "fetch", "requests", "run_fleet", "sharing", "trust"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
@@ -374,3 +374,51 @@ def _print_fetched(done: Mapping[str, Any], out: TextIO) -> None:
     click.echo(done["text"], out)
     for reason in done["answer"]["reasons"]:
         click.echo(f"  {reason['code']}: {reason['text']}", out)
+
+
+@click.command()
+@options.trials(50, "Number of requests; the classes take turns.")
+@click.option(
+    "--objects",
+    default=5,
+    show_default=True,
+    type=click.IntRange(min=5),
+    help="Objects on each table; at least one of each class.",
+)
+@options.seed()
+@options.robot
+@options.runs_trials("rtask-requests")
+def requests(
+    trials: int,
+    objects: int,
+    seed: int,
+    robot: str,
+    workers: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often a robot brings what it is asked for, by class of object.
+
+    Each request is one of `rtask simulate fetch` at a table of its own; whether the right product
+    arrived is the simulator's truth, beside what the robot says.
+    """
+    from simulate.fleet.requests import (
+        COLUMNS,
+        request_rows,
+        request_study,
+        write_request_report,
+    )
+    from simulate.study.runner import run
+
+    study = request_study(trials, objects, seed, robot, preset)
+    summary = write_request_report(out, run(study, out, workers, resume), study.settings)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table("Requests by class", COLUMNS, request_rows(summary))
+    for kind, one in summary["classes"].items():
+        if one["failed"] and kind != "all":
+            click.echo(f"{kind} failed: {json.dumps(one['failed'])}")
+    click.echo(f"report  {out / 'report.json'}")

@@ -46,7 +46,7 @@ class QLearning(TabularAgent):
         after = self.bins.number(transition.next_state)
         if not (self.standard or transition.terminated or transition.truncated):
             self.plan(after)
-        self._learn(self.bins.number(transition.state), transition, after)
+        self._learn(self._cell_before(transition), transition, after)
 
     def learn_examples(self, transitions: Iterable[Transition]) -> None:
         """Learn from others' steps."""
@@ -63,6 +63,7 @@ class QLearning(TabularAgent):
     def _learn(self, before: int, transition: Transition, after: int) -> None:
         target = transition.reward
         if not transition.terminated:
-            target += self.settings.gamma * max(self.values[after].tolist())
-        value = self.values.item(before, transition.action)
-        self.values[before, transition.action] = value + self.settings.alpha * (target - value)
+            target += self._gamma * max(self._rows[after].tolist())
+        row, action = self._rows[before], transition.action
+        value = row.item(action)
+        row[action] = value + self._alpha * (target - value)

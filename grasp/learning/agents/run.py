@@ -38,13 +38,16 @@ def run_episode(
         Of the environment's reset.
     """
     state, info = environment.reset(seed=seed, options=options)
-    total = 0.0
+    state, total = np.asarray(state), 0.0
     for step in range(1, max_steps + 1):
         action = agent.act(state, info)
-        after, reward, ended, cut, info = environment.step(action)
-        cut = bool(cut or (step == max_steps and not ended))
-        agent.observe(Transition(np.asarray(state), action, float(reward), after, bool(ended), cut))
-        total += float(reward)
+        after, given, ended, cut, info = environment.step(action)
+        reward, ended = float(given), bool(ended)
+        cut = bool(cut) or (step == max_steps and not ended)
+        if not isinstance(after, np.ndarray):
+            after = np.asarray(after)
+        agent.observe(Transition(state, action, reward, after, ended, cut))
+        total += reward
         state = after
         if ended or cut:
             return Episode(total, step)

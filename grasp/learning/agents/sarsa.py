@@ -55,7 +55,7 @@ class Sarsa(TabularAgent):
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step, and choose the next action with it."""
-        before = (self.bins.number(transition.state), transition.action)
+        before = (self._cell_before(transition), transition.action)
         target = transition.reward
         if not transition.terminated:
             after = self.bins.number(transition.next_state)

@@ -12,7 +12,7 @@ __all__ = ["Bins"]
 
 # A state at a cell's edge must not fall to either side by rounding.
 _EDGE = 1e-9
-_WHOLE = np.dtype(np.int64)
+_WHOLE, _Array = np.dtype(np.int64), np.ndarray
 
 
 class Bins:
@@ -71,15 +71,16 @@ class Bins:
         ValueError
             A state that is not finite or has another number of features.
         """
-        if not (isinstance(state, np.ndarray) and state.dtype is _WHOLE and state.ndim == 1):
+        # Learners ask this several times a step, nearly always for a state that is known.
+        if not (isinstance(state, _Array) and state.dtype is _WHOLE and state.ndim == 1):
             return self._number(np.asarray(state, dtype=np.float64))
-        key = state.tobytes()
-        known = self._known.get(key)
-        if known is None:
+        try:
+            return self._known[state.tobytes()]
+        except KeyError:
             known = self._number(state)
             if len(self._known) < self.count:
-                self._known[key] = known
-        return known
+                self._known[state.tobytes()] = known
+            return known
 
     def _number(self, values: NDArray[Any]) -> int:
         if values.shape != self.low.shape:

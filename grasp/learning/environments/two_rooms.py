@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import gymnasium
@@ -43,6 +44,7 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
         )
         self.action_space = gymnasium.spaces.Discrete(4)  # type: ignore[assignment]
         self._state = (0, 6)
+        self._ways = _leads_to()
 
     @staticmethod
     def bins() -> Bins:
@@ -82,12 +84,11 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Move."""
         chance = self.np_random.random()
-        direction = int(action)
-        if self.stochastic:
-            direction = aside(direction, chance)
-        self._state = self.moved(self._state, direction)
+        direction = aside(int(action), chance) if self.stochastic else int(action)
+        self._state, place = self._ways[self._state][direction]
         ended = self._state == _GOAL
-        return np.array(self._state), 0.0 if ended else -1.0, ended, False, {}
+        # A copy of an array takes a third of the time of a new one.
+        return place.copy(), 0.0 if ended else -1.0, ended, False, {}
 
     def examples(self) -> list[Transition]:
         """Return two transitions that show the door and the goal, from the real dynamics."""
@@ -97,3 +98,13 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
             after, reward, ended, cut, _ = self.step(action)
             found.append(Transition(np.array(state), action, reward, after, ended, cut))
         return found
+
+
+@cache
+def _leads_to() -> dict[tuple[int, int], list[tuple[tuple[int, int], NDArray[np.int64]]]]:
+    """Return where each direction leads from each state, also as arrays."""
+    places = {(r, c): np.array((r, c)) for r in range(_ROWS) for c in range(_COLUMNS)}
+    return {
+        state: [(there, places[there]) for there in (TwoRooms.moved(state, d) for d in range(4))]
+        for state in places
+    }

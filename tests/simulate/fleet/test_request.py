@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import pytest
+import json
+from pathlib import Path
 
+import pytest
+from click.testing import CliRunner
+
+from simulate.fleet.commands import requests
 from simulate.fleet.request import Request, carry_out
+from simulate.fleet.requests import request_rows, summarise_requests
 
 
 @pytest.mark.slow
@@ -16,3 +22,31 @@ def test_of_a_ball_and_a_bottle_the_bottle_is_to_drink_from() -> None:
     # Whether the coarse physics lets it slip is not the point; nothing else may be taken.
     assert done["took"].startswith("bottle") if done["placed"] else done["took"] == ""
     assert done["answer"]["understood"]["functions"]
+
+
+def test_shares_by_class_count_what_truly_arrived() -> None:
+    results = [
+        {"kind": "pen", "brought": True, "says": True, "why": "ok"},
+        {"kind": "pen", "brought": False, "says": True, "why": "another thing"},
+        {"kind": "box", "brought": False, "says": False, "why": "nothing fits"},
+    ]
+    found = summarise_requests(results)["classes"]
+    assert list(found) == ["box", "pen", "all"]
+    assert (found["pen"]["hits"], found["pen"]["n"], found["all"]["hits"]) == (1, 2, 1)
+    assert found["pen"]["robot_was_right"]["hits"] == 1
+    assert found["box"]["failed"] == {"nothing fits": 1}
+    assert found["pen"]["thesis_table_5_s"] == 10.501
+    assert [row[0] for row in request_rows(summarise_requests(results))] == ["box", "pen", "all"]
+
+
+@pytest.mark.slow
+def test_the_study_of_requests_is_one_command_that_resumes(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    asked = ["-n", "2", "--seed", "3", "--preset", "fast", "--out", str(out), "--json"]
+    first = CliRunner().invoke(requests, asked, catch_exceptions=False)
+    summary = json.loads(first.stdout)
+    assert summary["trials"] == 2
+    assert set(summary["classes"]) == {"ball", "bottle", "all"}
+    again = CliRunner().invoke(requests, [*asked, "--resume"], catch_exceptions=False)
+    assert json.loads(again.stdout) == summary
+    assert json.loads((out / "report.json").read_text())["settings"]["seed"] == 3

@@ -1,0 +1,103 @@
+"""How often a robot brings what it is asked for, by class of object (Gatto 2016, chapter 5).
+
+The thesis tried pens, balls, bottles and cylinders and states how long a grasp took (Table 5), not
+how often it succeeded; the shares here stand beside these times.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simulate.study.intervals import share
+from simulate.study.runner import Study
+
+__all__ = [
+    "COLUMNS", "request_rows", "request_study", "request_trial", "summarise_requests",
+    "write_request_report",
+]  # fmt: skip
+
+COLUMNS = (
+    "asked for", "brought", "of", "95 % interval", "robot was right", "Gatto 2016, Table 5",
+)  # fmt: skip
+_TABLE_5_S = {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101}
+"""Generation and execution time of a grasp, s; the can is the cylinder of the thesis."""
+
+Results = Sequence[Mapping[str, Any]]
+
+
+def request_study(trials: int, objects: int, seed: int, robot: str, preset: str) -> Study:
+    """Return the study; trials ask for the classes in turn, each at a table of its own."""
+    settings = {"seed": seed, "objects": objects, "robot": robot, "preset": preset}
+    return Study("requests by class", "simulate.fleet.requests:request_trial", settings, trials)
+
+
+def request_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Carry out one request; return it as JSON data.
+
+    ``brought`` is the truth: a product of the class that was asked for is in a box. ``says`` is
+    what the robot judged.
+    """
+    from simulate.fleet.request import WORDS, Request, carry_out
+
+    kind = sorted(WORDS)[number % len(WORDS)]
+    done = carry_out(
+        Request(
+            WORDS[kind], seed=settings["seed"] + number, objects=settings["objects"],
+            robot=settings["robot"], preset=settings["preset"],
+        )
+    )  # fmt: skip
+    brought = str(done["took"]).startswith(f"{kind}-")
+    if done["placed"]:
+        why = "ok" if brought else "another thing"
+    else:
+        why = done["tried"][-1]["reason"] if done["tried"] else "nothing fits"
+    return {"kind": kind, "brought": brought, "says": bool(done["placed"]), "took": done["took"],
+            "why": why, "tried": len(done["tried"])}  # fmt: skip
+
+
+def summarise_requests(results: Results) -> dict[str, Any]:
+    """Return shares by class and over all, with reasons of those that failed, as JSON data."""
+    kinds = sorted({str(one["kind"]) for one in results})
+    parts = {kind: [one for one in results if one["kind"] == kind] for kind in kinds}
+    return {
+        "classes": {
+            kind: {
+                **share(sum(one["brought"] for one in mine), len(mine)),
+                "robot_was_right": share(
+                    sum(one["says"] == one["brought"] for one in mine), len(mine)
+                ),
+                "failed": dict(Counter(o["why"] for o in mine if not o["brought"]).most_common()),
+                "thesis_table_5_s": _TABLE_5_S.get(kind),
+            }
+            for kind, mine in {**parts, "all": list(results)}.items()
+        },
+        "trials": len(results),
+    }
+
+
+def request_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Return the rows of the table for people."""
+    rows = []
+    for kind, one in summary["classes"].items():
+        low, high = one["interval95"]
+        seconds = one["thesis_table_5_s"]
+        rows.append([
+            kind, str(one["hits"]), str(one["n"]), f"{low:.2f} to {high:.2f}",
+            f"{one['robot_was_right']['hits']} of {one['n']}",
+            "-" if seconds is None else f"{seconds:.1f} s a grasp, no share",
+        ])  # fmt: skip
+    return rows
+
+
+def write_request_report(
+    folder: Path, results: Results, settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write ``report.json`` with settings, figures and trials; return the figures."""
+    summary = summarise_requests(results)
+    told = {"settings": dict(settings), **summary, "results": list(results)}
+    (folder / "report.json").write_text(json.dumps(told, indent=1) + "\n", "utf-8")
+    return summary
