@@ -38,6 +38,7 @@ class Record:
     evidence: str = "held: yes (opening 0.50 -> 0.50 -> 0.50)"
     jaw_gap_m: float = 0.025
     place_reason: str = "ok"
+    place: str = "right box"
     lifted_m: float = 0.06
     slip_m: float = 0.001
     duration_s: float = 6.0
