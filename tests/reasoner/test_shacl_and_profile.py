@@ -35,6 +35,35 @@ def test_shacl_validates_only_the_focus_nodes():
     assert validate(data, shapes, focus=[]).conforms
 
 
+QUERY_SHAPES = """
+@prefix sh: <http://www.w3.org/ns/shacl#> .
+:prefixes sh:declare [ sh:prefix "t" ; sh:namespace "urn:t:"^^xsd:anyURI ] .
+:FitShape a sh:NodeShape ; sh:targetClass :Mug ;
+  sh:sparql [ sh:message "it fits" ; sh:prefixes :prefixes ;
+              sh:select "SELECT $this ?value { $this t:fits ?value FILTER(?value != $this) }" ] ,
+            [ sh:message "it is too wide" ; sh:prefixes :prefixes ;
+              sh:select "SELECT $this { $this t:width ?w FILTER(?w > 1) }" ] .
+"""
+
+
+def test_a_query_of_a_shape_answers_for_each_focus_node_and_is_parsed_once(monkeypatch):
+    from rdflib.plugins import sparql
+
+    parsed = []
+    prepare = sparql.prepareQuery
+    monkeypatch.setattr(
+        sparql, "prepareQuery", lambda text, **more: parsed.append(text) or prepare(text, **more)
+    )
+    mugs = "".join(f":m{n} a :Mug ; :fits :m{n}, :m{n - n % 2} ; :width {n} ." for n in range(9))
+    report = validate(triples(mugs), triples(QUERY_SHAPES))
+    found = {(one.focus.value, one.message, str(one.value)) for one in report.findings}
+    assert found == {
+        *((f"urn:t:m{n}", "it fits", f"<urn:t:m{n - 1}>") for n in (1, 3, 5, 7)),
+        *((f"urn:t:m{n}", "it is too wide", f"<urn:t:m{n}>") for n in range(2, 9)),
+    }
+    assert len(parsed) == len(set(parsed)) == 2
+
+
 RESTRICTION = "[ a owl:Restriction ; owl:onProperty :p ; {} ]"
 
 
