@@ -3,8 +3,8 @@
 A caller with rights ``read:<IRI>`` sees a dataset of these graphs alone. Statements derived by the
 reasoner are not among them, for they may follow from any graph. The dataset is given to the store
 as that of the SPARQL 1.1 Protocol (2.1.4), so the store evaluates patterns, paths, counts and
-DESCRIBE on nothing else. Its default graph is a single graph: the store concatenates several
-instead of merging them, and would count a statement that two of them hold twice.
+DESCRIBE on nothing else. A caller that names none reads all its graphs, merged into one default
+graph and each by ``GRAPH``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from endpoint.http.messages import RefusedError
 from endpoint.served import ServedGraph, embedded
 from endpoint.sparql.federation import mentions
 from endpoint.sparql.request import QueryRequest
@@ -42,8 +41,6 @@ def limit_query(query: QueryRequest, access: Access, kb: ServedGraph) -> QueryRe
     ForbiddenError
         The query names a graph that its caller may not read, chooses graphs by ``FROM``, which the
         fields of the protocol would override, or uses SERVICE, which searches all graphs.
-    RefusedError
-        400 for several default graphs, and for a caller of several graphs who names none.
     UnsupportedError
         The graph is stored at another server.
     """
@@ -60,14 +57,6 @@ def limit_query(query: QueryRequest, access: Access, kb: ServedGraph) -> QueryRe
     default, named = query.default_graphs, tuple(dict.fromkeys(query.named_graphs))
     if not default and not named:
         default = named = tuple(sorted(access.reads))
-    if len(default) > 1:
-        raise RefusedError(
-            400,
-            "usage",
-            f"a token that is limited to some graphs reads one of them as the default graph, not "
-            f"{len(default)}: name it by `default-graph-uri`, and those for GRAPH by "
-            "`named-graph-uri`",
-        )
     _require_all(access, kb, (*default, *named))
     return replace(query, default_graphs=default, named_graphs=named, inferred=False)
 

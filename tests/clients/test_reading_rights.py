@@ -165,10 +165,21 @@ def test_what_asks_for_another_graph_is_refused(
     assert answer.status_code == 403, answer.text
 
 
-def test_who_reads_several_graphs_names_the_default_one(lab: Lab) -> None:
-    assert lab.ask("SELECT * { ?s ?p ?o }", lab.both).status_code == 400
+def test_a_reader_of_several_graphs_sees_them_as_one_set(lab: Lab) -> None:
+    count = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
     fields = {"default-graph-uri": [OPEN, ALSO]}
-    assert lab.ask("SELECT * { ?s ?p ?o }", lab.both, **fields).status_code == 400
+    for _ in range(3):
+        for sent in ({}, fields, {"named-graph-uri": [OPEN, ALSO], **fields}):
+            answer = lab.ask(count, lab.both, **sent)
+            assert answer.text.split() == ["n", "4"], answer.text
+            # One of the five statements is in both graphs.
+            rows = lab.ask("SELECT ?o { ?s <urn:p> ?o }", lab.both, **sent).text.split()
+            assert sorted(rows) == ["o", "plain", "pot"]
+    by_graph = lab.ask("SELECT (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } }", lab.both)
+    assert by_graph.text.split() == ["n", "5"]
+    assert MARK not in lab.ask("SELECT * { ?s ?p ?o }", lab.both).text
+    refused = {"default-graph-uri": [OPEN, SECRET]}
+    assert lab.ask(count, lab.both, **refused).status_code == 403
 
 
 def test_forms_and_bodies_are_limited_like_addresses(lab: Lab) -> None:

@@ -16,6 +16,7 @@ import pyoxigraph as ox
 
 from rtask.kb.readers.memory import ResidentBytes
 from rtask.kb.readers.messages import HEADER, message
+from rtask.kb.store.merged_graphs import with_merged_graphs
 
 __all__ = ["PIECES", "answer_query", "refuse", "send_all"]
 
@@ -128,7 +129,8 @@ def answer_query(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
     """Evaluate a query; send its answer or an error."""
     answer: _Answer | None = None
     try:
-        result: Any = store.query(question["text"], **_dataset(question))
+        source, dataset = with_merged_graphs(store, question["text"], _dataset(question))
+        result: Any = source.query(question["text"], **dataset)
         facts, form = _form(result, question["type"])
         answer = _Answer(pipe, question, facts)
         sink: Any = answer

@@ -14,18 +14,15 @@ from pyoxigraph import (
     RdfFormat,
 )
 
-from rtask.errors import DataError, UsageError
+from rtask.errors import DataError, QuerySyntaxError, UsageError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import GraphName, iri
-from rtask.sparql.lexer import (
-    guard,
-    names_dataset,
-    query_form,
-)
+from rtask.sparql.lexer import body_start, guard, names_dataset, query_form, tokenise
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.service import without_services
 from rtask.sparql.syntax import syntax_error
+from rtask.sparql.templates import resolve
 
 __all__ = ["QueryDataset", "default_media_type", "prepare", "run", "serialize"]
 
@@ -74,12 +71,29 @@ def _arguments(
             "default_graph": list(dataset.default_graphs),
             "named_graphs": list(dataset.named_graphs or ()),
         }
-    if dataset.inferred or plain or names_dataset(text):
-        joined = store.is_view and not names_dataset(text)
-        return {"use_default_graph_as_union": True} if joined else {}
+    if names_dataset(text):
+        return _several_from(text, dataset.base)
+    if dataset.inferred or plain:
+        return {"use_default_graph_as_union": True} if store.is_view else {}
     apart = (graphs.inferred, graphs.quarantine)
     asserted: list[GraphName] = [g for g in store.named_graphs() if g not in apart]
     return {"default_graph": asserted, "named_graphs": asserted}
+
+
+def _several_from(text: str, base: str | None) -> dict[str, Any]:
+    """Return the graphs of ``FROM`` where a query names several, so that they can be merged."""
+    tokens = tokenise(text)
+    prologue = text[: tokens[body_start(tokens)].start]
+    graphs: dict[str, list[NamedNode]] = {"default_graph": [], "named_graphs": []}
+    try:
+        for token, after, last in zip(tokens, tokens[1:], tokens[2:], strict=False):
+            if token.is_word("FROM"):
+                kind = "named_graphs" if after.is_word("NAMED") else "default_graph"
+                name = last if after.is_word("NAMED") else after
+                graphs[kind].append(resolve(name.text, prologue, base))
+    except QuerySyntaxError:
+        return {}  # the store says better what is wrong
+    return graphs if len(graphs["default_graph"]) > 1 else {}
 
 
 def prepare(

@@ -18,6 +18,7 @@ from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, QuerySolutions,
 from rtask.errors import ClosedError, StorageFullError, StoreFormatError, UnsupportedError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.merged_graphs import with_merged_graphs
 from rtask.kb.store.quads import QuadChain
 from rtask.kb.store.writes import Writes, as_update
 from rtask.rdf.terms import GraphName, Subject, Term, stored, triple_key
@@ -193,7 +194,8 @@ class EmbeddedStore(GraphStore):
             options["use_default_graph_as_union"] = True
         try:
             with self.complete():
-                return self.raw.query(text, **options)
+                source, options = with_merged_graphs(self.raw, text, options)
+                return source.query(text, **options)
         except RuntimeError as error:
             raise self._failed(error) from error
 
