@@ -26,6 +26,7 @@ __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 
 # Less says nothing, not even what it looks like.
 _MIN_NAMED = 0.001
+_FACTS_FILE = "facts.sqlite"
 _PRINTED_PER_OBJECT, _PRINTED_FITS = 2, 4
 """Views whose print is compared: so many that were voted for, and so many that were verified."""
 
@@ -104,7 +105,7 @@ class Recognition:
 
 
 class Recogniser:
-    """Recognises views against an index; keeps no state of its own.
+    """Recognises views against an index; what it keeps of stored views lies beside the index.
 
     Examples
     --------
@@ -117,7 +118,8 @@ class Recogniser:
     def __init__(self, index: RecognitionIndex, params: RecogniserParams | None = None) -> None:
         self.index = index
         self.params = params or RecogniserParams()
-        self._facts = StoreFacts(self.params.distance_cap)
+        path = index.file_beside(_FACTS_FILE, lambda: self._facts.close())
+        self._facts = StoreFacts(self.params.distance_cap, path)
 
     def recognise(
         self,
@@ -168,6 +170,10 @@ class Recogniser:
         alive = np.flatnonzero(snapshot.alive).tolist()
         wanted = set(view_iris)
         self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
+
+    def forget_comparisons(self) -> None:
+        """Delete what lies beside the index: its next recogniser compares stored views again."""
+        self._facts.forget()
 
     def _family(
         self,

@@ -135,6 +135,7 @@ class ViewIndex:
         from features.recognition.index.recognition_index import RecognitionIndex
 
         with self._writing:
+            self.recogniser.forget_comparisons()
             self.index.close()
             if self._folder is None:
                 self._use(RecognitionIndex())

@@ -1,17 +1,18 @@
-"""Facts of stored views: what the rest of the store says of each, computed when first asked for.
+"""Facts of stored views: what the rest of the store says of each, computed once and kept.
 
 A view is compared with its object's other views and with the views of other objects that the
 index proposes (those that its own descriptors vote for). The facts follow from what is stored now,
-not from how it came to be stored. What does not change is kept: the comparison of two views, and
-the facts of a view as long as those that it is compared with are the same ones.
+not from how it came to be stored. What does not change is kept, beside the index where it has a
+folder: the comparison of two views, and the facts of a view as long as those that it is compared
+with are the same ones.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -24,17 +25,20 @@ from features.recognition.comparison.difference import (
     grid_shape,
 )
 from features.recognition.comparison.evidence import ViewFacts
+from features.recognition.comparison.facts_file import FactsFile, Record
+from features.recognition.comparison.known import Known
 from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
 from features.recognition.comparison.votes import (
     Changes,
     Moment,
-    Place,
     Votes,
     cast_votes,
+    filed_view,
     updated_votes,
 )
 from features.recognition.index.snapshot import Snapshot, StoredView
 from features.recognition.views.picture import ViewPicture
+from features.recognition.views.view import EXTRACTOR
 
 __all__ = ["StoreFacts"]
 
@@ -44,7 +48,11 @@ _Value = TypeVar("_Value")
 _MAX_OWN, _MAX_OTHERS = 8, 6
 """Views of the same object, and of others, that a view is compared with."""
 _MIN_VOTES = 6
-_MAX_KNOWN, _MAX_PAIRS, _MAX_PICTURES = 10_000, 50_000, 256
+_MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
+"""Views of which something is kept in memory: without a file, and beside one."""
+_MAX_UNWRITTEN = 32
+_RULES = f"1 {EXTRACTOR} {_MAX_OWN} {_MAX_OTHERS} {_MIN_VOTES} {ComparisonParams()}"
+"""What is kept follows from these; the first number counts changes of how it follows."""
 
 
 class _Kept(Generic[_Key, _Value]):
@@ -53,10 +61,6 @@ class _Kept(Generic[_Key, _Value]):
     def __init__(self, limit: int) -> None:
         self._values: OrderedDict[_Key, _Value] = OrderedDict()
         self._limit, self._lock = limit, threading.Lock()
-
-    def __contains__(self, key: object) -> bool:
-        with self._lock:
-            return key in self._values
 
     def get(self, key: _Key) -> _Value | None:
         with self._lock:
@@ -72,17 +76,6 @@ class _Kept(Generic[_Key, _Value]):
         return value
 
 
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """A view's facts, with what they follow from; views by their serial numbers."""
-
-    place: Place
-    votes: Votes
-    own: tuple[int, ...]
-    others: tuple[int, ...]
-    facts: ViewFacts
-
-
 class StoreFacts:
     """Facts of the views of one index.
 
@@ -90,18 +83,25 @@ class StoreFacts:
     ----------
     distance_cap
         Squared distance of RootSIFT within which a descriptor votes for a view.
+    path
+        File that keeps them beyond this process; None = in memory only.
     """
 
-    def __init__(self, distance_cap: int) -> None:
+    def __init__(self, distance_cap: int, path: Path | None = None) -> None:
         self._cap = distance_cap
-        self._changes = Changes()
-        self._known: _Kept[int, _Known] = _Kept(_MAX_KNOWN)
-        self._pairs: _Kept[tuple[int, int], tuple[ViewPair | None]] = _Kept(_MAX_PAIRS)
+        self._file = None if path is None else FactsFile(path, f"{_RULES} {distance_cap}")
+        self._changes = Changes(self._file)
+        self._known: _Kept[int, Known] = _Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
         self._pictures: _Kept[int, tuple[ViewPicture | None]] = _Kept(_MAX_PICTURES)
+        self._facts: _Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
+        self._facts = _Kept(_MAX_AT_HAND)
+        self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
+        self._filed = np.array([v.id for v in self._file.views] if self._file else [], np.int64)
+        self._filed_place = len(self._changes.since(0))
 
     def picture(self, snapshot: Snapshot, view: int) -> ViewPicture | None:
         """Return the picture of a stored view, None where none was kept or it is damaged."""
-        key = int(snapshot.serials[view])
+        key = int(snapshot.serials[view])  # a picture stays when its object changes
         held = self._pictures.get(key)
         if held is None:
             held = self._pictures.put(key, (_decoded(snapshot.stored_view(view)),))
@@ -109,7 +109,11 @@ class StoreFacts:
 
     def of(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture."""
-        return self._current(snapshot, view).facts
+        number, known = self._current(snapshot, view)
+        held = self._facts.get(number)
+        if held is None or held[0] is not known.pairs:
+            held = self._facts.put(number, (known.pairs, self._followed(snapshot, view, known)))
+        return held[1]
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of new views, and those that they change, before they are asked for.
@@ -121,27 +125,75 @@ class StoreFacts:
         for view in views:
             if self.picture(snapshot, view) is None:
                 continue
-            known = self._current(snapshot, view)
-            for serial in (*known.own, *known.others):
-                if serial in self._known:
-                    self._current(snapshot, int(moment.view_of[serial]))
+            _, known = self._current(snapshot, view)
+            for number in (*known.own, *known.others):
+                if self._held(number) is not None:
+                    self._current(snapshot, int(moment.view_of[number]))
+        self._write()
 
-    def pair(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
-        """Return how a view agrees with another, in its own frame; None where it does not."""
-        key = int(snapshot.serials[view]), int(snapshot.serials[other])
-        held = self._pairs.get(key)
-        if held is None:
-            held = self._pairs.put(key, (self._compared(snapshot, view, other),))
-        return held[0]
+    def close(self) -> None:
+        """Write what is not yet in the file, and close it."""
+        if self._file is not None:
+            self._write()
+            self._file.close()
 
-    def _current(self, snapshot: Snapshot, view: int) -> _Known:
-        moment, serial = self._changes.at(snapshot), int(snapshot.serials[view])
-        known = self._known.get(serial)
+    def forget(self) -> None:
+        """Delete the file: the next recogniser of the index compares everything again."""
+        if self._file is not None:
+            self._file.delete()
+
+    def _held(self, number: int) -> Known | None:
+        """Return what is known of a view, from memory or from the file."""
+        known = self._known.get(number) or self._unwritten.get(number)
+        if known is None and self._file is not None:
+            record = self._file.record(number)
+            known = None if record is None else Known.from_bytes(record.place, record.content)
+            if known is not None:
+                self._known.put(number, known)
+        return known
+
+    def _current(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
+        """Return a view's number, and what is known of it as of now."""
+        moment = self._changes.at(snapshot)
+        number = int(moment.numbers[view])
+        known = self._held(number)
         if known is not None and known.place == moment.place:
-            return known
-        return self._known.put(serial, self._brought_up(known, moment, view))
+            return number, known
+        known = self._known.put(number, self._brought_up(known, moment, view))
+        if self._file is not None:
+            with self._writing:
+                self._unwritten[number] = known
+                is_much = len(self._unwritten) >= _MAX_UNWRITTEN
+            if is_much:
+                self._write()
+        return number, known
 
-    def _brought_up(self, known: _Known | None, moment: Moment, view: int) -> _Known:
+    def _write(self) -> None:
+        """Write what was computed since the last time, with the changes that it is based on."""
+        if self._file is None:
+            return
+        with self._writing:
+            records, self._unwritten = self._unwritten, {}
+            moment = self._changes.latest()
+            if moment is None or not records:
+                return
+            present = np.flatnonzero(moment.view_of >= 0)
+            came = np.setdiff1d(present, self._filed).tolist()
+            changes = self._changes.since(self._filed_place)
+            self._file.write(
+                [filed_view(k, moment.snapshot, int(moment.view_of[k])) for k in came],
+                np.setdiff1d(self._filed, present).tolist(),
+                self._filed_place,
+                changes[: moment.place - self._filed_place],
+                [
+                    Record(number, known.place, known.to_bytes())
+                    for number, known in records.items()
+                    if number < len(moment.view_of) and moment.view_of[number] >= 0
+                ],
+            )
+            self._filed, self._filed_place = present, moment.place
+
+    def _brought_up(self, known: Known | None, moment: Moment, view: int) -> Known:
         """Return what is known of a view at a moment, with as much of what was known as holds."""
         snapshot = moment.snapshot
         changes = None if known is None else self._changes.between(known.place, moment.place)
@@ -150,30 +202,31 @@ class StoreFacts:
             added, gone = changes
             descriptors = snapshot.stored_view(view).descriptors
             votes = updated_votes(known.votes, descriptors, moment, added, gone)
-            arrived = snapshot.object_of_view[moment.numbers(added)]
+            arrived = snapshot.object_of_view[moment.stored(added)]
             if len(gone) == 0 and not (arrived == snapshot.object_of_view[view]).any():
                 own = known.own
         votes = votes or cast_votes(moment, view)
         if own is None:
-            own = tuple(int(snapshot.serials[k]) for k in _siblings(snapshot, view))
-        others = tuple(int(snapshot.serials[k]) for k in self._proposed(moment, view, votes))
-        if known is not None and (own, others) == (known.own, known.others):
-            return _Known(moment.place, votes, own, others, known.facts)
-        return _Known(moment.place, votes, own, others, self._computed(moment, view, own, others))
+            own = tuple(int(moment.numbers[k]) for k in _siblings(snapshot, view))
+        others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
+        pairs = {} if known is None else known.pairs
+        if known is None or (own, others) != (known.own, known.others):
+            pairs = {
+                number: pairs[number] if number in pairs
+                else self._compared(snapshot, view, int(moment.view_of[number]))
+                for number in (*own, *others)
+            }  # fmt: skip
+        return Known(moment.place, votes, own, others, pairs)
 
-    def _computed(
-        self, moment: Moment, view: int, own: tuple[int, ...], others: tuple[int, ...]
-    ) -> ViewFacts:
-        snapshot = moment.snapshot
+    def _followed(self, snapshot: Snapshot, view: int, known: Known) -> ViewFacts:
         picture = self.picture(snapshot, view)
         assert picture is not None
         rows, columns = grid_shape(picture.mask.shape, ComparisonParams())
-        pairs, other_pairs = (
-            [self.pair(snapshot, view, int(moment.view_of[serial])) for serial in serials]
-            for serials in (own, others)
-        )
         return facts_of(
-            len(snapshot.stored_view(view).keypoints), rows * columns, pairs, other_pairs
+            len(snapshot.stored_view(view).keypoints),
+            rows * columns,
+            [known.pairs[number] for number in known.own],
+            [known.pairs[number] for number in known.others],
         )
 
     def _proposed(self, moment: Moment, view: int, votes: Votes) -> list[int]:

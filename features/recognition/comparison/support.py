@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import UInt8Array
 from features.recognition.comparison.alignment import Alignment
 from features.recognition.comparison.difference import Comparison
 from features.recognition.comparison.evidence import ViewFacts
@@ -26,31 +27,23 @@ class ViewPair:
     ----------
     rows : (n,) intp
         Keypoints of the first that the second confirms.
-    valid, agreeing : (cells,) bool
-        Cells of its picture that both show, and those where the print is the same.
-    agreement, contradiction
-        Share of the cells between the matches that agree, and that show another colour.
+    valid, agreeing : (bytes,) uint8
+        Cells of its picture that both show, and those where the print is the same; one bit each.
     """
 
-    rows: NDArray[np.intp]
-    valid: NDArray[np.bool_]
-    agreeing: NDArray[np.bool_]
-    agreement: float
-    contradiction: float
+    rows: NDArray[np.int32]
+    valid: UInt8Array
+    agreeing: UInt8Array
 
 
 def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
     """Return what a comparison in the frame of the first view says of it."""
     same = (comparison.correlation > 0.5) | (~comparison.textured & (comparison.correlation > -0.2))
     same &= comparison.near & (comparison.colour_gap < 12)
-    between = comparison.between
-    cells = max(int(np.count_nonzero(between)), 1)
     return ViewPair(
-        rows=alignment.query_rows,
-        valid=comparison.near.ravel(),
-        agreeing=same.ravel(),
-        agreement=np.count_nonzero(same & between) / cells,
-        contradiction=np.count_nonzero((comparison.colour_gap > 18) & between) / cells,
+        rows=alignment.query_rows.astype(np.int32),
+        valid=np.packbits(comparison.near),
+        agreeing=np.packbits(same),
     )
 
 
@@ -73,7 +66,7 @@ def facts_of(
     Examples
     --------
     >>> every = np.ones(4, bool)
-    >>> pair = ViewPair(np.arange(8), every, every, 1.0, 0.0)
+    >>> pair = ViewPair(np.arange(8), np.packbits(every), np.packbits(every))
     >>> facts = facts_of(9, 4, [pair], [])
     >>> facts.own.tolist(), round(float(facts.support[0]), 2)
     ([1, 1, 1, 1, 1, 1, 1, 1, 0], 0.59)
@@ -81,8 +74,8 @@ def facts_of(
     agreeing, valid = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
     like = [pair for pair in own if pair is not None]
     for pair in like:
-        agreeing += pair.agreeing
-        valid += pair.valid
+        agreeing += np.unpackbits(pair.agreeing, count=cells)
+        valid += np.unpackbits(pair.valid, count=cells)
     return ViewFacts(
         own=_counted(keypoints, like),
         shared=_counted(keypoints, [pair for pair in others if pair is not None]),

@@ -9,31 +9,19 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.comparison.facts_file import FactsFile, FiledView, content_digest
 from features.recognition.index.cascade import FAR, match_exact
 from features.recognition.index.snapshot import Snapshot
 
-__all__ = ["Changes", "Moment", "Place", "Votes", "cast_votes", "updated_votes"]
+__all__ = ["Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
 
-_NONE = np.empty(0, np.int64)
 _MAX_ADDED = 64
 """More views that arrived since are matched with everything at once, by the index."""
-
-
-class Place(NamedTuple):
-    """A place in the sequence of changes: how many views had come, gone, and changed objects."""
-
-    added: int = 0
-    gone: int = 0
-    relabelled: int = 0
-
-
-_START = Place()
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,82 +32,122 @@ class Moment:
     ----------
     snapshot
         Of the index.
+    numbers : (V,) int64
+        What each view is called in the sequence, 0 where it was removed. A view whose content or
+        object is another one has another number.
     view_of : (s,) int64
-        Number of a view in the snapshot by its serial number, -1 where it is not stored.
+        The view in the snapshot by its number, -1 where it is not stored.
     place
-        What is known at one place is known of every snapshot there.
+        How many changes there were. What is known at one place is known of every snapshot there.
     """
 
     snapshot: Snapshot
+    numbers: NDArray[np.int64]
     view_of: NDArray[np.int64]
-    place: Place = _START
+    place: int
 
-    def numbers(self, serials: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the numbers in the snapshot of those that are stored."""
-        found = self.view_of[serials[serials < len(self.view_of)]]
+    def stored(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the views in the snapshot of those numbers that are stored."""
+        found = self.view_of[numbers[numbers < len(self.view_of)]]
         return found[found >= 0]
 
 
 class Changes:
-    """Which views came and went between the snapshots that were asked about; safe to share."""
+    """Which views came and went between the snapshots that were asked about; safe to share.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    file
+        What an earlier process knew: views that are stored as they were keep their numbers.
+    """
+
+    def __init__(self, file: FactsFile | None = None) -> None:
         self._lock = threading.Lock()
         self._last: Moment | None = None
-        self._added: list[int] = []
-        self._gone: list[int] = []
+        self._log: list[int] = [] if file is None else list(file.changes)
+        before = [] if file is None else file.views
+        self._before = {view.iri: view for view in before}
+        self._present = np.array([view.id for view in before], np.int64)
+        self._next_number = 1 + max((abs(number) for number in self._log), default=0)
+        self._number_of_serial = np.zeros(1, np.int64)
+        self._object_of_number = np.full(self._next_number, -1, np.int64)
+        self._objects: dict[str, int] = {}
 
     def at(self, snapshot: Snapshot) -> Moment:
         """Return the place of a snapshot in the sequence."""
         with self._lock:
             if self._last is None or self._last.snapshot is not snapshot:
-                self._last = self._next(self._last, snapshot)
+                self._last = self._next(snapshot)
+            return self._last
+
+    def latest(self) -> Moment | None:
+        """Return the moment that was asked about last; its place is the end of the sequence."""
+        with self._lock:
             return self._last
 
     def between(
-        self, first: Place, second: Place
+        self, first: int, second: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-        """Return the serial numbers of what came and what went.
-
-        None where views changed their objects in between, or the first place is the later one.
-        """
-        if first.relabelled != second.relabelled or not _is_before(first, second):
+        """Return the numbers of what came and what went, None where the first place is later."""
+        if first > second:
             return None
         with self._lock:
-            added = self._added[first.added : second.added]
-            gone = self._gone[first.gone : second.gone]
-        return np.array(added, np.int64), np.array(gone, np.int64)
+            changes = np.array(self._log[first:second], np.int64)
+        return changes[changes > 0], -changes[changes < 0]
 
-    def _next(self, last: Moment | None, snapshot: Snapshot) -> Moment:
+    def since(self, place: int) -> list[int]:
+        """Return the numbers of what came and, with a minus, went, from a place on, in order."""
+        with self._lock:
+            return self._log[place:]
+
+    def _next(self, snapshot: Snapshot) -> Moment:
         alive = np.flatnonzero(snapshot.alive)
+        chosen = self._numbered(snapshot, alive)
+        numbers = np.zeros(len(snapshot.alive), np.int64)
+        numbers[alive] = chosen
+        self._log += (-np.setdiff1d(self._present, chosen)).tolist()
+        self._log += np.setdiff1d(chosen, self._present).tolist()
+        self._present = chosen
+        view_of = np.full(self._next_number, -1, np.int64)
+        view_of[chosen] = alive
+        return Moment(snapshot, numbers, view_of, len(self._log))
+
+    def _numbered(self, snapshot: Snapshot, alive: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Return the numbers of the stored views, new ones for those that have none."""
+        names = [self._objects.setdefault(o, len(self._objects)) for o in snapshot.object_iris]
+        objects = np.array(names, np.int64)[snapshot.object_of_view[alive]]
         serials = snapshot.serials[alive]
-        view_of = np.full(int(serials.max(initial=0)) + 1, -1, np.int64)
-        view_of[serials] = alive
-        if last is None:
-            return Moment(snapshot, view_of)
-        before = np.flatnonzero(last.view_of >= 0)
-        self._added += np.setdiff1d(serials, before).tolist()
-        self._gone += np.setdiff1d(before, serials).tolist()
-        kept = np.intersect1d(before, serials)
-        unmoved = _same_objects(last.snapshot, last.view_of[kept], snapshot, view_of[kept])
-        changed = last.place.relabelled + (not unmoved)
-        return Moment(snapshot, view_of, Place(len(self._added), len(self._gone), changed))
+        wanted = int(serials.max(initial=0)) + 1 - len(self._number_of_serial)
+        self._number_of_serial = np.pad(self._number_of_serial, (0, max(wanted, 0)))
+        numbers = self._number_of_serial[serials]
+        is_new = (numbers == 0) | (self._object_of_number[numbers] != objects)
+        for row in np.flatnonzero(is_new).tolist():
+            numbers[row] = self._known_before(snapshot, int(alive[row])) or self._next_number
+            self._next_number = max(self._next_number, int(numbers[row]) + 1)
+        room = self._next_number - len(self._object_of_number)
+        self._object_of_number = np.pad(self._object_of_number, (0, room), constant_values=-1)
+        self._object_of_number[numbers] = objects
+        self._number_of_serial[serials] = numbers
+        self._before = {}  # whoever was not met at the start is gone
+        return numbers
+
+    def _known_before(self, snapshot: Snapshot, view: int) -> int:
+        """Return the number that an earlier process gave to the same content, 0 where none."""
+        known = self._before.get(snapshot.view_iris[view])
+        if known is None:
+            return 0
+        now = filed_view(known.id, snapshot, view)
+        return known.id if now == known else 0
 
 
-def _is_before(first: Place, second: Place) -> bool:
-    return first.added <= second.added and first.gone <= second.gone
-
-
-def _same_objects(
-    first: Snapshot, views: NDArray[np.int64], second: Snapshot, others: NDArray[np.int64]
-) -> bool:
-    """Tell whether views show the same objects in two snapshots, in which numbers may differ."""
-    here, there = first.object_of_view[views], second.object_of_view[others]
-    common = min(len(first.object_iris), len(second.object_iris))
-    if first.object_iris[:common] == second.object_iris[:common]:
-        return bool(np.array_equal(here, there))
-    names, other_names = first.object_iris, second.object_iris
-    return all(names[a] == other_names[b] for a, b in zip(here, there, strict=True))
+def filed_view(number: int, snapshot: Snapshot, view: int) -> FiledView:
+    """Return by what a file knows a stored view again: its IRI, object, and digest."""
+    stored = snapshot.stored_view(view)
+    digest = content_digest(
+        snapshot.look(view).tobytes(), stored.keypoints.tobytes(), bytes(stored.picture[:64])
+    )
+    object_iri = snapshot.object_iris[snapshot.object_of_view[view]]
+    return FiledView(number, snapshot.view_iris[view], object_iri, digest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +157,7 @@ class Votes:
     Parameters
     ----------
     view, rival_view : (n,) int64
-        Serial numbers of their views, 0 where there is none.
+        Numbers of their views, 0 where there is none.
     nearest, rival : (n,) int32
         Squared distances.
     """
@@ -142,8 +170,8 @@ class Votes:
     def counted(self, moment: Moment, distance_cap: int) -> NDArray[np.int64]:
         """Return the votes (V,) for the views of a snapshot."""
         votes = np.zeros(len(moment.snapshot.alive), np.int64)
-        for serials, distances in ((self.view, self.nearest), (self.rival_view, self.rival)):
-            near = moment.view_of[serials[(serials > 0) & (distances < distance_cap)]]
+        for numbers, distances in ((self.view, self.nearest), (self.rival_view, self.rival)):
+            near = moment.view_of[numbers[(numbers > 0) & (distances < distance_cap)]]
             votes += np.bincount(near, minlength=len(votes))
         return votes
 
@@ -153,10 +181,10 @@ def cast_votes(moment: Moment, view: int) -> Votes:
     snapshot = moment.snapshot
     found = snapshot.match(snapshot.stored_view(view).descriptors)
 
-    def serials(views: NDArray[np.int32]) -> NDArray[np.int64]:
-        return np.where(views >= 0, snapshot.serials[views], 0)
+    def numbers(views: NDArray[np.int32]) -> NDArray[np.int64]:
+        return np.where(views >= 0, moment.numbers[views], 0)
 
-    return Votes(serials(found.view), found.nearest, serials(found.rival_view), found.rival)
+    return Votes(numbers(found.view), found.nearest, numbers(found.rival_view), found.rival)
 
 
 def updated_votes(
@@ -173,24 +201,24 @@ def updated_votes(
     descriptors : (n, 128) uint8
         Of the view that votes.
     added, gone
-        Serial numbers.
+        Numbers of views.
     """
     if len(gone) and np.isin(np.concatenate([votes.view, votes.rival_view]), gone).any():
         return None
-    arrived = moment.numbers(added)
+    arrived = moment.stored(added)
     if len(arrived) == 0:
         return votes
     if len(arrived) > _MAX_ADDED:
         return None
     snapshot = moment.snapshot
-    blocks = [snapshot.stored_view(int(number)).descriptors for number in arrived]
+    blocks = [snapshot.stored_view(int(one)).descriptors for one in arrived]
     views = np.repeat(arrived, [len(block) for block in blocks])
     labels = snapshot.object_of_view
     row, nearest, rival_row, rival = match_exact(descriptors, np.concatenate(blocks), labels[views])
-    serials = snapshot.serials[views] if len(views) else _NONE
+    numbers = moment.numbers[views]
     both = (
         (votes.view, votes.nearest, votes.rival_view, votes.rival),
-        (_at(serials, row), nearest, _at(serials, rival_row), rival),
+        (_at(numbers, row), nearest, _at(numbers, rival_row), rival),
     )
     closer = nearest < votes.nearest
     view = np.where(closer, both[1][0], votes.view)
@@ -205,15 +233,15 @@ def updated_votes(
     return Votes(view, np.where(closer, nearest, votes.nearest), rival_view, rival)
 
 
-def _at(serials: NDArray[np.int64], rows: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the serial numbers of rows, 0 where there is none."""
-    if len(serials) == 0:
+def _at(numbers: NDArray[np.int64], rows: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the numbers of the views of rows, 0 where there is none."""
+    if len(numbers) == 0:
         return np.zeros(len(rows), np.int64)
-    return np.where(rows >= 0, serials[rows], 0)
+    return np.where(rows >= 0, numbers[rows], 0)
 
 
-def _labels(moment: Moment, serials: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the objects of views by their serial numbers, -1 where there is none."""
-    numbers = moment.view_of[serials]
-    stored = (serials > 0) & (numbers >= 0)
-    return np.where(stored, moment.snapshot.object_of_view[numbers], np.int32(-1))
+def _labels(moment: Moment, numbers: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return the objects of views by their numbers, -1 where there is none."""
+    views = moment.view_of[numbers]
+    is_stored = (numbers > 0) & (views >= 0)
+    return np.where(is_stored, moment.snapshot.object_of_view[views], np.int32(-1))

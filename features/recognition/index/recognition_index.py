@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -87,6 +87,7 @@ class RecognitionIndex:
         self._hasher = Hasher.seeded()
         self._serial: dict[str, int] = {}
         self._last_serial = 0
+        self._closing: list[Callable[[], None]] = []
         self._folder = None if path is None else IndexFolder(Path(path), self._writable)
         try:
             self._start([])
@@ -184,8 +185,17 @@ class RecognitionIndex:
                 pieces = self._commit(self._folder, pieces)
             self._start(pieces)
 
+    def file_beside(self, name: str, close: Callable[[], None]) -> Path | None:
+        """Return where a file may lie that ``close`` closes before the index is; None = nowhere."""
+        if self._folder is None or not self._writable:
+            return None
+        self._closing.append(close)
+        return self._folder.path / name
+
     def close(self) -> None:
         """Release files and lock. What was added is stored already."""
+        while self._closing:
+            self._closing.pop()()
         with self._writing:
             if self._journal is not None:
                 self._journal.close()
