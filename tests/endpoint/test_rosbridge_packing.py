@@ -113,7 +113,19 @@ def uncbor(data: bytes) -> Any:
      [], {}, None, True, False, [[1, [2]], {"a": {"b": [None]}}], {"x" * 70_000: list(range(300))}],
 )  # fmt: skip
 def test_cbor_is_read_back(value: Any) -> None:
-    assert uncbor(cbor(value)) == value
+    assert uncbor(cbor(json.dumps(value))) == value
+
+
+@pytest.mark.parametrize("digits", ["18446744073709551616", "-18446744073709551617", "9" * 300])
+def test_an_integer_beyond_64_bits_is_a_float_in_cbor(digits: str) -> None:
+    assert uncbor(cbor(f'{{"n": [{digits}, 7, "{digits}"]}}')) == {"n": [float(digits), 7, digits]}
+
+
+def test_half_a_surrogate_pair_does_not_break_cbor() -> None:
+    assert uncbor(cbor(r'{"a": "x\ud800y", "b": "\ud83d\ude00"}')) == {
+        "a": "x?y",
+        "b": "\U0001f600",
+    }
 
 
 def test_who_asks_for_nothing_gets_plain_text(connect: Callable[..., Any]) -> None:
