@@ -128,3 +128,24 @@ def test_a_withdrawn_robot_takes_its_tasks_along(bench, engine, pen):
     assert [row["robot"] for row in answers(engine, 23)] == ["nao-1"]
     assert [row["robot"] for row in answers(engine, 22)] == ["nao-1"]
     assert not engine.kb.validate()
+
+
+def test_the_tasks_of_a_part_that_is_split_off_go_with_it(bench, engine, robots):
+    robot = robots("nao-1")
+    first = robot.insert(bench.sight(bench.PEN), grasp=grasp(0.0), outcome=bench.missed())
+    thing = first["objects"][0]["object"]
+    other = bench.sight(bench.PEN, bench.Eye(position=(0.1, 0.2, 0.6)))
+    outcome = bench.held(attempt_number=2, place="left box")
+    second = robot.insert(other, object=thing, grasp=grasp(0.03), outcome=outcome)
+    assert len(wholes(engine)) == 1
+    (whole,) = wholes(engine)
+    views = [second["objects"][0]["view"]]
+    said = {"operation": "split", "object": thing, "views": views}
+    new = engine.call("curate_object", said, ANN).as_json()["object"]
+    assert new != thing
+    (placing,) = engine.kb.match(None, RT.targetSurface)
+    assert [q.object.value for q in engine.kb.match(placing.subject, RT.handles)] == [new]
+    assert [q.object.value for q in engine.kb.match(whole, RT.handles)] == [thing]
+    parts = {q.object for q in engine.kb.match(whole, RT.hasSubTask)}
+    assert placing.subject not in parts
+    assert len(parts) == 1
