@@ -32,6 +32,7 @@ __all__ = ["RECORDS", "SNAPSHOT", "RecordStream", "require_replicate", "snapshot
 RECORDS = "/replicate/records"
 SNAPSHOT = "/replicate/snapshot"
 HEARTBEAT_S = 1.0
+_FEW = 4
 _LOOK_S = 0.25
 _PIECE = 1 << 18
 _HOME = "replicate-"
@@ -122,7 +123,10 @@ class RecordStream(EventStream):
                     yield _frame("tokens", json.dumps(rows).encode())
             upto = self._kb.feed.last_seq
             if self._tail.after < upto:
-                data = await loop.run_in_executor(None, self._tail.read, upto)
+                if upto - self._tail.after <= _FEW:  # just written, so it is in memory
+                    data = self._tail.read(upto)
+                else:
+                    data = await loop.run_in_executor(None, self._tail.read, upto)
                 if not data:
                     return  # pruned meanwhile; the next request is told so
                 if self._tail.after == upto:

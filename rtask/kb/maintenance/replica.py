@@ -11,10 +11,12 @@ import io
 import json
 import shutil
 import tarfile
+import threading
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
+from weakref import WeakKeyDictionary
 
 from rtask.errors import StoreError, UnsupportedError, UsageError
 from rtask.kb.commit.writer import Writer
@@ -128,6 +130,22 @@ def promote(folder: Path) -> Settings:
     return settings
 
 
+@dataclass
+class _LastRead:
+    """The piece of a journal that was read last, and where reading goes on after it."""
+
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    after: int = -1
+    asked: int = -1
+    upto: int = -1
+    data: bytes = b""
+    segment: Path | None = None
+    offset: int = 0
+
+
+_last_read: WeakKeyDictionary[JournalFile, _LastRead] = WeakKeyDictionary()
+
+
 class JournalTail:
     """Reads the records of a journal after a commit as they are written, in their own bytes.
 
@@ -144,12 +162,30 @@ class JournalTail:
         self.after = after
         self._segment: Path | None = None
         self._offset = 0
+        self._last = _last_read.setdefault(files.journal, _LastRead())
 
     def read(self, upto: int) -> bytes:
         """Return whole records up to a commit that is durable, about a megabyte at most.
 
-        Nothing means that the journal no longer holds the next one.
+        Nothing means that the journal no longer holds the next one. What one reader has read is
+        kept for the others: those that follow live all read the same.
         """
+        last = self._last
+        if not last.lock.acquire(blocking=False):  # another one reads a large piece
+            return self._read(upto)
+        try:
+            if (last.after, last.asked) == (self.after, upto):
+                self.after, self._segment, self._offset = last.upto, last.segment, last.offset
+                return last.data
+            after = self.after
+            data = self._read(upto)
+            last.after, last.asked, last.upto, last.data = after, upto, self.after, data
+            last.segment, last.offset = self._segment, self._offset
+            return data
+        finally:
+            last.lock.release()
+
+    def _read(self, upto: int) -> bytes:
         out = io.BytesIO()
         while self.after < upto and out.tell() < _PIECE:
             if not self._read_segment(out, upto):
