@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,10 @@ def _call(robot: ClientConnection, service: str, **args: Any) -> dict[str, Any]:
             return answer
 
 
+def _has_come(server: RunningServer, seq: int) -> bool:
+    return int(httpx.get(server.url + "/health").json()["seq"]) >= seq
+
+
 def _websocket(server: RunningServer, headers: dict[str, str]) -> ClientConnection:
     return connect(server.url.replace("http", "ws", 1), additional_headers=headers, max_size=None)
 
@@ -154,8 +159,7 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
                 assert stored["result"] is True, stored
                 seq = httpx.get(writer.url + "/health").json()["seq"]
                 assert _call(near, "/rtask/compare_contributors")["result"] is True
-                # What was read there has one's own write.
-                assert httpx.get(follower.url + "/health").json()["seq"] >= seq
+                _wait(partial(_has_come, follower, seq))
             far.send(json.dumps({"op": "subscribe", "topic": "/hello", "type": "std_msgs/String"}))
             _call(far, "/rosapi/get_time")  # the subscription before it has been carried out
             message = {"topic": "/hello", "msg": {"data": "here"}}
