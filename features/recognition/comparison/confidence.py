@@ -47,7 +47,7 @@ def print_terms(e: PrintEvidence) -> NDArray[np.float64]:
             min(e.error, 20.0) / 4, e.stable_lead, e.lead,
             s, s * (e.agreeing - 0.5), s * e.blank, s * e.other_colour,
             s * (e.correlation - 0.4), s * (e.seen - 0.5), largest, e.look_lead,
-            # Of a thing that was seen all round few views can agree with this one.
+            # Of a thing that was seen all round few stored views can agree with this stored one.
             np.log2(1 + min(e.unlike, 3)),
         ]
     )  # fmt: skip
