@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Collection, Iterable, Iterator
 from typing import TypeGuard
@@ -163,6 +164,7 @@ class Closure:
         add: Iterable[GivenTriple] = (),
         remove: Iterable[GivenTriple] = (),
         rules: Iterable[str | LabelledRule] | None = None,
+        accepted: bool = False,
     ) -> Staged:
         """Compute the consequences of a change of the asserted triples, without applying it.
 
@@ -174,6 +176,9 @@ class Closure:
         rules : iterable of str or LabelledRule, optional
             All user-defined rules from now on. Additional rules are applied to the present closure;
             if a rule is missing, or triples change as well, the closure is rebuilt.
+        accepted : bool
+            Whether the change was made before, perhaps in many smaller ones, so that
+            `Config.max_joins` does not bound the work of rules.
 
         Raises
         ------
@@ -191,7 +196,7 @@ class Closure:
             frozenset(asserted.among(minus - plus)),
         )
         former, now = self._rules, self._rules if rules is None else tuple(rules)
-        maintainer = self._maintainer(len(asserted) + len(plus), now)
+        maintainer = self._maintainer(len(asserted) + len(plus), now, not accepted)
         draft = maintainer.draft(self._state, changed, former if now != former else None)
         staged = Staged(self, draft, now)
         if staged.contradictions and self._config.on_contradiction == "reject":
@@ -329,10 +334,12 @@ class Closure:
 
     # Inside.
 
-    def _maintainer(self, size: int, rules: tuple[str | LabelledRule, ...]) -> Maintainer:
+    def _maintainer(
+        self, size: int, rules: tuple[str | LabelledRule, ...], bounded: bool = True
+    ) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,
-            max_joins=20 * size + self._config.max_joins,
+            max_joins=20 * size + self._config.max_joins if bounded else sys.maxsize,
             bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
             user_rules=rules,

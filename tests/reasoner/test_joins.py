@@ -64,6 +64,16 @@ def test_a_rule_of_many_facts_and_few_combinations_is_not_refused() -> None:
     closure.stage(add=facts).apply()
 
 
+def test_what_was_accepted_in_parts_is_accepted_again_as_a_whole() -> None:
+    """As on opening, when a saved closure follows all commits since as one change."""
+    pairs = HEAD + "{ ?a ex:p ?h . ?c ex:p ?h FILTER(?a = ?c && ?a != ?c) }"
+    closure = tiny(pairs)
+    with pytest.raises(ClosureTooLargeError):
+        closure.stage(add=hub(400))
+    closure.stage(add=hub(400), accepted=True).apply()
+    assert closure.size == 400
+
+
 def store(kb, facts) -> None:
     with kb.transaction() as tx:
         for subject, predicate, value in facts:

@@ -105,7 +105,7 @@ class Inference:
             gained = dict.fromkeys(self._present(changed))
             lost = [triple for triple in changed if triple not in gained]
             try:
-                closure.stage(add=list(gained), remove=lost).apply()
+                closure.stage(add=list(gained), remove=lost, accepted=True).apply()
             except ClosureTooLargeError as error:
                 _log.warning("the closure cannot follow what others committed: %s", error)
                 return

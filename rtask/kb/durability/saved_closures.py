@@ -148,7 +148,7 @@ class SavedClosures:
         if touched:
             gained = dict.fromkeys(held.present(touched.keys()))
             lost = [key for key in touched if key not in gained]
-            closure.stage(add=list(gained), remove=lost).apply()
+            closure.stage(add=list(gained), remove=lost, accepted=True).apply()
         _log.debug("read %s and followed %d triples", path, len(touched))
         return closure
 
