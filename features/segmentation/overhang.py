@@ -2,7 +2,9 @@
 
 The table's outline ends where the image ends, where something hides the table, and at its edge.
 What sticks out there is joined to the part inside if both touch in space and the part inside is not
-much the smaller; walls and neighbouring furniture are not.
+much the smaller; walls and neighbouring furniture are not. What the image cuts off may stand wholly
+outside the visible outline, its foot being out of view: it belongs to the table if it hides some of
+that outline.
 """
 
 from __future__ import annotations
@@ -21,6 +23,11 @@ __all__ = ["with_overhang"]
 
 _MIN_POINTS = 30
 _MAX_SHARE = 1.5
+_HIDING_SHARE = 0.5
+_RIM_SHARE = 0.02
+_MAX_CUT = 1.9
+"""Times the reach; points beyond twice the reach are not looked at, so that a thing that goes on
+there is not mistaken for one that ends."""
 
 
 def with_overhang(
@@ -29,6 +36,7 @@ def with_overhang(
     heights_m: tuple[float, float],
     voxel_m: float,
     reach_m: float,
+    camera_height_m: float,
 ) -> Prism:
     """Return the prism with what its objects have outside the hull.
 
@@ -41,6 +49,8 @@ def with_overhang(
         Points in neighbouring cubes of this edge touch.
     reach_m
         Farthest from the hull that an object sticks out.
+    camera_height_m
+        Of the origin of the points over the plane.
     """
     heights = prism.heights.ravel()
     with np.errstate(invalid="ignore"):
@@ -63,6 +73,36 @@ def with_overhang(
     away = np.zeros(of.max() + 1)
     np.maximum.at(away, of[is_out], -inside_by[inside_by > -2 * reach_m])
     joined = (within >= _MIN_POINTS) & (out <= _MAX_SHARE * within) & (away <= reach_m)
+    if points.ndim == 3:
+        hides = _hides_table(flat.take(near, axis=0), heights[near], prism, camera_height_m)
+        hiding = np.bincount(of[is_out], weights=hides, minlength=of.max() + 1)
+        is_cut = np.zeros(of.max() + 1, bool)
+        is_cut[of[is_out][_on_rim(near, prism.mask.shape)]] = True
+        seen = (out >= _MIN_POINTS) & (hiding > _HIDING_SHARE * out)
+        joined |= is_cut & seen & (away < _MAX_CUT * reach_m)
     mask = prism.mask.ravel().copy()
     mask[near[joined[of[is_out]]]] = True
     return replace(prism, mask=mask.reshape(prism.mask.shape))
+
+
+def _hides_table(
+    points: NDArray[np.floating[Any]],
+    heights_m: NDArray[np.float64],
+    prism: Prism,
+    camera_height_m: float,
+) -> NDArray[np.bool_]:
+    """Return which points (n, 3) have the visible table behind them, seen from the camera."""
+    drop = camera_height_m - heights_m
+    below = drop > 0  # a ray through a higher point never meets the table
+    behind = points[below] * (camera_height_m / drop[below])[:, None]
+    hides = np.zeros(len(points), bool)
+    hides[below] = prism.distance_to_edge(behind) >= 0
+    return hides
+
+
+def _on_rim(indices: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return which pixels lie at the border of an image (h, w)."""
+    rows, columns = np.unravel_index(indices, shape)
+    beside = np.minimum(rows, shape[0] - 1 - rows) < max(1, _RIM_SHARE * shape[0])
+    across = np.minimum(columns, shape[1] - 1 - columns) < max(1, _RIM_SHARE * shape[1])
+    return np.asarray(beside | across)

@@ -124,7 +124,8 @@ def segment_scene(
     prism = table_prism(clean, plane, params.height_min_m, params.height_max_m)
     if params.overhang_m > 0:
         heights = params.height_min_m, params.height_max_m
-        prism = with_overhang(clean, prism, heights, params.voxel_m, params.overhang_m)
+        reach = params.overhang_m
+        prism = with_overhang(clean, prism, heights, params.voxel_m, reach, plane.offset)
     clock.lap("prism")
     found = segment_cloud(clean, colours, prism.mask, params)
     clock.lap("segment")

@@ -46,6 +46,32 @@ def test_an_object_cut_by_the_image_stays_whole():
     assert scene.objects[0].touches_border
 
 
+def slanted_view():
+    """Return the points (h, w, 3) of a table seen at a slant and which show the block on it."""
+    v, u = np.mgrid[:480, :640]
+    ray = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1)
+    fall = ray @ np.array([0.0, np.sin(0.8), np.cos(0.8)])  # m down for each m of depth
+    ahead = ray @ np.array([0.0, -np.cos(0.8), np.sin(0.8)])  # and along the table
+    fall, ahead = np.maximum(fall, 0.3), np.maximum(ahead, 0.01)
+    table, top, front = 0.6 / fall, 0.48 / fall, 0.5 / ahead
+    on_top = (np.abs(top * ray[..., 0]) < 0.06) & (np.abs(top * ahead - 0.55) < 0.05)
+    drop = front * fall
+    on_front = (np.abs(front * ray[..., 0]) < 0.06) & (drop > 0.48) & (drop < 0.6)
+    depth = np.select([on_front, on_top], [front, top], table)
+    return points_from_depth(noisy(depth), CAMERA), on_top | on_front
+
+
+def test_an_object_whose_foot_is_out_of_view_is_found_if_it_hides_the_table():
+    points, block = slanted_view()
+    first, last = np.flatnonzero(block.any(axis=1))[[0, -1]]
+    end = int(first + 0.5 * (last - first))
+    points, block = points[:end], block[:end]
+    scene = segment_scene(points)
+    assert (scene.labels[block] > 0).mean() > 0.9
+    assert (scene.labels[~block] > 0).mean() < 0.01
+    assert scene.objects[0].touches_border
+
+
 def test_a_wall_behind_the_table_is_no_part_of_what_touches_it():
     depth = np.full((480, 640), 0.70, np.float32)
     depth[:, 420:] = 0.0
