@@ -31,6 +31,7 @@ log = logging.getLogger(__name__)
 _MIN_POINTS = 30
 _STRAY = 0.75
 _OTHER_RAD, _OTHER_M = np.deg2rad(15.0), 0.010
+_SAME_SIDE_RAD = np.deg2rad(45)
 _EXPLAINED_M = 0.008
 _OVER_TABLE_M = 0.003
 _MAX_TURNS = 48
@@ -149,6 +150,7 @@ def estimate_pose(
     params: PoseParams | None = None,
     plane: NDArray[np.float64] | None = None,
     initial: NDArray[np.float64] | None = None,
+    is_matched: bool = False,
 ) -> PoseEstimate | None:
     """Find the pose of an object of which one segment is known.
 
@@ -165,8 +167,12 @@ def estimate_pose(
     plane : (4,) float64, optional
         Unit normal and offset of the table in the camera's frame, the camera above it.
     initial : (k, 4, 4) float64, optional
-        Poses ``camera_from_object`` to begin with, as matched keypoints give them. When one leaves
-        nothing to explain it is the answer, and print has told apart what shape cannot.
+        Poses ``camera_from_object`` to begin with. When one leaves nothing to explain it is the
+        answer.
+    is_matched
+        The first initial pose comes from matched keypoints. Print tells apart what shape cannot,
+        and what a model of few views gets wrong, which knows one side only: the answer is turned
+        as that pose is, if any is, and colours are not asked.
 
     Returns
     -------
@@ -181,10 +187,12 @@ def estimate_pose(
     if len(task.judged) < _MIN_POINTS:
         log.info("no pose: segment %d has %d points with depth", label, len(task.judged))
         return None
-    pool = [] if initial is None else task.given(np.asarray(initial, np.float64).reshape(-1, 4, 4))
+    begun = np.asarray([] if initial is None else initial, np.float64).reshape(-1, 4, 4)
+    matched = begun[0, :3, :3] if is_matched and len(begun) else None
+    pool = task.given(begun) if len(begun) else []
     if pool and task.is_enough(pool):
         pool.sort(key=lambda found: -found.score)
-        return task.answer(pool, True)
+        return task.answer(pool, True, matched)
     complete = True
     for k, guess in enumerate(task.guesses()):
         late = (
@@ -196,12 +204,14 @@ def estimate_pose(
         pool += task.poses(guess, params.starts if k == 0 else params.more_starts)
         if k == 0 and task.is_enough(pool):
             break
+    if matched is not None:
+        pool = task.turned_alike(pool, matched) or pool
     pool.sort(key=lambda found: -found.score)
     if not task.is_enough(pool):
         for found in pool[: params.recollected]:
             pool += task.recollected(found)
         pool.sort(key=lambda found: -found.score)
-    return task.answer(pool, complete)
+    return task.answer(pool, complete, matched)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,6 +278,11 @@ class _Task:
         params = self.params
         return best.fit >= params.enough_fit and best.violation <= params.max_violation
 
+    def turned_alike(self, pool: list[_Found], matched: NDArray[np.float64]) -> list[_Found]:
+        """Return the poses turned by little from a matched one, symmetries of the shape apart."""
+        symmetries = self.model.symmetries
+        return [f for f in pool if angle_between(f.rotation, matched, symmetries) < _SAME_SIDE_RAD]
+
     def recollected(self, found: _Found) -> list[_Found]:
         """Let a pose collect the points that lie on it, and improve it on them, twice."""
         poses = Poses(found.rotation[None], found.translation[None], np.zeros(1))
@@ -280,7 +295,9 @@ class _Task:
             poses = refine(self.model, points, poses, self.judged)
         return self._judge(poses, mask, found.labels)
 
-    def answer(self, pool: list[_Found], complete: bool) -> PoseEstimate:
+    def answer(
+        self, pool: list[_Found], complete: bool, matched: NDArray[np.float64] | None
+    ) -> PoseEstimate:
         best = pool[0]
         others: list[_Found] = []
         for found in pool[1:]:
@@ -289,7 +306,10 @@ class _Task:
             if len(others) == 5:
                 break
         alike = [o for o in others if best.score - o.score < self.params.as_good]
-        choice = self._by_colour([best, *alike])
+        candidates = [best, *alike]
+        choice = (
+            self._by_colour(candidates) if matched is None else self._nearest(candidates, matched)
+        )
         rivals = choice.rivals
         winner = [best, *alike][choice.candidate]
         others = [found for found in (best, *others) if found is not winner]
@@ -326,6 +346,13 @@ class _Task:
             model.samples, model.colours, (rotations, places), self.depth, self.rgb, self.camera
         )
         return choose_by_colour(misfits.reshape(len(candidates), -1), turns)
+
+    def _nearest(self, candidates: list[_Found], matched: NDArray[np.float64]) -> ColourChoice:
+        """Choose, as colours do, the pose and variant that is turned least from a matched one."""
+        rotations = np.stack([found.rotation for found in candidates])
+        off = np.einsum("cij,sjk,ik->cs", rotations, self._turns(), matched)
+        candidate, variant = np.unravel_index(int(off.argmax()), off.shape)
+        return ColourChoice(int(candidate), int(variant), 0, False)
 
     def _turns(self) -> NDArray[np.float64]:
         """Return symmetries of the shape (s, 3, 3), at most 48, the identity first."""

@@ -276,7 +276,7 @@ class Agent:
         started = time.perf_counter()
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
-        if not record.held:
+        if not record.kept:
             self._crowd.fail(thing, grasp)
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
         if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp

@@ -2,7 +2,8 @@
 
 A segment's neighbours are then obstacles as they are seen, and what lies on top comes first (Gatto
 2016, chapter 5). What the graph knows of a recognised object still goes before: a grasp that held
-more often than a planned one is likely to.
+more often than a planned one is likely to. A plan on a view knows nothing of what cannot be seen,
+such as an end that breaks; so each failure at a thing takes from what the others promise there.
 """
 
 from __future__ import annotations
@@ -23,13 +24,15 @@ from simulate.agent.messages import pose_message
 from simulate.agent.tracking import TrackedObject
 from simulate.robots.description import Floats
 
-__all__ = ["Crowd", "is_crowded", "tool_pose"]
+__all__ = ["Crowd", "tool_pose", "touching"]
 
 _TOUCHING_M = 0.012
 _SAME_M = 0.03
 _AROUND_M = 0.02
 _REPEATED_M, _REPEATED_COS = 0.015, float(np.cos(np.deg2rad(25)))
 _MOST = 50
+_STRENGTH = 2.0
+"""Pseudo-attempts that a planned confidence counts for, as quality by geometry does."""
 
 
 class Planner(Protocol):
@@ -61,7 +64,9 @@ class Crowd:
         things: Sequence[TrackedObject],
         request: Mapping[str, Any],
     ) -> None:
-        """Plan on a view if things touch in it, else forget the last one.
+        """Plan on a view if some of the things touch another in it, else forget the last one.
+
+        What stands free has no grasps from here: nothing keeps the hand from those of the graph.
 
         Parameters
         ----------
@@ -71,7 +76,9 @@ class Crowd:
             Further fields: the gripper, the frame's name, the seed.
         """
         self._order, self._grasps = [], {}
-        if not things or not is_crowded(view.objects):
+        crowded = touching(view.objects)
+        things = [thing for thing in things if any(thing.seen is seen for seen in crowded)]
+        if not things:
             return
         answer = self._planner.plan_on_scene(
             data=to_wire(encode_frame(frame)),
@@ -102,14 +109,18 @@ class Crowd:
         """Return the graph's grasps of a thing with at most ``most`` of its planned ones.
 
         Those that the graph knows to hold more often than the best planned one is likely to come
-        first, the others last.
+        first, the others last; all of the graph's come first once planned ones failed so often that
+        its first is likelier to hold.
         """
+        left = _STRENGTH / (_STRENGTH + len(self._failed.get(thing.number, ())))
         planned = [
-            {**grasp, "source": "scene", "mean": grasp["confidence"]}
+            {**grasp, "source": "scene", "mean": left * grasp["confidence"]}
             for grasp in self._grasps.get(thing.number, ())[:most]
         ]
         if not planned:
             return list(grasps)
+        if left < 1 and grasps and grasps[0]["mean"] >= planned[0]["mean"]:
+            return [*grasps, *planned]
         sure = [
             grasp for grasp in grasps
             if grasp["source"] == "memory" and grasp["mean"] >= planned[0]["mean"]
@@ -130,9 +141,13 @@ class Crowd:
         )
 
 
-def is_crowded(objects: Sequence[Seen]) -> bool:
-    """Tell whether any two things are closer to each other than a finger is thick."""
-    return any(_touch(a.points, b.points) for a, b in combinations(objects, 2))
+def touching(objects: Sequence[Seen]) -> list[Seen]:
+    """Return the things that are closer to another than a finger is thick."""
+    found: set[int] = set()
+    for (i, one), (j, other) in combinations(enumerate(objects), 2):
+        if not {i, j} <= found and _touch(one.points, other.points):
+            found |= {i, j}
+    return [objects[k] for k in sorted(found)]
 
 
 def tool_pose(grasp: Mapping[str, Any]) -> Floats:

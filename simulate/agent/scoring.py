@@ -36,7 +36,6 @@ _ANGLES = np.deg2rad(np.arange(0, 180, 15))
 _SPARE_M = 0.004  # room that a hand needs around an object whose position it knows to 2 mm
 _UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
 _NEAR_M = 0.06
-_TARGET_HEIGHT_M = 0.15
 
 LIFTED_M = 0.02
 """An object that rose by less is still standing on the table, or leaning."""
@@ -169,15 +168,20 @@ class AttemptTruth:
         )
 
     def _find_target(self) -> int:
-        """Return the object nearest to the grasp, or -1 if there is none."""
-        request, best, nearest = self._plan.request, -1, np.inf
-        pose = self._robot.world_from_base
-        wanted = pose[:3, :3] @ [request.x, request.y, request.table_height] + pose[:3, 3]
-        for body in sorted(self._world.objects):
+        """Return the object nearest to the grasp, or -1 if there is none.
+
+        The distance is that to its surface: the end of a long object is far from its middle.
+        """
+        request, best, nearest = self._plan.request, -1, _NEAR_M
+        base = self._robot.world_from_base
+        height = request.table_height + self._plan.tool_height
+        tool = base[:3, :3] @ [request.x, request.y, height] + base[:3, 3]
+        for body, spec in sorted(self._world.objects.items()):
             there = self._world.object_pose(body)
-            distance = float(np.linalg.norm(there.position[:2] - wanted[:2]))
-            allowed = max(_NEAR_M, self._world.objects[body].footprint_radius)
-            if distance < min(nearest, allowed) and abs(there.z - wanted[2]) < _TARGET_HEIGHT_M:
+            inside = there.rotation.T @ (tool - there.position)
+            half = np.array(spec.extent) / 2
+            distance = float(np.linalg.norm(np.maximum(np.abs(inside) - half, 0.0)))
+            if distance < nearest:
                 best, nearest = body, distance
         return best
 

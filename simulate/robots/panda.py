@@ -87,7 +87,7 @@ def _arm() -> Arm:
         finger_width=0.020,
         finger_length=0.045,
         max_force=40.0,
-        close_effort=15.0,
+        close_effort=40.0,
         open_effort=20.0,
         finger_speed=0.15,
         grip="parallel_jaws",

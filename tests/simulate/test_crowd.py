@@ -12,7 +12,7 @@ from features.geometry import Frame
 from features.perception import Perceived
 from grasp.messages import pose_message
 from simulate.agent.agent import Agent, AgentConfig
-from simulate.agent.crowd import Crowd, is_crowded, tool_pose
+from simulate.agent.crowd import Crowd, tool_pose, touching
 from simulate.agent.messages import distinct, grasp_request
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.agent.tracking import TrackedObject
@@ -57,8 +57,9 @@ def two_that_touch() -> tuple[Perceived, list[TrackedObject]]:
 
 def test_things_that_stand_apart_are_not_planned_on_together() -> None:
     near, far = seen_at(0.40, 0.0), seen_at(0.45, 0.0)
-    assert not is_crowded([near, far])
-    assert is_crowded([near, far, seen_at(0.41, 0.0)])
+    assert touching([near, far]) == []
+    close = seen_at(0.41, 0.0)
+    assert [id(one) for one in touching([near, far, close])] == [id(near), id(close)]
     planner = _Planner((1, 0.9, 0.3))
     crowd, thing = Crowd(planner), TrackedObject(1, near)
     crowd.look(VIEW, np.eye(4), Perceived("ok", 0.27, (near, far)), [thing], {})
@@ -84,6 +85,32 @@ def test_the_thing_with_the_best_grasp_comes_first_and_a_failed_grasp_not_again(
     assert [g["confidence"] for g in crowd.merged(other, [], 10)] == [0.6]
     one.waiting = True
     assert crowd.first([one, other]) is other
+
+
+def test_each_failure_takes_from_what_other_plans_of_the_view_promise() -> None:
+    view, (one, other) = two_that_touch()
+    crowd = Crowd(_Planner((1, 0.9, 0.30), (1, 0.8, 0.35), (1, 0.8, 0.40)))
+    graph = [{"source": "candidate", "mean": 0.5}]
+    for left in (3, 2, 1):
+        crowd.look(VIEW, np.eye(4), view, [one, other], {})
+        found = crowd.merged(one, graph, 10)
+        assert len(found) == left + 1
+        if left > 1:  # .9, then .8 of which one failure leaves two thirds
+            assert found[0]["source"] == "scene"
+        else:  # two leave the half
+            assert found[0] is graph[0]
+            return
+        crowd.fail(one, found[0])
+
+
+def test_what_stands_free_beside_a_crowd_has_no_grasps_of_the_view() -> None:
+    view, (one, other) = two_that_touch()
+    free = TrackedObject(9, seen_at(0.8, 0.0))
+    crowd = Crowd(_Planner((2, 0.9, 0.3), (3, 0.95, 0.3)))
+    view = Perceived("ok", 0.27, (*view.objects, free.seen))
+    crowd.look(VIEW, np.eye(4), view, [one, other, free], {})
+    assert crowd.first([free]) is None
+    assert crowd.first([one, other, free]) is other
 
 
 def test_a_thing_of_the_other_side_keeps_its_grasps_to_itself() -> None:

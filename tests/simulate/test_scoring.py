@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from simulate.agent.scoring import ObjectState, held_reason, is_placed
+from simulate.agent.scoring import AttemptTruth, ObjectState, held_reason, is_placed
+from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
+from simulate.world.objects import product
 from simulate.world.world import PlaceBox
 
 START = ObjectState(np.array([0.15, -0.1, 0.30]), links=3, force_n=8.0, on_table=True)
@@ -51,3 +55,18 @@ def test_held(lifted, held, reason):
 )
 def test_placed(position, placed):
     assert is_placed(ObjectState(np.array(position)), BOX) is placed
+
+
+def test_an_attempt_at_the_end_of_a_long_thing_is_one_at_that_thing() -> None:
+    bar, short = product("bar", 96), product("box", 4)
+    with Workcell("panda", preset="fast") as cell:
+        world, robot = cell.world, cell.robot
+        x = world.workplace.table_near + world.workplace.table_size[0] / 2
+        long = world.spawn(bar, (x, -0.2))
+        end = x + bar.extent[0] / 2
+        other = world.spawn(short, (end + 0.01 + short.extent[0] / 2, -0.2))
+        world.step(0.2)
+        for at, target in ((end - 0.005, long), (end + 0.02, other), (x - 0.3, -1)):
+            request = GraspRequest(x=at, y=-0.2, theta=0.0, table_height=world.table_height)
+            planned = SimpleNamespace(request=request, arm="panda_arm", tool_height=0.02)
+            assert AttemptTruth(world, robot, cast(PlannedGrasp, planned)).target == target

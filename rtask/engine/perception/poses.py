@@ -158,9 +158,9 @@ def _against_model(
     frame, plane = surrounded(seen)
     labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
     params = PoseParams(starts=_STARTS, keep=_KEPT, max_points=_POINTS, merge=False)
-    return estimate_pose(
-        model, frame, labels, 1, params, plane, initial=_known_poses(seen, matched, upright)
-    )
+    begun = _known_poses(seen, matched, upright)
+    is_matched = matched is not None
+    return estimate_pose(model, frame, labels, 1, params, plane, begun, is_matched)
 
 
 def _known_poses(
