@@ -209,8 +209,8 @@ class AttemptRun:
             return self.place_reason
         used = self._station.next_spot(box.side)
         request = self.plan.request
-        spot = PlaceSpot.in_box(box, used, max(request.height, request.length))
         before = self._box_before or self._box_map(box)
+        spot = PlaceSpot.in_box(box, used, max(request.height, request.length), before)
         self.place = f"{box.side} box"
         return self._place(spot, before, lambda: self._box_map(box), np.array(box.centre))
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from simulate.grasping.rules import PlannedGrasp
+from simulate.grasping.judgement import HeightMap
+from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
 from simulate.motion.collision import ArmSpheres, Surroundings
 from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
@@ -25,7 +27,9 @@ _GENTLE = (0.003, 0.055)
 _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _LOAD_TOLERANCE = 0.012
-_LARGE = 0.08
+_LARGE, _THINNEST_M = 0.08, 0.004
+_TOP_SHARE = 0.95
+"""Share of the occupied cells of a box below what counts as their height: stray ones do not."""
 _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
 _PURPOSE = 2
 
@@ -48,13 +52,22 @@ class PlaceSpot:
     centres
         Places (x, y) m to try, best first.
     descents
-        Bottom of the object over the floor when the hand opens, and the straight way down to
+        Bottom of the object over the ground when the hand opens, and the straight way down to
         there, m; best first.
+    filled
+        Height of what lies there already, over the floor, m, as far as it is seen. The object is
+        let go over it if it can be, else over the floor.
     """
 
     floor: float
     centres: tuple[tuple[float, float], ...]
     descents: tuple[tuple[float, float], ...] = _DESCENTS
+    filled: float = 0.0
+
+    @property
+    def grounds(self) -> tuple[float, ...]:
+        """Heights over which the object may be let go, m, base frame, best first."""
+        return (self.floor + self.filled, self.floor) if self.filled else (self.floor,)
 
     @classmethod
     def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
@@ -62,16 +75,25 @@ class PlaceSpot:
         return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS))
 
     @classmethod
-    def in_box(cls, box: PlaceBox, used: int, size: float) -> PlaceSpot:
+    def in_box(
+        cls, box: PlaceBox, used: int, size: float, seen: HeightMap | None = None
+    ) -> PlaceSpot:
         """Return the places in a box into which ``used`` objects were put before.
 
-        Each object goes to another spot; a large one (``size`` m) goes to the middle, regardless of
-        what is there, because it would not clear the walls elsewhere.
+        Each object goes to another spot; a large one (``size`` m) goes to the middle, onto what is
+        there, because it would not clear the walls elsewhere.
+
+        Parameters
+        ----------
+        seen
+            The box as it was seen before.
         """
         first = 0 if size > _LARGE else used
         x, y = box.centre
         spots = [_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS))]
-        return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots))
+        lying = seen.heights[seen.occupied] if seen is not None else np.empty(0)
+        filled = float(np.quantile(lying, _TOP_SHARE)) if lying.size else 0.0
+        return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots), filled=filled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +142,10 @@ def plan_place(
     tool, _ = chain.tool_poses(start[None])
     tool_over_bottom = request.table_height + plan.tool_height - request.base_height
     upright = tool[0, 2]
-    for release, above in spot.descents:
+    approach = tool[0, :, 2] if chain.orients_freely else None
+    for ground, (release, above) in product(spot.grounds, spot.descents):
         for x, y in spot.centres:
-            height = spot.floor + tool_over_bottom + release
-            approach = tool[0, :, 2] if chain.orients_freely else None
+            height = ground + tool_over_bottom + release
             goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
             found = solve_ik(chain, goal, rng, _IK, warm=start[None])
             for posture in _most_upright(chain, found, upright, start):
@@ -188,15 +210,31 @@ def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -
 def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:
     """Cover the held object with spheres: centres (k, 3) in the wrist frame, radii (k,), m."""
     request = plan.request
-    size = np.array([request.width, max(request.length, request.width), request.height])
-    radius = float(size.min()) / 2
-    reach = size / 2 - radius
+    middle, yaw, size = _extent(request)
+    radius = max(float(size.min()), _THINNEST_M) / 2
+    reach = np.maximum(size / 2 - radius, 0.0)
     counts = np.minimum(np.ceil(2 * reach / (1.6 * radius)).astype(int) + 1, 8)
     grid = np.meshgrid(*[np.linspace(-r, r, n) for r, n in zip(reach, counts, strict=True)])
     local = np.stack([axis.ravel() for axis in grid], axis=1)
-    cos, sin = np.cos(request.theta), np.sin(request.theta)
+    cos, sin = np.cos(yaw), np.sin(yaw)
     across = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    middle = np.array([request.x, request.y, request.base_height + request.height / 2])
     rotations, positions = chain.link_frames(plan.posture[None])
     points = local @ across.T + middle
     return (points - positions[0, -1]) @ rotations[0, -1], np.full(len(points), radius)
+
+
+def _extent(request: GraspRequest) -> tuple[Floats, float, Floats]:
+    """Return the middle (3,) m, base frame, yaw (rad) and size (3,) m of what is grasped.
+
+    The hand may hold it far from its middle.
+    """
+    height = request.base_height + request.height / 2
+    if request.outline is not None:
+        x, y, yaw, length, width = request.outline
+        return np.array([x, y, height]), yaw, np.array([length, width, request.height])
+    if request.points is not None:
+        low, high = request.points.min(axis=0), request.points.max(axis=0)
+        x, y = (low + high)[:2] / 2
+        return np.array([x, y, height]), 0.0, np.array([*(high - low)[:2], request.height])
+    size = np.array([request.width, max(request.length, request.width), request.height])
+    return np.array([request.x, request.y, height]), request.theta, size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -243,3 +244,23 @@ def test_an_answer_says_what_would_come_first_without_the_graph(bench, first, se
     known = second.recognise(elsewhere(bench, bench.CAN))
     assert known["grasps"][0]["id"] == held["grasp"]
     assert "graph: held 1 of 1; alone: " in known["alone"]["text"]
+
+
+@pytest.mark.parametrize("turned", [2.6, 3.2])
+def test_a_grasp_stays_at_its_end_when_a_thing_shows_its_other_side(bench, first, second, turned):
+    # The model of one view knows one side of a box, and fits the view of its other side best after
+    # half a turn; print knows better.
+    bar = bench.Thing((0.100, 0.034, 0.045), texture_seed=21, yaw=0.2)
+    aside = bench.Eye((-0.35, 0.0, 0.62), (*bar.position, bench.TABLE))
+
+    def end_of(thing):
+        return np.array(thing.position) + 0.03 * np.array([np.cos(thing.yaw), np.sin(thing.yaw)])
+
+    x, y = end_of(bar)
+    grasp = {"x": x, "y": y, "z": bench.TABLE + 0.02, "theta": bar.yaw + np.pi / 2,
+             "quality": 0.6, "opening": 0.045}  # fmt: skip
+    first.insert(bench.sight(bar, aside), task_id="t-1", grasp=grasp, outcome=bench.held())
+    moved = bar.at(*bar.position, bar.yaw + turned)
+    (known,) = second.recognise(bench.sight(moved, aside), propose=False)["grasps"]
+    # The other end is 60 mm away; a view tells a place to some millimetres.
+    assert np.linalg.norm([known["x"], known["y"]] - end_of(moved)) < 0.01
