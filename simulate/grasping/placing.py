@@ -28,6 +28,8 @@ _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _LOAD_TOLERANCE = 0.012
 _LARGE, _THINNEST_M = 0.08, 0.004
+_HIGHEST_M = 0.08
+"""Over the ground of a box: what is seen higher is the robot's arm, which hides what lies there."""
 _TOP_SHARE = 0.95
 """Share of the occupied cells of a box below what counts as their height: stray ones do not."""
 _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
@@ -91,9 +93,20 @@ class PlaceSpot:
         first = 0 if size > _LARGE else used
         x, y = box.centre
         spots = [_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS))]
-        lying = seen.heights[seen.occupied] if seen is not None else np.empty(0)
-        filled = float(np.quantile(lying, _TOP_SHARE)) if lying.size else 0.0
+        filled = 0.0 if seen is None else _filled(seen)
         return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots), filled=filled)
+
+
+def _filled(seen: HeightMap) -> float:
+    """Return the height of what lies in a box, m; 0 if it is empty or the robot's arm is before it.
+
+    Cells along the walls may show their rims.
+    """
+    inner = seen.heights[1:-1, 1:-1]
+    lying = inner[seen.occupied[1:-1, 1:-1]]
+    if not lying.size or lying.max() > _HIGHEST_M:
+        return 0.0
+    return float(np.quantile(lying, _TOP_SHARE))
 
 
 @dataclass(frozen=True, eq=False)
