@@ -136,6 +136,7 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
         "placed": sum(encounter["placed"] for encounter in reach),
         "judgements": judged,
         "judgements_right": right,
+        "succeeded_at_once": sum(encounter["tries_to_success"] == 1 for encounter in reach),
         "from_memory": sum(_first_source(encounter) == "memory" for encounter in reach),
         "mean_attempts_to_first_success": mean_attempts(objects, cap),
         "seconds": round(robot["seconds"], 2),
