@@ -109,14 +109,20 @@ def export(
 def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     """Add the episodes of FILE (.mcap, .bag) to the graph, in one commit.
 
-    What is known already changes nothing.
+    Counts, beliefs and hidden causes are then stated anew from all attempts, in a second one. What
+    is known already changes nothing.
     """
     import rtask
+    from rtask.engine import Engine
     from rtask.extras import naming_extras
     from rtask.interop.episodes.recording import read_episodes
 
     with rtask.open(data) as kb, naming_extras(_EXTRA), Working("reading"):
+        before = kb.seq
         read = read_episodes(kb, file)
+        if kb.seq != before:
+            with Engine(kb) as engine:
+                engine.rebuild_statistics()
     told = {key: value for key, value in asdict(read).items() if key not in ("pictures", "views")}
     if as_json:
         print_json({"path": str(file), **told})

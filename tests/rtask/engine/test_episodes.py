@@ -132,6 +132,16 @@ def test_files_that_are_damaged_or_of_another_kind_change_nothing(told, kb, tmp_
     assert sorted(p.name for p in tmp_path.iterdir()) == ["all.mcap", "cut.mcap", "text.mcap"]
 
 
+def counts(graph):
+    """Return the successes and attempts that the graph states of each grasp, by robot."""
+    rows = graph.select(
+        f"SELECT ?grasp ?hand ?won ?n {{ ?s <{RT.statisticsOf.value}> ?grasp ; "
+        f"<{RT.gripperType.value}> ?hand ; "
+        f"<{RT.successes.value}> ?won ; <{RT.attempts.value}> ?n }}"
+    )
+    return sorted(tuple(row.values()) for row in rows.to_dicts())
+
+
 @pytest.mark.slow
 def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
     found = episodes_of(kb)
@@ -146,6 +156,12 @@ def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
 
     read = run("import", str(tmp_path / "all.bag"))
     assert read["episodes"] == 2
+    with rtask.open(folder, mode="r") as other:
+        assert counts(other) == counts(kb) != []
+        seq = other.seq
+    run("import", str(tmp_path / "all.bag"))
+    with rtask.open(folder, mode="r") as other:
+        assert other.seq == seq  # nothing was new
     assert run("list") == json.loads(json.dumps([one.to_json() for one in found]))
     assert [one["robot_name"] for one in run("list", "--agent", "nao-2")] == ["nao-2"]
     out = run("export", str(tmp_path / "again.mcap"))
