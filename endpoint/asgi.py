@@ -68,7 +68,6 @@ class AsgiApplication:
             bridge,
             self._context.auth,
             following if following is not None and following.forwards else None,
-            self._context.config.max_message_bytes,
         )
         self.changes = Changes(self._context)
         self._context.gauges["rtask_subscribers"] = lambda: len(self.changes)

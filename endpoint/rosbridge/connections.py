@@ -21,6 +21,7 @@ from endpoint.http.websocket import (
     Transmit,
     refuse_handshake,
 )
+from endpoint.rosbridge.packing import Frame
 from endpoint.rosbridge.session import Bridge, Session
 from endpoint.rosbridge.upstream import Upstream
 from rtask.errors import RtaskError
@@ -44,21 +45,14 @@ class Connections:
     following
         The server to which everything goes on that does not only read; none if this is nobody's
         follower, or passes nothing on.
-    max_bytes
-        Size limit of one message.
     """
 
     def __init__(
-        self,
-        bridge: Bridge,
-        auth: Authenticator,
-        following: Following | None = None,
-        max_bytes: int = 64 << 20,
+        self, bridge: Bridge, auth: Authenticator, following: Following | None = None
     ) -> None:
         self._bridge = bridge
         self._auth = auth
         self._following = following
-        self._max_bytes = max_bytes
         self._open: set[Connection] = set()
 
     async def serve(
@@ -79,7 +73,7 @@ class Connections:
         await transmit({"type": "websocket.accept"})
         connection = Connection(self._bridge, caller, receive, transmit)
         if self._following is not None:
-            connection.pass_on(self._following, request, self._max_bytes)
+            connection.pass_on(self._following, request)
         self._open.add(connection)
         _log.info("robot %s connected from %s", caller.name, request.client)
         try:
@@ -143,11 +137,13 @@ class Connection:
         self._upstream: Upstream | None = None
         self._closing = False
 
-    def pass_on(self, following: Following, request: Request, max_bytes: int) -> None:
+    def pass_on(self, following: Following, request: Request) -> None:
         """From now on, pass what does not only read to the server that is followed."""
-        self._upstream = Upstream(
-            following, self._engine, request, self._outbox.put, self.close, max_bytes
-        )
+        self._upstream = Upstream(following, self._engine, request, self._deliver, self.close)
+
+    async def _deliver(self, frame: Frame) -> None:
+        self._outbox.put(frame)
+        await self._outbox.wait_for_room()
 
     async def run(self) -> None:
         """Read until the robot leaves, while one task writes."""

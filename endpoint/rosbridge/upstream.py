@@ -26,6 +26,7 @@ __all__ = ["Upstream"]
 
 _HERE = frozenset(("search_object", "set_level", "auth"))
 _WAITING = 8
+_LEAVE_S = 5.0
 _LARGE = 64 << 10
 
 
@@ -41,11 +42,9 @@ class Upstream:
     request
         The robot's handshake, whose token is shown to the writer, too.
     deliver
-        Sends a frame to the robot.
+        Sends a frame to the robot, and waits while it has too many to read.
     end
         Closes the robot's connection: what it had subscribed to and advertised is lost.
-    max_bytes
-        Size limit of one message.
     """
 
     def __init__(
@@ -53,9 +52,8 @@ class Upstream:
         following: Following,
         engine: Engine,
         request: Request,
-        deliver: Callable[[Frame], None],
+        deliver: Callable[[Frame], Awaitable[None]],
         end: Callable[[int, str], Awaitable[None]],
-        max_bytes: int,
     ) -> None:
         self._following = following
         self._reads = {f"rtask/{name}" for name in engine.operations if only_reads(engine, name)}
@@ -63,9 +61,9 @@ class Upstream:
         self._headers = {} if token is None else {"Authorization": token}
         self._deliver = deliver
         self._end = end
-        self._max_bytes = max_bytes
         self._frames: asyncio.Queue[Frame] = asyncio.Queue(_WAITING)
         self._task: asyncio.Task[None] | None = None
+        self._has_ended = False
         self._may_have_written = False
 
     async def take(self, frame: Frame) -> bool:
@@ -82,9 +80,11 @@ class Upstream:
                 self._may_have_written = False
                 await asyncio.to_thread(self._following.catch_up)
             return False
-        if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._run())
         await self._frames.put(frame)
+        if self._has_ended:
+            self._drop()
+        elif self._task is None or self._task.done():  # also if it ended while there was no room
+            self._task = asyncio.create_task(self._run())
         return True
 
     def _is_for_here(self, frame: Frame) -> bool:
@@ -94,8 +94,9 @@ class Upstream:
             message = parse(frame)
         except UsageError:
             return True  # the session says what is wrong with it
-        if message.get("op") != "call_service":
-            return message.get("op") in _HERE
+        op = message.get("op")
+        if op != "call_service":
+            return not isinstance(op, str) or op in _HERE
         return str(message.get("service")).lstrip("/") in self._reads
 
     async def _run(self) -> None:
@@ -105,20 +106,20 @@ class Upstream:
             socket = await connect(
                 url,
                 additional_headers=self._headers,
-                max_size=self._max_bytes,
+                max_size=None,  # the writer limits what it sends
                 compression=None,
                 open_timeout=5.0,
             )
         except InvalidStatus as error:
-            self._refuse(
-                error.response.status_code,
-                f"{self._following.url} answered {error.response.status_code}; connect with "
-                "Authorization: Bearer <token>, which is shown to it as well",
-            )
+            status = error.response.status_code
+            reason = f"writes go to {self._following.url}, which answered {status}"
+            if status in (401, 403):
+                reason += "; connect with Authorization: Bearer <token>, which is shown to it, too"
+            await self._refuse(status, reason)
             return
         except (OSError, WebSocketException) as error:  # a timeout is an OSError
             reason = str(error) or type(error).__name__
-            self._refuse(
+            await self._refuse(
                 503, f"writes go to {self._following.url}, which does not answer: {reason}"
             )
             return
@@ -127,28 +128,44 @@ class Upstream:
             with contextlib.suppress(WebSocketException):
                 async for frame in socket:
                     self._may_have_written = True
-                    self._deliver(frame)
+                    await self._deliver(frame)
         finally:
+            self._has_ended = True
             sending.cancel()
+            self._drop()
             await socket.close()
         await self._end(SERVICE_RESTART, f"{self._following.url} closed the connection")
 
     async def _send(self, socket: ClientConnection) -> None:
         with contextlib.suppress(WebSocketException):
             while True:
-                await socket.send(await self._frames.get())
+                frame = await self._frames.get()
+                try:
+                    await socket.send(frame)
+                finally:
+                    self._frames.task_done()
 
-    def _refuse(self, status: int, reason: str) -> None:
+    async def _refuse(self, status: int, reason: str) -> None:
         """Answer the frames that wait; the next one tries again to connect."""
         while not self._frames.empty():
-            self._deliver(encode(_refusal(self._frames.get_nowait(), status, reason)))
+            frame = self._frames.get_nowait()
+            await self._deliver(encode(_refusal(frame, status, reason)))
+            self._frames.task_done()
+
+    def _drop(self) -> None:
+        while not self._frames.empty():
+            self._frames.get_nowait()
+            self._frames.task_done()
 
     async def close(self) -> None:
-        """Leave the writer."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
+        """Leave the writer, once it has what the robot sent before it left."""
+        if self._task is None:
+            return
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._frames.join(), _LEAVE_S)
+        self._task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._task
 
 
 def _refusal(frame: Frame, status: int, reason: str) -> JsonObject:

@@ -25,6 +25,7 @@ __all__ = ["Claim"]
 
 _CLAIM = "<urn:rtask:store:claim>"
 _BACK_OFF_S = (0.01, 0.1)
+_LONGEST_S = 5.0
 
 
 class Claim:
@@ -43,6 +44,7 @@ class Claim:
         self._number = 0
         self._patience_s = 0
         self._seen: dict[str, float] = {}
+        self._unsure = ""
         self._taken_at = float("-inf")
 
     @property
@@ -56,7 +58,7 @@ class Claim:
 
     @property
     def age_s(self) -> float:
-        """Seconds since the claim was seen to be the only one."""
+        """Seconds since others can have seen the claim, at most."""
         return time.monotonic() - self._taken_at
 
     def _of(self, claim: str) -> str:
@@ -80,22 +82,26 @@ class Claim:
         RemoteUnavailableError
             The server does not answer, or other processes held the right all the time.
         """
-        self._number, self._patience_s = self._number + 1, patience_s
+        self._patience_s = patience_s
         end = time.monotonic() + self._endpoints.connection.timeout_s
         everybody = f"GRAPH {self._name} {{ {self._name} {_CLAIM} ?c }}"
         failure: RemoteUnavailableError | None = None
         while True:
+            others: list[str] = []
+            # Others count from when they first saw a text: no claim may look like an earlier one.
+            self._number += 1
+            began = time.monotonic()
             try:
                 self._endpoints.update(f"INSERT DATA {{ {self.pattern} }}")
-                asked = time.monotonic()
                 rows = self._endpoints.rows(
                     f"SELECT ?h ?c {{ {{ {and_read} }} UNION {{ {everybody} }} }}"
                 )
                 failure = None
-                others = self._others([c.value for _, c in rows if c is not None])
-                if not others:
+                claims = [c.value for _, c in rows if c is not None]
+                others = self._others(claims)
+                if not others and self._text in claims:  # others remove one that came too late
                     check([h for h, _ in rows if h is not None])
-                    self._taken_at = asked
+                    self._taken_at = began
                     return
                 self.release()
             except RemoteUnavailableError as error:
@@ -107,10 +113,13 @@ class Claim:
                 raise RemoteUnavailableError(
                     f"{self._endpoints} does not answer"
                     if failure
-                    else f"{self._endpoints}: other processes have been committing for "
-                    f"{self._endpoints.connection.timeout_s:g} s; nothing was stored, try again"
+                    else f"{self._endpoints}: commits that have not ended kept this one waiting "
+                    f"for {self._endpoints.connection.timeout_s:g} s; nothing was stored, try again"
                 ) from failure
-            time.sleep(random.uniform(*_BACK_OFF_S))
+            # On a slow server, claims that are stored for longer must be further apart.
+            shortest, longest = _BACK_OFF_S
+            apart = 2 * len(others) * (time.monotonic() - began)
+            time.sleep(random.uniform(shortest, min(max(longest, apart), _LONGEST_S)))
 
     def _others(self, claims: list[str]) -> list[str]:
         """Return the claims of other processes, without those that ended processes left behind."""
@@ -120,11 +129,17 @@ class Claim:
         for claim, since in self._seen.items():
             process, _, rest = claim.partition(":")
             patience_s = float(rest.rpartition(":")[2])
-            if process == self._process or now - since > patience_s:
+            is_over = process == self._process and claim != self._unsure
+            if is_over or now - since > patience_s:
                 self._endpoints.update(f"DELETE DATA {{ {self._of(claim)} }}")
             else:
                 others.append(claim)
         return others
+
+    def keep(self) -> None:
+        """Leave the claim, also to this process, because its commit may still be stored."""
+        self._unsure = self._text
+        self._seen[self._text] = self._taken_at
 
     def release(self) -> None:
         """Withdraw the claim; one that cannot be withdrawn now is with the next one."""

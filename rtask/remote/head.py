@@ -201,7 +201,8 @@ class HeadGraph:
         try:
             self._send_claimed(text(), old, new)
         except RemoteUnavailableError:
-            raise  # the server may still be storing it
+            self._claim.keep()  # the server may still be storing it
+            raise
         except BaseException:
             self._claim.release()
             raise

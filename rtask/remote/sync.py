@@ -51,15 +51,20 @@ class Sync:
     def take_in(self) -> None:
         """Renew what this process knows; called with the writer's lock."""
         committer, store = self._writer.committer, self._store
-        before = committer.last_seq
+        before, known = committer.last_seq, store.head
         store.forget()
         store.head = store.read_head()
-        committer.catalogue.refresh()
+        try:
+            committer.catalogue.refresh()
+            last_time = committer.catalogue.last_time() or LONG_AGO
+            records = list(self._journal.records(before))
+            if committer.inference is not None:
+                committer.inference.take_in(self._changed(records, before))
+        except BaseException:
+            store.head = known  # so that the next look takes in the same commits
+            raise
         committer.last_seq = store.head.seq
-        committer.last_time = committer.catalogue.last_time() or LONG_AGO
-        records = list(self._journal.records(before))
-        if committer.inference is not None:
-            committer.inference.take_in(self._changed(records, before))
+        committer.last_time = last_time
         self._writer.take_in([self._feed.read(record) for record in records])
         _log.debug("took in commits %d to %d of another process", before + 1, store.head.seq)
 

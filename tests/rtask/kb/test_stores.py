@@ -32,6 +32,7 @@ from rtask.kb.store.writes import Writes
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, Literal, Quad, iri, literal, prologue
 from rtask.remote import opening, transport
+from rtask.remote.claim import Claim
 from rtask.remote.dialect import Abilities
 from rtask.remote.endpoints import Endpoints
 from rtask.remote.head import Head, HeadGraph
@@ -548,6 +549,95 @@ def test_a_claim_that_a_killed_process_left_does_not_stop_others_for_good(
     assert not _remote(kb).endpoints.ask(f"ASK {{ {claim} }}")
     left = f"ASK {{ GRAPH {name} {{ ?s <urn:rtask:store:claim> ?c }} }}"
     assert not _remote(kb).endpoints.ask(left)
+
+
+_CLAIMS = "<urn:lab/graph/store>"
+
+
+class _Watched(Endpoints):
+    """Does something before or after certain updates, as another process might."""
+
+    def __init__(self, endpoints: Endpoints, meddle: Callable[[Endpoints, int], None]) -> None:
+        super().__init__(endpoints.query_url, endpoints.update_url, endpoints.connection)
+        self.claimed: list[str] = []
+        self._meddle = meddle
+
+    def update(self, text: str) -> None:
+        super().update(text)
+        if text.startswith("INSERT DATA"):
+            self.claimed.append(text)
+            self._meddle(self, len(self.claimed))
+
+
+def test_a_claim_that_others_removed_is_made_again(kb: KnowledgeBase) -> None:
+    def remove(endpoints: Endpoints, number: int) -> None:
+        if number == 1:  # as if the answer had taken so long that others took it for a left one
+            endpoints.update(
+                f"DELETE WHERE {{ GRAPH {_CLAIMS} {{ ?s <urn:rtask:store:claim> ?c }} }}"
+            )
+
+    endpoints = _Watched(_remote(kb).endpoints, remove)
+    claim = Claim(endpoints, _CLAIMS)
+    claim.take("?s ?p ?h FILTER(false)", lambda _: None, 20)
+    assert endpoints.ask(f"ASK {{ {claim.pattern} }}")
+    claim.release()
+    assert not endpoints.ask(f"ASK {{ {claim.pattern} }}")
+
+
+def test_no_claim_looks_like_an_earlier_one_that_was_withdrawn(kb: KnowledgeBase) -> None:
+    theirs = f'GRAPH {_CLAIMS} {{ {_CLAIMS} <urn:rtask:store:claim> "somebody:1:600" }}'
+
+    def withdraw(endpoints: Endpoints, number: int) -> None:
+        if number == 3:
+            endpoints.update(f"DELETE DATA {{ {theirs} }}")
+
+    _remote(kb).endpoints.update(f"INSERT DATA {{ {theirs} }}")
+    endpoints = _Watched(_remote(kb).endpoints, withdraw)
+    claim = Claim(endpoints, _CLAIMS)
+    claim.take("?s ?p ?h FILTER(false)", lambda _: None, 20)
+    claim.release()
+    assert len(set(endpoints.claimed)) == len(endpoints.claimed) == 3
+
+
+def test_a_process_does_not_overtake_its_own_commit_that_got_no_answer(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoints = _remote(kb).endpoints
+    claim = Claim(endpoints, _CLAIMS)
+    claim.take("?s ?p ?h FILTER(false)", lambda _: None, 600)
+    sent = claim.pattern
+    claim.keep()
+    with monkeypatch.context() as patch:
+        patch.setattr(endpoints.connection, "timeout_s", 0.0)  # one attempt
+        with pytest.raises(RemoteUnavailableError, match="have not ended"):
+            claim.take("?s ?p ?h FILTER(false)", lambda _: None, 20)
+    assert endpoints.ask(f"ASK {{ {sent} }}")
+    endpoints.update(f"DELETE DATA {{ {sent} }}")  # as the commit itself does
+    claim.take("?s ?p ?h FILTER(false)", lambda _: None, 20)
+    claim.release()
+
+
+def test_commits_of_others_are_taken_in_after_a_request_for_them_failed(
+    place: Callable[..., KnowledgeBase], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with place(reason=True) as one:
+        _remote(one)
+        one.load(_TBOX, format="turtle", graph="urn:lab/graph/import/tbox")
+        with place(again=True, reason=True, folder=tmp_path / "other") as two:
+            two.update("INSERT DATA { <urn:m0> a <urn:t:Mug> }", "nao-2")
+            sync = _remote(two).on_moved.__self__  # type: ignore[attr-defined]
+
+            def fail(_: int = 0) -> Any:
+                raise RemoteUnavailableError("away")
+
+            with monkeypatch.context() as patch:
+                patch.setattr(sync._journal, "records", fail)
+                one.update("INSERT DATA { <urn:m1> a <urn:t:Mug> }", "nao-1")
+                with contextlib.suppress(RemoteUnavailableError):
+                    sync.look()
+            sync.look()
+            thing = (rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing"))
+            assert two.explain("urn:m1", *thing) is not None
 
 
 def test_what_a_server_cannot_do_is_said_plainly(kb: KnowledgeBase, tmp_path: Path) -> None:
