@@ -127,8 +127,7 @@ class Claim:
         self._seen = {claim: self._seen.get(claim, now) for claim in claims if claim != self._text}
         others = []
         for claim, since in self._seen.items():
-            process, _, rest = claim.partition(":")
-            patience_s = float(rest.rpartition(":")[2])
+            process, patience_s = _read(claim)
             is_over = process == self._process and claim != self._unsure
             if is_over or now - since > patience_s:
                 self._endpoints.update(f"DELETE DATA {{ {self._of(claim)} }}")
@@ -145,3 +144,12 @@ class Claim:
         """Withdraw the claim; one that cannot be withdrawn now is with the next one."""
         with contextlib.suppress(RtaskError):
             self._endpoints.update(f"DELETE DATA {{ {self.pattern} }}")
+
+
+def _read(claim: str) -> tuple[str, float]:
+    """Return the process of a claim and its patience, s; what is no claim has none."""
+    process, *_, patience = claim.split(":")
+    try:
+        return process, float(patience)
+    except ValueError:
+        return process, 0.0
