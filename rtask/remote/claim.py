@@ -146,10 +146,14 @@ class Claim:
             self._endpoints.update(f"DELETE DATA {{ {self.pattern} }}")
 
 
-def _read(claim: str) -> tuple[str, float]:
-    """Return the process of a claim and its patience, s; what is no claim has none."""
-    process, *_, patience = claim.split(":")
-    try:
-        return process, float(patience)
-    except ValueError:
-        return process, 0.0
+def _read(claim: str) -> tuple[str, int]:
+    """Return the process of a claim and its patience, s; what is no claim has none.
+
+    Examples
+    --------
+    >>> _read("5f3a:7:600"), _read("something else")
+    (('5f3a', 600), ('something else', 0))
+    """
+    process, _, rest = claim.partition(":")
+    patience = rest.rpartition(":")[2]
+    return process, int(patience) if patience.isdecimal() else 0
