@@ -197,7 +197,9 @@ class HeadGraph:
         text
             Returns the request once the right to commit has been claimed.
         """
-        self._claim.take(self.pattern("?h"), lambda heads: self._require(old, heads), patience_s)
+        self._claim.take(
+            self.pattern("?h"), lambda heads: self._require(old, self._only(heads)), patience_s
+        )
         try:
             self._send_claimed(text(), old, new)
         except RemoteUnavailableError:
@@ -207,8 +209,12 @@ class HeadGraph:
             self._claim.release()
             raise
 
-    def _require(self, old: Head, heads: list[Any]) -> None:
-        found = Head.of(heads[0]) if len(heads) == 1 else self.read()
+    def _only(self, terms: list[Any]) -> Head:
+        """Return the head among the terms of an answer, or read it again."""
+        return Head.of(terms[0]) if len(terms) == 1 else self.read()
+
+    @staticmethod
+    def _require(old: Head, found: Head) -> None:
         if found != old:
             raise VersionConflictError(
                 f"somebody else committed: expected version {old.seq}, found {found.seq}; "
@@ -237,7 +243,7 @@ class HeadGraph:
             else:
                 if token == new.token:
                     return
-                self._require(old, [found])
+                self._require(old, found)
                 if isinstance(failure, CallFailedError):
                     raise failure
             if time.monotonic() >= end:
@@ -254,9 +260,8 @@ class HeadGraph:
         rows = self._endpoints.rows(
             f"SELECT ?h ?t {{ {{ {self.pattern('?h')} }} UNION {{ {token} }} }}"
         )
-        heads = [Head.of(h) for h, _ in rows if h is not None]
         tokens = [t.value for _, t in rows if t is not None]
-        head = heads[0] if len(heads) == 1 else self.read()
+        head = self._only([h for h, _ in rows if h is not None])
         return head, new.token if new.token in tokens else None
 
 
