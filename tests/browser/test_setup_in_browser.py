@@ -148,12 +148,12 @@ def test_a_sensor_is_taken_from_a_camera_info(
         page.locator("[name=name]").fill("third")
         for text in ("{", '{"width": 3}', json.dumps({**info, "K": [1, 2]})):
             page.get_by_text("Take it from a camera_info").first.click()
-            page.get_by_label("sensor_msgs/CameraInfo as JSON").fill(text)
+            page.get_by_label("camera_info as YAML or JSON").fill(text)
             page.get_by_role("button", name="Fill in").click()
-            page.get_by_text("expected a sensor_msgs/CameraInfo as JSON").wait_for()
+            page.get_by_text("expected a camera_info as YAML or JSON").wait_for()
             page.goto(f"{server.url}/setup?name=third")
         page.get_by_text("Take it from a camera_info").first.click()
-        page.get_by_label("sensor_msgs/CameraInfo as JSON").fill(json.dumps(info))
+        page.get_by_label("camera_info as YAML or JSON").fill(json.dumps(info))
         page.get_by_role("button", name="Fill in").click()
         page.locator('[name="cameras.0.fx"][value="700.5"]').wait_for()
         fields = ("name", "frame_id", "width", "height", "fy", "cx", "cy")
@@ -165,7 +165,70 @@ def test_a_sensor_is_taken_from_a_camera_info(
         assert page.locator("[name=name]").input_value() == "third"
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "null", '{"k": 5, "width": 1, "height": 1}'])
+_ECHOED = """header:
+  seq: 12
+  stamp: {secs: 5, nsecs: 0}
+  frame_id: "arm/head_optical"
+height: 600
+width: 800
+distortion_model: "plumb_bob"
+D: [0.0, 0.0, 0.0, 0.0, 0.0]
+K: [700.5, 0.0, 400.0, 0.0, 701.5, 300.0, 0.0, 0.0, 1.0]
+---
+"""
+_CALIBRATED = """image_width: 800
+image_height: 600
+camera_name: head_optical
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [ 700.5,   0. , 400. ,
+            0. , 701.5, 300. ,
+            0. ,   0. ,   1. ]
+distortion_model: plumb_bob
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [(_ECHOED, "arm/head_optical"), (_CALIBRATED, "")],
+    ids=["as rostopic echo prints it", "file of camera_calibration"],
+)
+def test_a_camera_info_in_yaml_fills_in_the_sensor(
+    browser: Any, site: tuple[RunningServer, str], text: str, frame: str
+) -> None:
+    server, token = site
+    with open_page(browser, server.url, token, **LOOKS["phone-dark"]) as page:
+        page.goto(f"{server.url}/setup")
+        page.get_by_text("Take it from a camera_info").click()
+        page.get_by_label("camera_info as YAML or JSON").fill(text)
+        page.get_by_role("button", name="Fill in").click()
+        page.locator('[name="cameras.0.fx"][value="700.5"]').wait_for()
+        shown = {
+            field: page.locator(f'[name="cameras.0.{field}"]').input_value()
+            for field in ("name", "frame_id", "width", "height", "fy", "cx", "cy")
+        }
+        assert shown == {"name": "head_optical", "frame_id": frame, "width": "800",
+                         "height": "600", "fy": "701.5", "cx": "400.0", "cy": "300.0"}  # fmt: skip
+        assert fits(page)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        "[" * 19_000,
+        "null",
+        "",
+        '{"k": 5, "width": 1, "height": 1}',
+        "width: [1\n",
+        "\x07",
+        "K: &k [1, 0, 1, 0, 1, 1, 0, 0, 1]\nwidth: *k\nheight: 1",
+        "!!python/object/apply:os.getcwd []",
+        "image_width: 3\nimage_height: 2\ncamera_matrix: {data: [1, 2]}",
+    ],
+    ids=lambda text: repr(text[:12]),
+)
 def test_what_is_no_camera_info_is_refused_in_words(
     site: tuple[RunningServer, str], text: str
 ) -> None:
@@ -174,4 +237,4 @@ def test_what_is_no_camera_info_is_refused_in_words(
     form = {"take": "camera_info", "camera_info": text}
     refused = httpx.post(f"{server.url}/setup", data=form, headers=headers)
     assert refused.status_code == 422
-    assert "expected a sensor_msgs/CameraInfo as JSON" in refused.text
+    assert "expected a camera_info as YAML or JSON" in refused.text

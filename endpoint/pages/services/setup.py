@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import re
 from typing import Any
 
@@ -14,6 +12,7 @@ from endpoint.access.auth import SCOPES, Caller, require_scope
 from endpoint.http.problems import details_of
 from endpoint.pages.operations import read_request
 from endpoint.pages.render import Model, blueprint, context, current_request
+from endpoint.pages.services.camera_info import CAMERA_INFO, read_camera_info
 from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.services.tools import KINEMATICS, ROBOTS, service_named
 from endpoint.pages.signin import require_form
@@ -28,7 +27,6 @@ _OPERATION = "register_robot"
 _MODEL = "model"
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]")
 _MAX_NAME = 64
-_INFO, _MATRIX = "camera_info", 9
 _GRIPPER, _CAMERA = "end_effectors", "cameras"
 
 
@@ -48,7 +46,9 @@ def setup_sent() -> str | tuple[str, int]:
         return _shown(form, more=form["more"])
     if form.get("take"):
         try:
-            return _shown(MultiDict({**form.to_dict(), **_of_camera_info(form.get(_INFO, ""))}))
+            read = read_camera_info(form.get(CAMERA_INFO, ""))
+            camera = {f"{_CAMERA}.0.{name}": value for name, value in read.items()}
+            return _shown(MultiDict({**form.to_dict(), **camera}))
         except UsageError as error:
             return _shown(form, problem=details_of(error)), 422
     require_scope(caller.access, "write")
@@ -72,36 +72,6 @@ def setup_sent() -> str | tuple[str, int]:
         **_code(name, hand, caller),
     }
     return _shown(form, ready=ready)
-
-
-def _of_camera_info(text: str) -> dict[str, str]:
-    """Return the fields of the sensor that a sensor_msgs/CameraInfo as JSON says.
-
-    Raises
-    ------
-    UsageError
-        It is none, or it does not say where the picture's centre is.
-    """
-    try:
-        info = json.loads(text)
-        if not isinstance(info, dict):
-            raise ValueError("expected an object with width, height and K")
-        matrix = [float(value) for value in info.get("k") or info["K"]]
-        width, height = int(info["width"]), int(info["height"])
-        if len(matrix) != _MATRIX or not all(map(math.isfinite, matrix)) or matrix[0] <= 0:
-            raise ValueError("K: expected nine numbers, the focal length first")
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        said = f"no {error}" if isinstance(error, KeyError) else str(error)
-        raise UsageError(
-            f"expected a sensor_msgs/CameraInfo as JSON: {said}", field=_INFO
-        ) from None
-    header = info.get("header")
-    frame = str(header.get("frame_id", "")) if isinstance(header, dict) else ""
-    values: dict[str, object] = {"width": width, "height": height, "fx": matrix[0], "fy": matrix[4],
-              "cx": matrix[2], "cy": matrix[5]}  # fmt: skip
-    if frame:
-        values = {"name": frame.rpartition("/")[2], "frame_id": frame, **values}
-    return {f"{_CAMERA}.0.{name}": str(value) for name, value in values.items()}
 
 
 def _read(urdf: bytes, caller: Caller) -> Any:
