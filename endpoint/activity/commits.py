@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from endpoint.activity.log import OPERATOR, Event
-from endpoint.activity.words import AFTER, reason_words, title
+from endpoint.activity.words import AFTER, title
+from rtask.engine.words import reason_words
 from rtask.kb.commit.commit import Change
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PROV, RDF, RDFS, RT

@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from endpoint.activity.presence import Calls, Links
+
 __all__ = ["ANONYMOUS", "OPERATOR", "ActivityLog", "Event", "Lane", "as_json"]
 
 ANONYMOUS = "anonymous"
@@ -22,6 +24,7 @@ OPERATOR = "an operator"
 """Who wrote, where no name is known."""
 MAX_EVENTS = 1_000
 MAX_LANES = 64
+MAX_SEEN = 1_000
 LANE_KEPT_S = 600.0
 PICTURE_TYPES = frozenset(
     ("rtask/Frame", "sensor_msgs/CompressedImage", "sensor_msgs/msg/CompressedImage")
@@ -139,6 +142,7 @@ class _State:
     lanes: dict[str, Lane] = field(default_factory=dict)
     pictures: dict[str, dict[str, Any]] = field(default_factory=dict)
     connections: Counter[str] = field(default_factory=Counter)
+    seen_s: dict[str, float] = field(default_factory=dict)
     last: int = 0
 
 
@@ -154,6 +158,8 @@ class ActivityLog:
     ----------
     run
         Identifier of this log, which tells its numbers from those of an earlier server.
+    links, calls
+        Open connections of robots, and how long their calls take.
 
     Examples
     --------
@@ -170,6 +176,7 @@ class ActivityLog:
         self._lock = threading.Lock()
         self._state = _State()
         self._listeners: list[Listener] = []
+        self.links, self.calls = Links(), Calls()
 
     @property
     def last(self) -> int:
@@ -188,6 +195,8 @@ class ActivityLog:
                 if event.kind not in ("verdict", "wrote") or event.who in state.lanes:
                     lane = state.lanes.pop(event.who, Lane(event.who))
                     state.lanes[event.who] = lane.after_event(numbered)
+                    state.seen_s.pop(event.who, None)
+                    state.seen_s[event.who] = time_s
                 state.events.append(numbered)
                 told.append(numbered)
             self._forget_lanes()
@@ -257,6 +266,11 @@ class ActivityLog:
         with self._lock:
             return self._state.lanes.get(robot)
 
+    def seen_s(self, robot: str) -> float | None:
+        """Return when a robot was last heard of, seconds since the epoch; none if never."""
+        with self._lock:
+            return self._state.seen_s.get(robot)
+
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call back after each event, in the thread that caused it; return a function to stop."""
         self._listeners.append(listener)
@@ -278,6 +292,8 @@ class ActivityLog:
             del lanes[name]
         while len(lanes) > MAX_LANES:
             del lanes[next(iter(lanes))]
+        while len(self._state.seen_s) > MAX_SEEN:
+            del self._state.seen_s[next(iter(self._state.seen_s))]
 
 
 def as_json(event: Event) -> dict[str, Any]:

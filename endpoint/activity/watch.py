@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from endpoint.activity.calls import call_event
 from endpoint.activity.commits import commit_events
-from endpoint.activity.log import ActivityLog
+from endpoint.activity.log import ANONYMOUS, ActivityLog
 from endpoint.served import ServedGraph
 from rtask.engine.engine import Call, Engine
 from rtask.kb.commit.commit import Change
@@ -31,6 +31,11 @@ def watch(activity: ActivityLog, kb: ServedGraph, engine: object) -> Callable[[]
         activity.tell(*commit_events(kb, change))
 
     def on_call(call: Call) -> None:
+        who = call.access.agent or ANONYMOUS
+        if call.answer is None and call.error is None:
+            activity.calls.began(who, call.number, call.operation)
+        else:
+            activity.calls.ended(who, call.number)
         try:
             activity.tell(call_event(call))
         except Exception:  # noqa: BLE001 - a watcher must not make a robot's call fail

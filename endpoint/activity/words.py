@@ -1,58 +1,9 @@
-"""Words for people in place of the codes and IRIs that robots report."""
+"""Words for people in place of the names and IRIs that robots report."""
 
 from __future__ import annotations
 
 AFTER = ("placed", "held", "lifted", "closed")
 """The first of these pictures that a robot took shows how an attempt ended."""
-
-REASONS = {
-    "ok": "as intended",
-    "timed_out": "the time allowed ran out",
-    "stopped_by_human": "a person stopped it",
-    "hardware": "the hardware failed",
-    "not_judged": "nobody judged it",
-    "no_match": "the object was not recognised",
-    "low_recognition": "the robot was not sure which object it saw",
-    "wrong_object": "it was another object",
-    "pose_unknown": "the robot could not tell where the object was",
-    "low_pose": "the robot was not sure where the object was",
-    "no_grasp": "no grasp was known",
-    "low_grasp": "no grasp was promising enough",
-    "ik": "the hand could not reach it",
-    "tilt": "the hand would have had to tilt too far",
-    "grasp_collision": "the hand would have hit something",
-    "approach_ik": "the hand could not approach it",
-    "approach_collision": "the arm would have hit something on the approach",
-    "pregrasp_collision": "the arm would have hit something before the approach",
-    "lift_ik": "the hand could not have lifted it",
-    "rrt_start": "the arm was too close to something to start",
-    "rrt_goal": "the arm would have ended too close to something",
-    "rrt_time": "no way there was found in time",
-    "too_heavy": "it is too heavy for the arm",
-    "too_wide": "it is too wide for the hand",
-    "tracking": "the arm left its planned path",
-    "touched": "it moved before the hand closed",
-    "pushed_away": "the hand pushed it out of reach",
-    "missed": "the hand closed without holding it",
-    "slip_lift": "it slipped out while being lifted",
-    "slip_hold": "it slipped out while being held",
-    "slip_transport": "it slipped out on the way",
-    "place_plan": "no way to put it down was found",
-    "drop_outside": "it was put down in the wrong place",
-    "crushed": "it gave way under the fingers",
-    "came_apart": "a part of it came off",
-}
-
-
-def reason_words(code: str | None) -> str:
-    """Say in words why an attempt ended as it did.
-
-    Examples
-    --------
-    >>> reason_words("ik"), reason_words("out_of_oil"), reason_words(None)
-    ('the hand could not reach it', 'out of oil', '')
-    """
-    return REASONS.get(code or "", (code or "").replace("_", " "))
 
 
 def title(name: str | None, classes: str | None = "") -> str:

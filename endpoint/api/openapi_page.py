@@ -86,12 +86,17 @@ def _resolved(schema: JsonObject, schemas: JsonObject) -> JsonObject:
 def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(
-        f"<tr><td><code>{escape(row[0])}</code></td>"
-        + "".join(f"<td>{escape(str(cell))}</td>" for cell in row[1:])
+        f'<tr><th scope="row"><code>{escape(row[0])}</code></th>'
+        + "".join(
+            f'<td data-label="{escape(name)}"><span>{escape(str(cell))}</span></td>'
+            for name, cell in zip(heads[1:], row[1:], strict=True)
+        )
         + "</tr>"
         for row in rows
     )
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    table = (
+        f'<table class="cards-on-phone"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    )
     return f'<div class="scroll">{table}</div>'
 
 

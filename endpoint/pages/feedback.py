@@ -13,8 +13,9 @@ from endpoint.access.auth import require_scope
 from endpoint.activity.words import AFTER
 from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
-from endpoint.pages.wording import PHASES, VISIBLE_REASONS
+from endpoint.pages.wording import VISIBLE_REASONS
 from rtask.engine.operations.feedback import GiveFeedback
+from rtask.engine.words import PHASES
 from rtask.errors import UsageError
 from rtask.rdf.terms import iri
 from rtask.wire.forms import read_form

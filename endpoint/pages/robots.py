@@ -1,17 +1,31 @@
-"""Pages about robots: all of them, and what one is, has, tried and saw last."""
+"""Pages about robots: all of them, and what one is, has, does now, tried and saw last."""
 
 from __future__ import annotations
 
+import datetime as dt
 from collections import Counter
+from dataclasses import asdict
 
 import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
 
+from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.pages.drawn import belief_over
 from endpoint.pages.feedback import list_attempts
-from endpoint.pages.render import Model, context, knowledge_base, page, select
+from endpoint.pages.render import (
+    Model,
+    blueprint,
+    context,
+    current_request,
+    knowledge_base,
+    page,
+    robot_url,
+    select,
+)
+from endpoint.pages.signin import require_form
 from rtask.rdf.namespaces import CORA, RDF
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import NamedNode, iri
 
 __all__ = ["list_robots"]
 
@@ -20,11 +34,32 @@ _SHOWN_REASONS = 5
 
 
 def list_robots() -> list[Model]:
-    """Return each robot with its last outcome."""
+    """Return each robot with its last outcome, and what it does now."""
     rows: dict[str, Model] = {}
     for row in select("robots", chosen=""):
-        rows.setdefault(str(row["robot"]), _counted(row))
+        rows.setdefault(str(row["robot"]), {**_counted(row), **_presence(row)})
     return list(rows.values())
+
+
+def _presence(row: Model) -> Model:
+    """Return whether a robot is connected, what it waits for, and how long its calls take."""
+    name, activity = str(row["name"] or ""), context().activity
+    lane, links, calls = activity.lane(name), activity.links.of(name), activity.calls.of(name)
+    seen_s = activity.seen_s(name)
+    heard = "" if seen_s is None else _iso(seen_s)
+    return {
+        "connections": [
+            {"since": _iso(link.since_s), "provides": link.provides()} for link in links
+        ],
+        "last_seen": max(heard, str(row.get("time") or "")),
+        "doing": lane.doing if lane else "",
+        "frame": lane.frame if lane else 0,
+        "calls": asdict(calls),
+    }
+
+
+def _iso(seconds: float) -> str:
+    return dt.datetime.fromtimestamp(seconds, dt.UTC).isoformat(timespec="milliseconds")
 
 
 def _counted(row: Model) -> Model:
@@ -46,22 +81,44 @@ def robot() -> Model:
     if not asked:
         raise RefusedError(400, "usage", f"which robot? {flask.request.path}?iri=<IRI>")
     term = iri(asked)
-    if not knowledge_base().match(term, RDF.type, CORA.Robot):
-        raise RefusedError(404, "not-found", f"no robot {asked}; see /robots")
-    facts = _counted(select("robots", chosen=f"VALUES ?robot {{ {term} }}")[0])
+    facts = _facts_of(term)
     parts = select("robot", robot=term)
     outcomes = select("robot_outcomes", robot=term)
     reasons = Counter(row["reason"] for row in outcomes if row["reason"] and not row["success"])
     attempts = list_attempts(f"?attempt rt:performedBy {term}")[:_SHOWN_ATTEMPTS]
-    lane = context().activity.lane(str(facts["name"] or ""))
     return {
         **facts,
+        **_presence(facts),
         "hands": [part for part in parts if part["is_hand"]],
         "cameras": [part for part in parts if not part["is_hand"]],
         "belief": belief_over([bool(row["success"]) for row in reversed(outcomes)]),
         "reasons": reasons.most_common(_SHOWN_REASONS),
         "tasks": attempts,
-        "connections": lane.connections if lane else 0,
-        "doing": lane.doing if lane else "",
-        "frame": lane.frame if lane else 0,
     }
+
+
+@blueprint.route("/robot/disconnect", methods=["POST"])
+def robot_disconnected() -> WerkzeugResponse:
+    """Close the connections of a robot, for an operator; it may connect again."""
+    caller = context().auth.identify(current_request())
+    require_form()
+    require_scope(caller.access, "admin")
+    robot = flask.request.form.get("robot", "")
+    facts = _facts_of(iri(robot))
+    name = str(facts["name"] or "")
+    closed = context().activity.links.close(name, f"closed by {caller.name}")
+    context().audit.event("robot-disconnected", robot=name, connections=closed, by=caller.name)
+    return flask.redirect(robot_url(robot), 303)
+
+
+def _facts_of(term: NamedNode) -> Model:
+    """Return a robot as in the list of all.
+
+    Raises
+    ------
+    RefusedError
+        404 if it is no robot.
+    """
+    if not knowledge_base().match(term, RDF.type, CORA.Robot):
+        raise RefusedError(404, "not-found", f"no robot {term.value}; see /robots")
+    return _counted(select("robots", chosen=f"VALUES ?robot {{ {term} }}")[0])

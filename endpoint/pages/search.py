@@ -11,6 +11,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 import ontology
+from endpoint.activity.words import title
 from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import (
     Model,
@@ -25,7 +26,6 @@ from endpoint.pages.render import (
 )
 from endpoint.pages.render import select as run_select
 from endpoint.pages.services.datasets import readable_datasets
-from endpoint.pages.wording import title
 
 PER_GROUP = 5
 MAX_QUERY = 200

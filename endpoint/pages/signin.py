@@ -99,6 +99,7 @@ def _person() -> dict[str, object]:
         "return_to": _page_to_return_to(),
         "form_secret": form_secret,
         "may_teach": lambda: "teach" in SCOPES[access().role],
+        "may_operate": lambda: "admin" in SCOPES[access().role],
         "speaks_for": lambda: access().agent if access().role == "teacher" else None,
         "operator": flask.request.args.get("by", ""),
     }

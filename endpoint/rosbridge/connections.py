@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 
 from endpoint.access.auth import Authenticator, Caller
+from endpoint.activity.presence import Link
 from endpoint.http.following import Following
 from endpoint.http.messages import RefusedError, Request
 from endpoint.http.websocket import (
@@ -75,10 +77,12 @@ class Connections:
         if self._following is not None:
             connection.pass_on(self._following, request)
         self._open.add(connection)
+        leave = self._bridge.activity.links.add(connection.link())
         _log.info("robot %s connected from %s", caller.name, request.client)
         try:
             await connection.run()
         finally:
+            leave()
             self._open.discard(connection)
             _log.info("robot %s left", caller.name)
 
@@ -140,6 +144,17 @@ class Connection:
     def pass_on(self, following: Following, request: Request) -> None:
         """From now on, pass what does not only read to the server that is followed."""
         self._upstream = Upstream(following, self._engine, request, self._deliver, self.close)
+
+    def link(self) -> Link:
+        """Return what others see of the connection, and how they close it."""
+        loop = asyncio.get_running_loop()
+
+        def close(reason: str) -> None:
+            if not loop.is_closed():
+                asyncio.run_coroutine_threadsafe(self.close(POLICY_VIOLATION, reason), loop)
+
+        session = self._session
+        return Link(session.identity, time.time(), session.provides, close)
 
     async def _deliver(self, frame: Frame) -> None:
         self._outbox.put(frame)

@@ -165,6 +165,10 @@ class Session:
         """Name of the robot; the same for all robots without a token."""
         return self.access.agent or ANONYMOUS
 
+    def provides(self) -> list[str]:
+        """Return the names of the services that the robot offers over this session."""
+        return [one.name for one in self.bridge.providers.listing() if one.peer is self]
+
     def feed(self, frame: Frame) -> None:
         """Handle one message; errors are sent as a `status` message, never raised."""
         message: Any = None

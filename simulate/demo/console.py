@@ -12,9 +12,13 @@ from typing import IO, Any
 from rich.console import Console as RichConsole
 from rich.table import Table
 
+from rtask.engine.words import reason_words
 from simulate.demo.queries import Answer, with_prefixes
 
 __all__ = ["Console", "FleetConsole"]
+
+_WIDE = 150
+_MAX_UNWRAPPED = 16
 
 
 class Console:
@@ -42,19 +46,37 @@ class Console:
         if line:
             self._progress.print(f"  {robot}: {line}", markup=False)
 
-    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Print a table of results."""
+    def table(
+        self,
+        title: str,
+        columns: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        narrow: Sequence[str] | None = None,
+    ) -> None:
+        """Print a table of results.
+
+        Parameters
+        ----------
+        narrow
+            The columns that are shown on a terminal too narrow for all; None = all.
+        """
+        shown = list(range(len(columns)))
+        if narrow is not None and self._results.width < _WIDE:
+            shown = [at for at in shown if columns[at] in narrow]
         table = Table(title=title, title_justify="left")
-        for column in columns:
-            table.add_column(column, no_wrap=len(column) < 12)
+        for at in shown:
+            cells = [columns[at], *(row[at] for row in rows)]
+            table.add_column(columns[at], no_wrap=max(map(len, cells)) <= _MAX_UNWRAPPED)
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*(row[at] for at in shown))
         self._results.print(table)
 
     def answer(self, answer: Answer) -> None:
         """Print a question, its SPARQL and the live answer."""
         self._results.print(f"\n[bold]{answer.question.words}[/bold]")
-        self._results.print(with_prefixes(answer.question.sparql).rstrip(), style="dim")
+        self._results.print(
+            with_prefixes(answer.question.sparql).rstrip(), style="dim", soft_wrap=True
+        )
         self.table("", answer.columns, answer.rows)
 
     def line(self, text: str = "") -> None:
@@ -72,7 +94,7 @@ def _sentence(event: dict[str, Any]) -> str:
         return f"object {number} is new to the graph (best match {conf:.2f})"
     if name == "attempt":
         result = "held" + (" and placed" if event["placed"] else ", not placed")
-        said = result if event["held"] else f"failed: {event['reason']}"
+        said = result if event["held"] else f"failed: {reason_words(event['reason'])}"
         return f"object {event['object']}, attempt {event['number']} ({event['source']}): {said}"
     if name == "missing":
         x, y = event["last_seen"]

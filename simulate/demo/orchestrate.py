@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -17,6 +19,7 @@ from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import (
     COLUMNS,
+    NARROW,
     comparison,
     robot_totals,
     rows,
@@ -31,6 +34,11 @@ __all__ = ["Demo", "Settings"]
 
 _MARK = "demo.json"
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
+
+
+def _command() -> str:
+    """Return how to call this program: by its path where a shell does not find its name."""
+    return "rtask" if shutil.which("rtask") else os.path.relpath(sys.argv[0])
 
 
 @dataclass(frozen=True)
@@ -116,16 +124,16 @@ class Demo:
         folder = self.settings.data
         self._prepare(folder)
         with ExitStack() as stack:
-            self.console.step("starting the endpoint")
             endpoint = self._endpoint(folder)
             stack.callback(endpoint.stop)
             self.console.step(f"watch the robots at {endpoint.url}/activity")
-            self.console.step(f"endpoint at {endpoint.url}; starting {self.settings.robots} robots")
+            self.console.step(f"starting {self.settings.robots} robots")
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
             beside = stack.enter_context(ThreadPoolExecutor(1))
             alone = None
             if self.settings.compares:
                 other = self._alone(stack, folder)
+                self.console.step(f"{other.name} works beside them without the graph, to compare")
                 alone = beside.submit(self._watch, other, endpoint, {})
             done = [self._watch(robot, endpoint, self._products) for robot in robots]
             apart = None if alone is None else alone.result()
@@ -140,7 +148,7 @@ class Demo:
                 apart,
             )
             write_report(folder / _REPORT, result, table, answers)
-            self.console.table("What the robots did", COLUMNS, table)
+            self.console.table("What the robots did", COLUMNS, table, NARROW)
             self._totals(done if apart is None else [*done, apart])
             if apart is not None:
                 self._compare(done[-1], apart)
@@ -284,20 +292,24 @@ class Demo:
         """Print what the graph told the last robot, beside its work without the graph."""
         self.console.table(
             f"{shared['name']}, and the same robot without the graph",
-            ("object", "attempts with the graph", "without", "first grasp from", "told"),
+            ("object", "attempts with it", "without", "first grasp from", "told"),
             comparison(shared["encounters"], apart["encounters"]),
         )
 
     def _farewell(self, folder: Path, url: str, stay: bool) -> None:
-        store = folder / _STORE
+        store, rtask = folder / _STORE, _command()
         self.console.line()
         self.console.line(f"report  {folder / _REPORT / 'report.html'}")
         if stay:
-            self.console.line(f"page    {url}/")
-        self.console.line(f"again   rtask serve --data {store} -p 8765")
-        self.console.line(f"judge   rtask token create --data {store} --role teacher --name YOU")
-        self.console.line("        and, signed in with that token, the page /feedback")
-        self.console.line(f"more    rtask demo --data {folder} --keep --seed {self.settings.seed}")
+            self.console.line(f"pages   {url}/")
+        else:
+            self.console.line(f"pages   {rtask} serve --data {store} -p 8765")
+            url = "http://localhost:8765"
+        self.console.line(f"judge   {rtask} token create --data {store} --role teacher --name YOU")
+        self.console.line(f"        and sign in with that token at {url}/feedback")
+        self.console.line(
+            f"more    {rtask} demo --data {folder} --keep --seed {self.settings.seed}"
+        )
 
     def _wait(self, endpoint: Endpoint) -> None:
         self.console.step(f"serving {endpoint.url}/ until Ctrl-C")

@@ -13,6 +13,7 @@ from simulate.demo.report_page import report_page
 
 __all__ = [
     "COLUMNS",
+    "NARROW",
     "comparison",
     "mean_attempts",
     "robot_totals",
@@ -26,6 +27,9 @@ COLUMNS = (
     "robot", "object", "recognised as", "conf.", "right", "grasp from", "told", "attempts", "held",
     "placed", "reason", "look s", "ask s", "plan s", "move s",
 )  # fmt: skip
+
+NARROW = ("robot", "object", "recognised as", "attempts", "held", "placed")
+"""The columns for a narrow terminal; the report has all."""
 
 
 def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:

@@ -7,6 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from rtask.engine.words import phase_words, reason_words
+
 __all__ = ["report_page"]
 
 _STYLE = """
@@ -16,8 +18,9 @@ h1 { font-size: 1.7rem; margin: .5rem 0; }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr));
   gap: 1rem; margin: 0 0 1.5rem; }
 .row > div { border: 1px solid var(--line); border-radius: 12px; padding: .8rem 1rem; }
-.shots { display: flex; flex-wrap: wrap; gap: .5rem; }
-figure { margin: .4rem 0; flex: 1 1 8rem; max-width: 16rem; }
+.shots { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); gap: .5rem; }
+@media (max-width: 30rem) { .shots { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
+figure { margin: .4rem 0; }
 img { width: 100%; border-radius: 8px; display: block; }
 figcaption, small { opacity: .75; font-size: .85rem; }
 h2 { font-size: 1.15rem; margin: 1.2rem 0 .4rem; }
@@ -46,7 +49,10 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     """
     robots = [str(robot["name"]) for robot in result["robots"]]
     products = list(dict.fromkeys(one["product"] for one in result.get("objects", ())))
-    parts = [_row([_totals(robot) for robot in result["robots"]])]
+    alone = result.get("alone")
+    totals = [*result["robots"], *([alone] if alone else [])]
+    beside = f" {alone['name']} worked without the graph, for comparison." if alone else ""
+    parts = [_row([_totals(robot) for robot in totals])]
     for product in products:
         met = [one for one in result.get("objects", ()) if one["product"] == product]
         cells = [
@@ -58,8 +64,8 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>What the robots did</title><style>{_STYLE}</style></head><body>\n"
         "<h1>What the robots did</h1>\n<p>Every robot faced the same products, one robot after "
-        "the other; what one learned, the next was told. Held and placed are the robots' own "
-        "judgements.</p>\n" + "\n".join(parts) + "\n</body></html>\n"
+        f"the other; what one learned, the next was told.{escape(beside)} Held and placed are the "
+        "robots' own judgements.</p>\n" + "\n".join(parts) + "\n</body></html>\n"
     )
 
 
@@ -93,7 +99,7 @@ def _cell(folder: Path, robot: str, encounters: Sequence[Mapping[str, Any]]) -> 
 def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:
     done = "held and placed" if attempt["placed"] else "held" if attempt["held"] else "not held"
     why = attempt["place_reason"] if attempt["held"] else attempt["reason"]
-    reason = "" if why in ("ok", "") else f": {why.replace('_', ' ')}"
+    reason = "" if why in ("ok", "") else f": {reason_words(why)}"
     grasp = _GRASPS.get(attempt["source"], f"grasp from {attempt['source']}")
     mark = "good" if attempt["held"] else "bad"
     line = f'<p>{escape(grasp)}: <b class="{mark}">{escape(done + reason)}</b></p>'
@@ -103,6 +109,6 @@ def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:
         f'<figure><img src="{escape(robot)}/{escape(path.name)}" alt="{escape(words)}">'
         f"<figcaption>{escape(words)}</figcaption></figure>"
         for path in paths
-        for words in [path.stem.split("-")[-1].replace("_", " ")]
+        for words in [phase_words(path.stem.split("-")[-1])]
     )
     return f'{line}<div class="shots">{shots}</div>' if shots else line

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from websockets.sync.client import connect
 
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
 from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.robots import Robot, robot
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -51,31 +50,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
     folder, token = _folder(tmp_path_factory)
     with running_server(folder) as running:
         yield running, token
-
-
-class Robot:
-    """A robot that speaks rosbridge."""
-
-    def __init__(self, socket: Any) -> None:
-        self._socket = socket
-
-    def send(self, **message: Any) -> None:
-        """Send one message."""
-        self._socket.send(json.dumps(message))
-
-    def call(self, operation: str, **args: Any) -> Any:
-        """Call an operation and return what it answers."""
-        self.send(op="call_service", service=f"/rtask/{operation}", args=args, id="1")
-        answer = json.loads(self._socket.recv(timeout=60))
-        assert answer["result"], answer
-        return answer["values"]
-
-
-@contextmanager
-def robot(server: RunningServer, token: str) -> Iterator[Robot]:
-    headers = {"Authorization": f"Bearer {token}"}
-    with connect(server.websocket, additional_headers=headers, proxy=None) as socket:
-        yield Robot(socket)
 
 
 def _camera_picture(width: int) -> str:

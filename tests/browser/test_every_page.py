@@ -66,6 +66,9 @@ NAMELESS = """() => [...document.querySelectorAll("a[href], button, input, selec
   .filter((e) => !(e.textContent.trim() || e.ariaLabel || e.labels?.length || e.title
     || e.querySelector("img[alt]:not([alt=''])") || e.ariaHidden === "true"))
   .map((e) => e.outerHTML.slice(0, 120))"""
+# Tables become cards on a phone; only the answer of a query may have any number of columns.
+SIDEWAYS = """() => [...document.querySelectorAll(".scroll, main")]
+  .filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent.trim().slice(0, 60))"""
 IMAGES = """() => [...document.images].filter((i) => !i.hasAttribute("alt")).map((i) => i.src)"""
 
 
@@ -96,6 +99,8 @@ def test_every_page_has_one_heading_fits_and_names_its_controls(
             page.goto(server.url + path)
             if not fits(page):
                 faults.append(f"{path}: {page.locator('h1').count()} h1, or wider than the screen")
+            if look.startswith("phone"):
+                faults += [f"{path}: scrolls sideways: {one}" for one in page.evaluate(SIDEWAYS)]
             faults += [f"{path}: nameless {one}" for one in page.evaluate(NAMELESS)]
             faults += [f"{path}: image without words {one}" for one in page.evaluate(IMAGES)]
             keep_picture(page, f"walk-{path.strip('/').replace('/', '-')[:24]}-{look}")

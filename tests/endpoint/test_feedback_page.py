@@ -13,11 +13,11 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.activity.words import REASONS
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
 from rtask.engine import Engine
+from rtask.engine.words import REASONS
 from tests.servers import new_application
 
 pytestmark = pytest.mark.slow

@@ -2,19 +2,26 @@
 // of a stream of changes. Parts marked `data-keep` are replaced only if they differ.
 
 const SETTLE_MS = 250;
+const WITHOUT_TRACE = ["frame"]; // pictures come many times a second
+
+const REACHED = "a[href], button, input, select, textarea, summary";
 
 function follow(part) {
   let source = null;
   let timer = 0;
 
   async function redraw() {
+    timer = 0;
     const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
     if (!answer?.ok) return;
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("[data-follow]");
     if (!fresh) return;
     [...part.children].forEach((old, index) => {
       const now = fresh.children[index];
-      if (now && now.textContent !== old.textContent) old.replaceWith(document.adoptNode(now));
+      if (!now || now.textContent === old.textContent) return;
+      const reached = [...old.querySelectorAll(REACHED)].indexOf(document.activeElement);
+      old.replaceWith(document.adoptNode(now));
+      if (reached >= 0) now.querySelectorAll(REACHED)[reached]?.focus({ preventScroll: true });
     });
     part.dispatchEvent(new Event("redrawn"));
   }
@@ -22,10 +29,11 @@ function follow(part) {
   function listen() {
     source = new EventSource(part.dataset.follow);
     source.addEventListener("hello", () => part.classList.remove("stale"));
-    source.addEventListener("change", () => {
-      clearTimeout(timer);
-      timer = setTimeout(redraw, SETTLE_MS);
-    });
+    const soon = () => {
+      timer ||= setTimeout(redraw, SETTLE_MS);
+    };
+    source.addEventListener("change", soon);
+    source.addEventListener("activity", ({ data }) => WITHOUT_TRACE.includes(JSON.parse(data).kind) || soon());
     source.onerror = () => part.classList.add("stale");
   }
 
