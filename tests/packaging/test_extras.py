@@ -24,6 +24,7 @@ _DISTRIBUTION = {
     "pyhornedowl": "py-horned-owl",
     "pybullet_data": "pybullet",
     "pybullet_utils": "pybullet",
+    "yaml": "pyyaml",
     "zenoh": "eclipse-zenoh",
 }
 
