@@ -155,11 +155,12 @@ class _Partial:
     total: int
     began: float
     parts: dict[int, str] = field(default_factory=dict)
+    size: int = 0
+    """Number of characters received."""
 
-    @property
-    def size(self) -> int:
-        """Number of characters received."""
-        return sum(map(len, self.parts.values()))
+    def put(self, number: int, data: str) -> None:
+        self.size += len(data) - len(self.parts.get(number, ""))
+        self.parts[number] = data
 
 
 class Fragments:
@@ -201,7 +202,7 @@ class Fragments:
         if one.total != total:
             del self._sets[name]
             raise UsageError(f"fragment {name!r}: total changed; dropped")
-        one.parts[num] = data
+        one.put(num, data)
         if sum(other.size for other in self._sets.values()) > MAX_CHARACTERS:
             del self._sets[name]
             raise UsageError(f"fragment {name!r}: above {MAX_CHARACTERS} characters; dropped")

@@ -7,6 +7,11 @@ first, and then looks: whoever sees the claim of another withdraws and tries aga
 processes cannot both miss each other, because each looks after its own claim is stored (Lamport
 1974, "A New Solution of Dijkstra's Concurrent Programming Problem"). All this takes of a server is
 that a query sees every update that was acknowledged before it.
+
+A claim that a killed process left behind is removed once others have waited for it for as long as
+its commit may take. Each of them counts from when it first saw the claim, and writes down, by the
+server's clock, that it waits: programs that end before they have waited long enough hand on how
+long they did.
 """
 
 from __future__ import annotations
@@ -16,7 +21,10 @@ import random
 import secrets
 import time
 from collections.abc import Callable
+from datetime import datetime
 from typing import Any
+
+from pyoxigraph import Literal
 
 from rtask.errors import RemoteUnavailableError, RtaskError
 from rtask.remote.endpoints import Endpoints
@@ -24,6 +32,9 @@ from rtask.remote.endpoints import Endpoints
 __all__ = ["Claim"]
 
 _CLAIM = "<urn:rtask:store:claim>"
+_WAITED = "<urn:rtask:store:waited>"
+_NOTED_S = 1.0
+"""How long a process waits for a claim before it writes down that it does."""
 _BACK_OFF_S = (0.01, 0.1)
 _LONGEST_S = 5.0
 
@@ -46,6 +57,7 @@ class Claim:
         self._seen: dict[str, float] = {}
         self._unsure = ""
         self._taken_at = float("-inf")
+        self._has_waited = False
 
     @property
     def pattern(self) -> str:
@@ -62,7 +74,7 @@ class Claim:
         return time.monotonic() - self._taken_at
 
     def _of(self, claim: str) -> str:
-        return f'GRAPH {self._name} {{ {self._name} {_CLAIM} "{claim}" }}'
+        return f"GRAPH {self._name} {{ {self._name} {_CLAIM} {Literal(claim)} }}"
 
     def take(self, and_read: str, check: Callable[[list[Any]], None], patience_s: int) -> None:
         """Wait until no other process commits, and keep others from it.
@@ -102,6 +114,7 @@ class Claim:
                 if not others and self._text in claims:  # others remove one that came too late
                     check([h for h, _ in rows if h is not None])
                     self._taken_at = began
+                    self._forget_waiting()
                     return
                 self.release()
             except RemoteUnavailableError as error:
@@ -129,11 +142,41 @@ class Claim:
         for claim, since in self._seen.items():
             process, patience_s = _read(claim)
             is_over = process == self._process and claim != self._unsure
-            if is_over or now - since > patience_s:
+            waited_s = now - since
+            if not is_over and _NOTED_S < waited_s <= patience_s:
+                waited_s = max(waited_s, self._waited_s(claim))
+            if is_over or waited_s > patience_s:
                 self._endpoints.update(f"DELETE DATA {{ {self._of(claim)} }}")
             else:
                 others.append(claim)
         return others
+
+    def _waited_s(self, claim: str) -> float:
+        """Return how long any process has waited for a claim; write down that this one does."""
+        self._has_waited = True
+        mark = f"GRAPH {self._name} {{ {self._name} {_WAITED} ?m }}"
+        start = Literal(claim + " ")
+        rows = self._endpoints.rows(
+            f"SELECT ?m (STR(NOW()) AS ?now) {{ {mark} FILTER(STRSTARTS(STR(?m), {start})) }}"
+        )
+        if not rows:
+            now = f"BIND(CONCAT({start}, STR(NOW())) AS ?m)"
+            self._endpoints.update(f"INSERT {{ {mark} }} WHERE {{ {now} }}")
+        waited = 0.0
+        for began, now in rows:
+            with contextlib.suppress(ValueError):  # written by somebody else
+                since = _time(began.value[len(claim) + 1 :])
+                waited = max(waited, (_time(now.value) - since).total_seconds())
+        return waited
+
+    def _forget_waiting(self) -> None:
+        if not self._has_waited:
+            return
+        self._has_waited = False
+        with contextlib.suppress(RtaskError):
+            self._endpoints.update(
+                f"DELETE WHERE {{ GRAPH {self._name} {{ {self._name} {_WAITED} ?m }} }}"
+            )
 
     def keep(self) -> None:
         """Leave the claim, also to this process, because its commit may still be stored."""
@@ -157,3 +200,8 @@ def _read(claim: str) -> tuple[str, int]:
     process, _, rest = claim.partition(":")
     patience = rest.rpartition(":")[2]
     return process, int(patience) if patience.isdecimal() else 0
+
+
+def _time(text: str) -> datetime:
+    """Return a time without its zone: all of them are one server's."""
+    return datetime.fromisoformat(text).replace(tzinfo=None)

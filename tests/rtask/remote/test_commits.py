@@ -35,6 +35,7 @@ pytestmark = pytest.mark.slow
 
 _PREFIXES = prologue(ontology.PREFIXES)
 _RT = ontology.NS
+_CLAIMS = "<urn:lab/graph/store>"
 
 
 def test_the_closure_follows_what_other_processes_commit(
@@ -162,7 +163,23 @@ def test_a_claim_that_a_killed_process_left_does_not_stop_others_for_good(
     assert not remote_store(kb).endpoints.ask(left)
 
 
-_CLAIMS = "<urn:lab/graph/store>"
+def test_programs_that_end_soon_together_wait_long_enough_for_a_left_claim(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoints = remote_store(kb).endpoints
+    theirs = f'GRAPH {_CLAIMS} {{ {_CLAIMS} <urn:rtask:store:claim> "somebody:1:3" }}'  # for 3 s
+    endpoints.update(f"INSERT DATA {{ {theirs} }}")
+    monkeypatch.setattr(endpoints.connection, "timeout_s", 1.5)
+    for _ in range(20):  # each is a program of its own, and none of them waits for 3 s
+        claim = Claim(endpoints, _CLAIMS)
+        with contextlib.suppress(RemoteUnavailableError):
+            claim.take("?s ?p ?h FILTER(false)", lambda _: None, 20)
+            break
+    else:
+        pytest.fail("the claim was never removed")
+    claim.release()
+    left = "?s ?p ?o FILTER(?p IN (<urn:rtask:store:claim>, <urn:rtask:store:waited>))"
+    assert not endpoints.ask(f"ASK {{ GRAPH {_CLAIMS} {{ {left} }} }}")
 
 
 class _Watched(Endpoints):
