@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlencode
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 import httpx
 import pytest
@@ -19,6 +20,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 SERVICE = '''
 """A service for tests."""
+import time
 from typing import Annotated
 
 import numpy as np
@@ -26,7 +28,7 @@ from annotated_types import Ge
 
 from features.codec import decode, encode_cloud
 from rtask.errors import ServiceError
-from rtask.services import Service, method
+from rtask.services import Call, Service, method
 from rtask.wire.message import Answer
 from rtask.wire.types import Array, Cloud, Pose, Unit
 
@@ -72,6 +74,15 @@ class Cut(Service):
         if density < 0:
             raise ServiceError("nothing weighs less than nothing")
         return len(decode(cloud).positions) * density
+
+    @method(output="dry")
+    def dry(self, call: Call, seconds: Annotated[float, Unit("s"), Ge(0)]) -> bool:
+        """Wait until a part is dry."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            call.check_cancelled()
+            time.sleep(0.02)
+        return True
 '''
 CLOUD = b"ply\nformat ascii 1.0\nelement vertex 6\n" + b"".join(
     b"property float %s\n" % axis for axis in (b"x", b"y", b"z")
@@ -151,7 +162,8 @@ def test_steps_are_joined_where_their_types_fit_and_run(
         page.get_by_role("button", name="Run", exact=True).click()
         heading = page.get_by_role("heading", name="Answer of weigh: 3 calls")
         heading.wait_for()
-        assert heading.inner_text().endswith(" ms")
+        assert re.search(r"calls [\d.]+ m?s, \d+ Bytes$", heading.inner_text())
+        assert re.search(r"[\d.]+ m?s, [\d.]+ (Bytes|kB)", page.locator(".board").text_content())
         assert page.locator("#step-weigh [data-answers] dd").all_inner_texts()[:1] == ["1"]
         assert "a cloud of 2 points" in page.locator("#step-cut [data-answers]").inner_text()
         page.locator("#step-cut [data-clouds] canvas").first.wait_for()
@@ -335,3 +347,56 @@ def test_a_pipeline_is_kept_as_a_service_and_called_over_http(
     sent = {"cloud": base64.b64encode(CLOUD).decode()}
     answer = httpx.post(f"{server.url}/services/{name}/run", json=sent, timeout=60).json()
     assert [one["mass"] for one in answer["weigh"]] == [1.0, 1.0, 1.0]
+
+
+def _slow(seconds: float) -> str:
+    """Return the query of a page with two steps, the second of which takes its time."""
+    steps = [
+        {"id": "first", "call": "lab/Cut/dry", "inputs": {"seconds": 0}},
+        {"id": "second", "call": "lab/Cut/dry", "inputs": {"seconds": seconds}},
+    ]
+    return urlencode({"pipeline": json.dumps({"steps": steps})})
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_long_run_tells_how_far_it_is_and_is_cancelled(
+    browser: Any, server: RunningServer, look: str
+) -> None:
+    with open_page(browser, server.url, **LOOKS[look]) as page:
+        page.goto(f"{server.url}/tools/pipeline?{_slow(600)}")
+        page.get_by_role("button", name="Run", exact=True).press("Enter")
+        page.get_by_text("1 of 2 steps").wait_for()
+        assert page.locator("progress").evaluate("one => one.value") == 0.5
+        assert page.get_by_role("button", name="Run", exact=True).is_disabled()
+        assert fits(page)
+        keep_picture(page, f"pipeline-running-{look}")
+        page.wait_for_url("**&job=**")
+        page.reload()  # the address holds the run
+        page.get_by_text("1 of 2 steps").wait_for()
+        page.get_by_role("button", name="Cancel").press("Enter")
+        page.get_by_role("alert").get_by_text("the call was cancelled").wait_for()
+        assert page.get_by_role("button", name="Run", exact=True).is_enabled()
+
+
+@pytest.mark.parametrize("scripts", [True, False], ids=["scripts", "no-scripts"])
+def test_a_long_run_ends_with_its_answers(
+    browser: Any, server: RunningServer, scripts: bool
+) -> None:
+    with open_page(browser, server.url, java_script_enabled=scripts) as page:
+        page.goto(f"{server.url}/tools/pipeline?{_slow(4)}")
+        page.get_by_role("button", name="Run", exact=True).click()
+        page.get_by_role("heading", name="Answer of second").wait_for()
+        assert page.locator("[data-answers]").count() == 2
+        assert parse_qs(urlsplit(page.url).query).keys() == {"pipeline", "job"}
+        address = page.url.replace("/tools/pipeline?", "/tools/pipeline.json?")
+    twin = httpx.get(address, timeout=60).json()
+    assert twin["job"]["state"] == "succeeded"
+    assert twin["results"]["second"]["took_ms"] >= 4000
+    assert twin["results"]["second"]["size"] > 0
+
+
+def test_a_run_of_another_pipeline_is_not_shown_for_this_one(server: RunningServer) -> None:
+    address = f"{server.url}/tools/pipeline.json?{_slow(0)}&job=unknown"
+    shown = httpx.get(address, timeout=60).json()
+    assert "no longer kept" in shown["problem"]["detail"]
+    assert not shown["ran"]

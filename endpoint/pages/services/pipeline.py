@@ -20,16 +20,16 @@ from endpoint.access.auth import Caller, require_scope
 from endpoint.http.problems import details_of
 from endpoint.pages.render import Model, blueprint, context, current_request, page
 from endpoint.pages.services import composing
+from endpoint.pages.services.composed_runs import found_run, results_of, run_facts, start_run
 from endpoint.pages.services.composing import INPUT, ITEM, MAX_STEPS, REF, Json, is_reference
 from endpoint.pages.services.datasets import readable_datasets
-from endpoint.pages.services.results import shown_answer
 from endpoint.pages.services.snippets import snippets
 from endpoint.pages.services.tools import service_named
 from endpoint.pages.signin import require_form
 from rtask.errors import RtaskError, UsageError
-from rtask.services.call import Invocation
 from rtask.services.definition import Definition
 from rtask.services.description import ros_service, ros_type
+from rtask.services.jobs import ENDED, Job
 from rtask.wire.fields import Kind, kind_of
 from rtask.wire.fitting import places_in, words_for
 from rtask.wire.forms import Control, controls_of, filled_form, read_form
@@ -38,9 +38,8 @@ __all__: list[str] = []
 
 _ADDRESS = "/tools/pipeline"
 _TEMPLATE = "pipeline.html"
-_SERVICE, _RUN, _SAVE = "rtask/Pipeline", "run", "save"
+_SERVICE, _RUN, _SAVE, _CANCEL = "rtask/Pipeline", "run", "save", "cancel"
 _VALUE, _KEPT, _ASK = "", "kept", INPUT
-_MAX_SHOWN = 8
 _MAX_ADDRESS = 30_000
 _CONTROL = re.compile(r"add$|json$|save$|s\d+\.|in\.")
 """Controls at which the page says what was wrong."""
@@ -49,7 +48,12 @@ _CONTROL = re.compile(r"add$|json$|save$|s\d+\.|in\.")
 @page(_ADDRESS, _TEMPLATE)
 def pipeline() -> Model:
     """Return the pipeline in the address, each input with the outputs that may stand for it."""
-    return _model(composing.read_pipeline(flask.request.args.get("pipeline", ""), _find))
+    given = flask.request.args
+    composed = composing.read_pipeline(given.get("pipeline", ""), _find)
+    if not given.get("job"):
+        return _model(composed)
+    caller = context().auth.identify(current_request())
+    return _model_of_run(composed, found_run(given["job"], composed, caller))
 
 
 @blueprint.route(_ADDRESS, methods=["POST"])
@@ -66,6 +70,11 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
             return flask.render_template(_TEMPLATE, **_model(composed, more=form["more"]))
         composed, files = _edited(composed)
         definition, wanted = service_named(_SERVICE), form.get("do", "")
+        if wanted.startswith(f"{_CANCEL}."):
+            job = found_run(wanted.removeprefix(f"{_CANCEL}."), composed, caller)
+            if job is not None:
+                job.cancel()
+            return flask.redirect(_address(composed, job), 303)
         if wanted not in (_RUN, _SAVE):
             address = _address(_changed(composed, wanted))
             if len(address) > _MAX_ADDRESS:
@@ -79,7 +88,10 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
         require_scope(caller.access, definition.methods[wanted].scope)
         if wanted == _SAVE:
             return flask.redirect(f"/services/{_saved(definition, composed, caller)}", 303)
-        results = _run(definition, composed, files, caller.access)
+        job = start_run(definition, _run_request(composed, files), caller)
+        if job.state not in ENDED:
+            return flask.redirect(_address(composed, job), 303)
+        results = results_of(job, composed, _find)
     except RtaskError as error:
         details = details_of(error)
         if not _CONTROL.match(str(details.get("field", ""))):
@@ -89,13 +101,29 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
     return flask.render_template(_TEMPLATE, **_model(composed, results))
 
 
+def _model_of_run(composed: Json, job: Job | None) -> Model:
+    """Return the page of a pipeline with one of its runs, if there still is one."""
+    if job is None:
+        gone = "this run is no longer kept, or was of another pipeline; run it again"
+        return _model(composed, problem={"detail": gone})
+    facts = run_facts(job)
+    if not facts["ended"]:
+        return _model(composed, job=facts)
+    try:
+        return _model(composed, results_of(job, composed, _find), job=facts)
+    except RtaskError as error:
+        details = {k: v for k, v in details_of(error).items() if k != "field"}
+        return _model(composed, problem=details, job=facts)
+
+
 def _find(service: str) -> Definition:
     return context().services.registry.find(service)
 
 
-def _address(composed: Json) -> str:
+def _address(composed: Json, job: Job | None = None) -> str:
     text = composing.compact(composed)
-    return f"{_ADDRESS}?{urlencode({'pipeline': text})}" if text else _ADDRESS
+    run = {} if job is None else {"job": job.id}
+    return f"{_ADDRESS}?{urlencode({'pipeline': text, **run})}" if text else _ADDRESS
 
 
 def _changed(composed: Json, wanted: str) -> Json:
@@ -168,34 +196,20 @@ def _of_item(value: Any) -> bool:
     return isinstance(path, str) and path.partition(".")[0] == ITEM
 
 
-def _run(
-    definition: Definition, composed: Json, files: Mapping[str, bytes], access: Any
-) -> dict[str, Model]:
-    """Run a pipeline, and return the answers of each step as pages show them."""
+def _run_request(composed: Json, files: Mapping[str, bytes]) -> Json:
+    """Return the request that runs a pipeline.
+
+    Raises
+    ------
+    UsageError
+        Whoever runs it has to give a value, and has not.
+    """
     inputs = {**composed["inputs"], **files}
     for name, (request, field) in composing.asked_of(composed, _find).items():
         if name not in inputs:
             (control,) = _controls(request, field, f"in.{name}.", {})
             raise UsageError(f"{name}: needed to run", field=control.name)
-    asked = Invocation(definition.exact, _RUN, {**_request(composed), "inputs": inputs}, access)
-    services = context().services
-    task = services.prepare(asked)
-    services.start(task)
-    ran = task.result()
-    found: dict[str, Model] = {}
-    for step in composed["steps"]:
-        answer = composing.method_of(step, _find).answer
-        value = ran["output"][step["id"]]
-        every = value if "each" in step else [value]
-        sent = {
-            name: inputs[one[INPUT]] if is_reference(one) and INPUT in one else one
-            for name, one in step["inputs"].items()
-        }
-        answers = [shown_answer(answer.model_validate(one), sent) for one in every[:_MAX_SHOWN]]
-        found[step["id"]] = {
-            "answers": answers, "count": len(every), "took_ms": ran["took_ms"][step["id"]],
-        }  # fmt: skip
-    return found
+    return {**_request(composed), "inputs": inputs}
 
 
 def _saved(definition: Definition, composed: Json, caller: Caller) -> str:
@@ -225,6 +239,7 @@ def _model(
     results: Mapping[str, Model] | None = None,
     problem: Model | None = None,
     more: str = "",
+    job: Model | None = None,
 ) -> Model:
     """Return what the page shows of a pipeline."""
     definition = service_named(_SERVICE)
@@ -257,10 +272,15 @@ def _model(
         "pipeline": compact,
         "text": json.dumps(json.loads(compact), indent=2, ensure_ascii=False) if compact else "",
         "address": _address(composed),
+        "job": job,
         "steps": steps,
         "inputs": inputs,
         "given": given,
         "board": composing.board(composed),
+        "results": {
+            k: {n: v for n, v in one.items() if n != "answers"}
+            for k, one in (results or {}).items()
+        },
         "methods": _methods(),
         "most": MAX_STEPS,
         "ran": results is not None,

@@ -1,9 +1,10 @@
-// Live activity: draws what the server tells, at most four times a second.
+// Live activity: draws what the server tells at once, but at most four times a second.
 
 import { element } from "./dom.js";
 import { followActivity } from "./stream.js";
 
-const REDRAW_MS = 250;
+const REDRAWS_A_SECOND = 4;
+const GATHER_MS = 60; // events of one burst are drawn together, all but the first
 const SPEAK_MS = 10_000;
 const MAX_ROWS = 200;
 const SILENT = ["frame", "answered"]; // seen on the robot's card only
@@ -18,7 +19,7 @@ const kind = tools.querySelector("[data-kind]");
 const spoken = document.querySelector("[data-spoken]");
 const changed = new Map(); // robot -> its state
 let waiting = []; // events that are not drawn yet, the oldest first
-let drawnAt = -REDRAW_MS;
+let drawn = new Array(REDRAWS_A_SECOND).fill(-1000); // times of the last redraws, ms
 let timer = 0;
 let unspoken = [];
 
@@ -85,7 +86,7 @@ function drawLane(lane) {
 
 function draw() {
   timer = 0;
-  drawnAt = performance.now();
+  drawn = [...drawn.slice(1), performance.now()];
   if (pause.getAttribute("aria-pressed") === "true") return;
   for (const lane of changed.values()) drawLane(lane);
   changed.clear();
@@ -101,10 +102,8 @@ function draw() {
 
 function offerNames() {
   const known = new Set([...who.options].map((option) => option.value));
-  for (const item of rows.children) {
-    const name = item.dataset.who;
+  for (const name of new Set([...rows.children].map((item) => item.dataset.who))) {
     if (name && !known.has(name)) who.append(element("option", { value: name }, name));
-    known.add(name);
   }
 }
 
@@ -114,7 +113,10 @@ function take(event) {
   if (waiting.length > MAX_ROWS) waiting.shift();
   if (event.kind === "outcome") unspoken.push(`${event.who} ${event.words}`);
   pause.textContent = pause.getAttribute("aria-pressed") === "true" ? `Resume (${waiting.length} waiting)` : "Pause";
-  timer ||= setTimeout(draw, Math.max(0, drawnAt + REDRAW_MS - performance.now())); // the first at once
+  const wait = Math.max(drawn.at(-1) + GATHER_MS, drawn[0] + 1000) - performance.now();
+  if (timer) return;
+  if (wait <= 0) draw(); // in this task: a timer would let a frame pass first
+  else timer = setTimeout(draw, wait);
 }
 
 function onState(state, detail) {

@@ -1,6 +1,7 @@
 // Follows each change of a pipeline at once, without leaving the place on the page.
 
 import { problemOf } from "./calls.js";
+import { followJob } from "./job_stream.js";
 import { showResults } from "./results.js";
 
 const root = () => document.querySelector("[data-pipeline]");
@@ -17,7 +18,23 @@ function replace(text) {
   for (const one of next.querySelectorAll("section[id] > details")) one.open ||= open.has(one.parentElement.id);
   showResults(next);
   if (id) document.getElementById(id)?.focus({ preventScroll: true });
+  followRun();
   return true;
+}
+
+/** Show how far a run is, and at its end the page with its answers. */
+async function followRun() {
+  const run = root().querySelector("[data-run]");
+  if (!run) return;
+  const said = run.querySelector("[data-said-of-run]");
+  const report = ({ progress, message, state }) => {
+    run.querySelector("progress").value = progress;
+    said.textContent = message || state;
+  };
+  const ended = await followJob(run.dataset.run, report, (words) => (said.textContent = words), () => run.isConnected);
+  if (!ended || !run.isConnected) return;
+  const page = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
+  if (page && replace(await page.text())) root().querySelector("[role=alert], [data-answers]")?.scrollIntoView({ block: "center" });
 }
 
 async function send(form, button) {
@@ -34,7 +51,8 @@ async function send(form, button) {
     if (said) said.textContent = response ? problemOf(response, text).detail : "No answer from the server; nothing was changed.";
     return;
   }
-  const { address } = root().dataset;
+  // A run that goes on has an address of its own.
+  const address = response.redirected ? response.url.replace(location.origin, "") : root().dataset.address;
   if (address !== location.pathname + location.search) history.pushState(null, "", address);
   const wrong = root().querySelector("[role=alert]");
   const added = [...root().querySelectorAll(".step")];
@@ -52,3 +70,4 @@ document.addEventListener("change", ({ target }) => {
   if (target.matches("[data-follow]")) send(target.form, target.form.querySelector("[value=change]"));
 });
 addEventListener("popstate", () => location.reload());
+followRun();
