@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -17,8 +16,8 @@ from grasp.push.mechanics.conditions import CODES, INVALID, UNTRIED
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import Part
 from grasp.push.quality import best_first, density_quality, lower_bound
-from grasp.push.shards import Executor, Serial, shard
-from grasp.push.trials import CodeArray, PushTest, Trials
+from grasp.push.shards import Executor, Progress, Range, Watch
+from grasp.push.trials import ORDER, CodeArray, Counting, PushTest, Trials, count_codes
 
 __all__ = [
     "MAX_SAMPLES",
@@ -104,8 +103,10 @@ class Analysis:
 
     Parameters
     ----------
-    codes : (g, N) int8
-        Result of every trial, `CODES`; UNTRIED after elimination.
+    counts : (g, k) int
+        How often each result came, in the order of `ORDER`; UNTRIED after elimination.
+    samples
+        Perturbed parts, N.
     quality, lower_95 : (g,)
         Estimate of the probability of success, and its one-sided 95 % lower bound (plain mean).
     successes, tried, eliminated_after : (g,) int
@@ -114,12 +115,15 @@ class Analysis:
         Best first.
     crossed
         Share of perturbations whose outline crossed itself; they count as failures.
+    is_cut
+        Whether the time was up before all the perturbations that were wanted.
     evaluations, seconds
         Spent.
     """
 
     grasps: Grasps
-    codes: CodeArray
+    counts: IntArray
+    samples: int
     quality: FloatArray
     lower_95: FloatArray
     successes: IntArray
@@ -127,8 +131,23 @@ class Analysis:
     eliminated_after: IntArray
     order: IntArray
     crossed: float
+    is_cut: bool
     evaluations: int
     seconds: float = field(compare=False)
+    kept: CodeArray | None = field(default=None, repr=False)
+
+    @property
+    def codes(self) -> CodeArray:
+        """Result of every trial, (g, N) int8, `CODES`; UNTRIED after elimination.
+
+        Raises
+        ------
+        ValueError
+            They were not kept.
+        """
+        if self.kept is None:
+            raise ValueError("results of single trials are kept with keep_codes=True only")
+        return self.kept
 
     @property
     def best(self) -> int:
@@ -138,12 +157,13 @@ class Analysis:
     @property
     def spent(self) -> float:
         """Evaluations over those without elimination (eta hat of Kehoe 2014, 3.4)."""
-        return self.evaluations / self.codes.size
+        return self.evaluations / (self.samples * len(self.grasps))
 
     def reasons(self, index: int | None = None) -> dict[str, int]:
         """Count the results of all grasps or of one, commonest first."""
-        codes = self.codes if index is None else self.codes[index]
-        return {CODES[int(c)]: k for c, k in Counter(codes.ravel().tolist()).most_common()}
+        counts = self.counts.sum(axis=0) if index is None else self.counts[index]
+        common = sorted(zip(-counts, ORDER.tolist(), strict=True))
+        return {CODES[code]: -int(k) for k, code in common if k}
 
 
 def analyse(
@@ -158,6 +178,9 @@ def analyse(
     weighting: Literal["mean", "density"] = "mean",
     seed: int = 0,
     executor: Executor | None = None,
+    keep_codes: bool = False,
+    progress: Progress | None = None,
+    deadline_s: float | None = None,
 ) -> Analysis:
     """Estimate the quality of grasps.
 
@@ -167,6 +190,15 @@ def analyse(
         Perturbations; with ``elimination`` its batches count instead.
     stop
         End when the best quality has settled (`stop_at`); not together with elimination.
+    keep_codes
+        Keep the result of every trial (`Analysis.codes`). Otherwise workers return sums only,
+        unless ``stop`` or the weighting by density needs more.
+    progress
+        Is told how many trials have been judged, and how many are wanted at most.
+    deadline_s
+        After this time the analysis ends with the trials that have finished, at least some
+        (Kehoe 2014, 3.6); with elimination, after its last complete batch. Which trials they are
+        depends on the machine.
     """
     if len(grasps) == 0:
         raise ValueError("there are no grasps to analyse")
@@ -184,29 +216,49 @@ def analyse(
         raise ValueError(f"weighting is mean or density, got {weighting!r}")
     began = time.perf_counter()
     trials = Trials.of(part, grasps, test, tolerance, seed)
-    run = Serial() if executor is None else executor
+    watch = Watch(executor, wanted, progress, deadline_s)
+    if stop or keep_codes or weighting == "density":
+        return _from_codes(trials, grasps, watch, wanted, elimination, stop, weighting, seed, began)
+    counts = np.zeros((len(grasps), len(ORDER)), np.int64)
+    gone, done = _batches(trials, elimination, wanted, seed, watch, counts)
+    counts[:, ORDER == UNTRIED] = (done - counts.sum(axis=1))[:, None]
+    return _summed(grasps, counts, gone, done, done < wanted, began)
+
+
+def _from_codes(
+    trials: Trials, grasps: Grasps, watch: Watch, wanted: int,
+    elimination: Elimination | Racing | None, stop: bool, weighting: str, seed: int, began: float,
+) -> Analysis:  # fmt: skip
+    """Analyse with the result of every trial."""
+    gone = np.zeros(len(grasps), np.int64)
     if elimination is not None:
-        codes, gone = _adaptive(trials, elimination, seed, run)
+        codes, gone = _adaptive(trials, elimination, seed, watch)
     elif stop:
-        codes, gone = _until_settled(trials, samples, run), np.zeros(len(grasps), np.int64)
+        codes = _until_settled(trials, wanted, watch)
     else:
-        codes, gone = _all(trials, 0, samples, run), np.zeros(len(grasps), np.int64)
-    return summed(trials, grasps, codes, gone, weighting, began)
+        codes, _ = _all(trials, 0, wanted, watch)
+    is_cut = codes.shape[1] < wanted and watch.is_over
+    return summed(trials, grasps, codes, gone, weighting, began, is_cut)
 
 
-def _all(trials: Trials, first: int, count: int, run: Executor) -> CodeArray:
-    pieces = run.map(trials, shard(first, count, run.workers))
-    return np.concatenate(pieces, axis=1)
+def _all(trials: Trials, first: int, count: int, watch: Watch) -> tuple[CodeArray, bool]:
+    """Return the codes of the trials that finished in time, and whether all did."""
+    pieces = [codes for _, codes in watch.run(trials, first, count)]
+    codes = np.concatenate(pieces, axis=1)
+    return codes, codes.shape[1] == count
 
 
-def _until_settled(trials: Trials, samples: int, run: Executor) -> CodeArray:
+def _until_settled(trials: Trials, samples: int, watch: Watch) -> CodeArray:
     codes = np.empty((len(trials.rows), 0), np.int8)
     while codes.shape[1] < samples:
         size = min(_BATCH, samples - codes.shape[1])
-        codes = np.hstack([codes, _all(trials, codes.shape[1], size, run)])
+        more, is_whole = _all(trials, codes.shape[1], size, watch)
+        codes = np.hstack([codes, more])
         end = stop_at(running_best(codes))
         if end:
             return codes[:, :end]
+        if not is_whole or watch.is_over:
+            break
     return codes
 
 
@@ -230,28 +282,57 @@ def stop_at(curve: FloatArray) -> int:
 
 
 def _adaptive(
-    trials: Trials, plan: Elimination | Racing, seed: int, run: Executor
+    trials: Trials, plan: Elimination | Racing, seed: int, watch: Watch
 ) -> tuple[CodeArray, IntArray]:
-    count = len(trials.rows)
-    alive = np.arange(count)
-    codes = np.full((count, sum(plan.batches)), UNTRIED, np.int8)
-    gone = np.zeros(count, np.int64)
+    """Return the result of every trial, and after how many each grasp was removed."""
+    codes = np.full((len(trials.rows), sum(plan.batches)), UNTRIED, np.int8)
+    counts = np.zeros((len(trials.rows), len(ORDER)), np.int64)
+    gone, done = _batches(trials, plan, codes.shape[1], seed, watch, counts, codes)
+    return codes[:, :done], gone
+
+
+def _batches(
+    trials: Trials,
+    plan: Elimination | Racing | None,
+    wanted: int,
+    seed: int,
+    watch: Watch,
+    counts: IntArray,
+    codes: CodeArray | None = None,
+) -> tuple[IntArray, int]:
+    """Judge batch by batch into counts (g, k) and codes (g, N), and remove grasps between them.
+
+    Returns
+    -------
+    (g,) after how many trials each grasp was removed, and how many trials were judged.
+    """
+    alive = np.arange(len(trials.rows))
+    gone = np.zeros(len(trials.rows), np.int64)
     done = 0
-    for batch in plan.batches:
-        task = Trials(
-            trials.ring, trials.com, trials.rows[alive], trials.width, trials.diameter,
-            trials.tolerance, trials.test, trials.key,
-        )  # fmt: skip
-        codes[alive, done : done + batch] = _all(task, done, batch, run)
-        done += batch
-        if done == codes.shape[1]:
+    for batch in (wanted,) if plan is None else plan.batches:
+        task = replace(trials, rows=trials.rows[alive])
+        found: list[tuple[Range, IntArray]]
+        if codes is None:
+            found = watch.run(Counting(task), done, batch)
+        else:
+            found = []
+            for (first, count), piece in watch.run(task, done, batch):
+                codes[alive, first : first + count] = piece
+                found.append(((first, count), count_codes(piece)))
+        judged = sum(count for (_, count), _ in found)
+        if judged < batch and done > 0:
+            break  # those that were removed saw complete batches, so the others do as well
+        for _, one in found:
+            counts[alive] += one
+        done += judged
+        if plan is None or done == wanted or judged < batch or watch.is_over:
             break
-        wins = (codes[alive, :done] > 0).sum(axis=1)
+        wins = counts[alive][:, ORDER > 0].sum(axis=1)
         lots = _lots(trials.rows[alive], seed + done)
         kept = _kept(plan, wins, done, lots)
         gone[np.delete(alive, kept)] = done
         alive = alive[kept]
-    return codes, gone
+    return gone, done
 
 
 def _kept(
@@ -277,22 +358,34 @@ def _lots(rows: FloatArray, seed: int) -> NDArray[np.uint64]:
 
 
 def summed(
-    trials: Trials, grasps: Grasps, codes: CodeArray, gone: IntArray, weighting: str, began: float
-) -> Analysis:
+    trials: Trials, grasps: Grasps, codes: CodeArray, gone: IntArray, weighting: str, began: float,
+    is_cut: bool = False,
+) -> Analysis:  # fmt: skip
     """Return the analysis that codes (g, N) amount to; ``gone`` as in `Analysis`."""
-    success, done = codes > 0, codes != UNTRIED
-    wins, tried = success.sum(axis=1), done.sum(axis=1)
-    quality = wins / tried
+    quality = None
     if weighting == "density":
+        success = codes > 0
         quality = density_quality(success, _weighing(trials, codes.shape[1]))
         for g in np.flatnonzero(gone):
             some = _weighing(trials, int(gone[g]))
             quality[g] = density_quality(success[g : g + 1, : gone[g]], some)[0]
+    found = _summed(grasps, count_codes(codes), gone, codes.shape[1], is_cut, began, quality)
+    return replace(found, kept=codes)
+
+
+def _summed(
+    grasps: Grasps, counts: IntArray, gone: IntArray, samples: int, is_cut: bool, began: float,
+    quality: FloatArray | None = None,
+) -> Analysis:  # fmt: skip
+    """Return the analysis that counts (g, k) amount to, by the plain mean unless told."""
+    wins, tried = counts[:, ORDER > 0].sum(axis=1), counts[:, ORDER != UNTRIED].sum(axis=1)
+    mean = wins / tried if quality is None else np.asarray(quality)
     survivor = int(np.flatnonzero(gone == 0)[0])
+    crossed = float(counts[survivor, ORDER == INVALID].sum() / tried[survivor])
     return Analysis(
-        grasps, codes, np.asarray(quality), lower_bound(wins, tried), wins, tried, gone,
-        best_first(np.asarray(quality), grasps, gone == 0),
-        float((codes[survivor] == INVALID).mean()), int(tried.sum()), time.perf_counter() - began,
+        grasps, counts, samples, mean, lower_bound(wins, tried), wins, tried, gone,
+        best_first(mean, grasps, gone == 0), crossed, is_cut, int(tried.sum()),
+        time.perf_counter() - began,
     )  # fmt: skip
 
 

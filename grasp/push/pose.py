@@ -15,7 +15,7 @@ from grasp.push.mechanics.quasistatic import simulate
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import Part
 from grasp.push.quality import density_weights
-from grasp.push.shards import Executor, Serial, shard
+from grasp.push.shards import Executor, Progress, Watch
 from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = ["PoseMap", "PoseTrials", "centred_grasp", "pose_map"]
@@ -97,6 +97,8 @@ def pose_map(
     weighting: Literal["mean", "density"] = "mean",
     seed: int = 0,
     executor: Executor | None = None,
+    progress: Progress | None = None,
+    deadline_s: float | None = None,
 ) -> PoseMap:
     """Simulate one grasp under every pair of uncertainties.
 
@@ -109,6 +111,17 @@ def pose_map(
     weighting
         ``density`` weights every sample by the density of its pose, as the thesis does; as samples
         follow that density already, this acts as an uncertainty smaller by sqrt 2.
+    progress
+        Is told how many simulations have ended, and how many there are.
+    deadline_s
+        Time for all of them.
+
+    Raises
+    ------
+    ValueError
+        For numbers that make no sense.
+    TimeoutError
+        The time was up before the map was complete.
     """
     if len(grasp) != 1:
         raise ValueError(f"expected one grasp, got {len(grasp)}")
@@ -121,9 +134,11 @@ def pose_map(
     simulated = replace(test, method="simulation")
     trials = Trials.of(part, grasp, simulated, Tolerance(0.0), seed)
     task = PoseTrials(trials, spans[0] / part.radius, spans[1], samples)
-    run = Serial() if executor is None else executor
     count = len(spans[0]) * len(spans[1]) * samples
-    codes = np.concatenate(run.map(task, shard(0, count, run.workers)), axis=1)[0]
+    found = Watch(executor, count, progress, deadline_s).run(task, 0, count)
+    codes = np.concatenate([one for _, one in found], axis=1)[0]
+    if len(codes) < count:
+        raise TimeoutError(f"{len(codes)} of {count} simulations ended within {deadline_s:g} s")
     success = (codes > 0).reshape(-1, samples)
     if weighting == "density":
         unit = task.poses(0, count)[0].reshape(-1, samples, 2)

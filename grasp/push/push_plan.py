@@ -14,7 +14,7 @@ from grasp.push.analysis import Analysis, Elimination, Racing, analyse
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import MAX_VERTICES, Part, as_part
-from grasp.push.shards import Executor
+from grasp.push.shards import Executor, Progress
 from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = ["PushPlan", "analyse_push_grasps", "plan_push_grasps", "tolerance_of"]
@@ -102,6 +102,9 @@ def plan_push_grasps(
     max_opening: float | None = None,
     seed: int = 0,
     executor: Executor | None = None,
+    keep_codes: bool = False,
+    progress: Progress | None = None,
+    deadline_s: float | None = None,
 ) -> PushPlan:
     """Plan push grasps of a polygonal part under uncertainty.
 
@@ -122,7 +125,7 @@ def plan_push_grasps(
         independent. Not with ``weighting="density"``, which weighs independent draws.
     filter_distance, density, angles, max_angle_deg
         Of the candidates (`sample_grasps`).
-    samples, elimination, stop, weighting
+    samples, elimination, stop, weighting, executor, keep_codes, progress, deadline_s
         Of the analysis (`analyse`).
     method, closure, friction, sampling
         Of the test of one grasp on one part (`PushTest`).
@@ -162,7 +165,8 @@ def plan_push_grasps(
         grasps, openings = grasps.take(np.flatnonzero(fits)), openings[fits]
     analysis = analyse(
         part, grasps, test, tolerance, samples=samples, elimination=elimination, stop=stop,
-        weighting=weighting, seed=seed, executor=executor,
+        weighting=weighting, seed=seed, executor=executor, keep_codes=keep_codes,
+        progress=progress, deadline_s=deadline_s,
     )  # fmt: skip
     nominal = Trials.of(part, grasps, test, tolerance, seed).nominal()
     spent = time.perf_counter() - began

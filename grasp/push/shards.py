@@ -7,18 +7,29 @@ function of its number, so all ways give the same results bit for bit.
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import functools
 import importlib
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+import time
+from collections.abc import Callable, Generator, Sequence
 from typing import Any, Literal, Protocol, Self, TypeVar
 
 from grasp.workers import Processes
 
-__all__ = ["Apart", "Executor", "Ray", "Serial", "Threads", "open_executor", "shard"]
+__all__ = [
+    "Apart", "Executor", "Progress", "Ray", "Serial", "Threads", "Watch", "open_executor", "shard",
+]  # fmt: skip
 
 T = TypeVar("T")
 Task = Callable[[int, int], T]
 Range = tuple[int, int]
+Progress = Callable[[int, int], None]
+"""Is told how many trials have been judged, and how many are wanted."""
+
+_PIECES, _LONGEST = 8, 5_000
+"""Into how many ranges a worker's share is split at least where somebody watches, and the most
+trials of one."""
 
 
 class Executor(Protocol):
@@ -29,11 +40,9 @@ class Executor(Protocol):
         """Number of shards that run at once."""
         ...
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in the order of the ranges."""
-        ...
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield the number of each range and its result as they finish."""
         ...
 
@@ -58,16 +67,72 @@ def shard(first: int, count: int, parts: int) -> list[Range]:
     return out
 
 
+class Watch:
+    """Runs ranges of trials under a time limit, and tells how far they are.
+
+    Parameters
+    ----------
+    wanted
+        Number of trials in all, for ``progress``.
+    progress
+        Called in this thread after each range.
+    deadline_s
+        From now on. The first range is always awaited; a range that a thread or this process has
+        begun ends first.
+    """
+
+    def __init__(
+        self,
+        executor: Executor | None = None,
+        wanted: int = 0,
+        progress: Progress | None = None,
+        deadline_s: float | None = None,
+    ) -> None:
+        if deadline_s is not None and not deadline_s > 0:
+            raise ValueError(f"deadline_s must be positive, got {deadline_s}")
+        self._executor = Serial() if executor is None else executor
+        self._wanted = wanted
+        self._progress = progress
+        self._until = None if deadline_s is None else time.monotonic() + deadline_s
+        self._is_watched = progress is not None or deadline_s is not None
+        self._done = 0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is up."""
+        return self._until is not None and time.monotonic() >= self._until
+
+    def run(self, task: Task[T], first: int, count: int) -> list[tuple[Range, T]]:
+        """Return ranges with their results, in order.
+
+        When the time is up, those before the first one that has not ended are returned: what they
+        amount to does not depend on which ranges happened to be quick.
+        """
+        parts = self._executor.workers
+        if self._is_watched:
+            parts = max(parts * _PIECES, -(-count // _LONGEST))
+        ranges = shard(first, count, parts)
+        found: dict[int, T] = {}
+        with contextlib.closing(self._executor.finished(task, ranges)) as running:
+            for number, result in running:
+                found[number] = result
+                self._done += ranges[number][1]
+                if self._progress is not None:
+                    self._progress(self._done, self._wanted)
+                if self.is_over and 0 in found:
+                    break
+        whole = itertools.takewhile(found.__contains__, range(len(ranges)))
+        return [(ranges[number], found[number]) for number in whole]
+
+
 class Serial:
     """Runs in the calling thread."""
 
     workers = 1
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in order."""
-        return [task(*one) for one in ranges]
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield results in order."""
         for i, one in enumerate(ranges):
             yield i, task(*one)
@@ -88,11 +153,9 @@ class Threads:
         self.workers = workers
         self._pool = concurrent.futures.ThreadPoolExecutor(workers)
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in the order of the ranges."""
-        return [job.result() for job in [self._pool.submit(task, *one) for one in ranges]]
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come; what is not wanted any more is cancelled."""
         jobs = {self._pool.submit(task, *one): i for i, one in enumerate(ranges)}
         try:
@@ -116,12 +179,9 @@ class Apart:
         self._pool = Processes(workers)
         self.workers = workers
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in the order of the ranges."""
-        found = dict(self.finished(task, ranges))
-        return [found[i] for i in range(len(ranges))]
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come; what is not wanted any more is stopped."""
         for i, done in self._pool.finished(functools.partial(_on_range, task), ranges):
             yield i, done.result()
@@ -175,11 +235,9 @@ class Ray:
         shared = self._ray.put(task)
         return [remote.remote(shared, *one) for one in ranges]
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in the order of the ranges."""
-        return list(self._ray.get(self._submit(task, ranges)))
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come."""
         jobs = self._submit(task, ranges)
         numbers = {job: i for i, job in enumerate(jobs)}

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.arrays import FloatArray
+from grasp.arrays import FloatArray, IntArray
 from grasp.push.candidates import Grasps
-from grasp.push.mechanics.conditions import evaluate
+from grasp.push.mechanics.conditions import CODES, evaluate
 from grasp.push.perturb import (
     Tolerance,
     normals,
@@ -22,11 +22,14 @@ from grasp.push.perturb import (
 )
 from grasp.push.polygon import Part
 
-__all__ = ["CodeArray", "PushTest", "Trials"]
+__all__ = ["ORDER", "CodeArray", "Counting", "PushTest", "Trials", "count_codes"]
 
 CodeArray = NDArray[np.int8]
 
 _CHUNK = 512
+
+ORDER = np.array(sorted(CODES), np.int8)
+"""Results in the order in which they are counted, (k,)."""
 
 
 @dataclass(frozen=True)
@@ -173,3 +176,22 @@ class Trials:
             nguyen = test.closure == "nguyen"
             evaluate(vx, vy, mass, valid, self.rows, self.width, test.friction, passes, nguyen, out)
         return out
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Task of a shard that returns how often each result came, not the results."""
+
+    trials: Trials
+
+    def __call__(self, first: int, count: int) -> IntArray:
+        """Return the counts (g, k) of trials, in the order of `ORDER`."""
+        total = np.zeros((len(self.trials.rows), len(ORDER)), np.int64)
+        for at in range(0, count, _CHUNK):
+            total += count_codes(self.trials(first + at, min(_CHUNK, count - at)))
+        return total
+
+
+def count_codes(codes: CodeArray) -> IntArray:
+    """Return how often each result of codes (g, n) came, (g, k) in the order of `ORDER`."""
+    return np.stack([(codes == code).sum(axis=1) for code in ORDER], axis=1)

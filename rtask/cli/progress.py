@@ -45,6 +45,11 @@ class Working:
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._tick, daemon=True)
         self._terminal = sys.stderr.isatty()
+        self._share = ""
+
+    def tell(self, done: int, wanted: int) -> None:
+        """Take note of how much of the work is done, which is shown from then on."""
+        self._share = f" {done / wanted:.0%}," if wanted else ""
 
     def __enter__(self) -> Working:
         self._started = time.monotonic()
@@ -70,7 +75,7 @@ class Working:
             return
         while True:
             seconds = time.monotonic() - self._started
-            click.echo(f"{_CLEAR}{self._text} ... {seconds:.0f} s", err=True, nl=False)
+            click.echo(f"{_CLEAR}{self._text} ...{self._share} {seconds:.0f} s", err=True, nl=False)
             if self._done.wait(_TICK_S):
                 click.echo(_CLEAR, err=True, nl=False)
                 return

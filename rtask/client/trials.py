@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import base64
 import concurrent.futures
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from grasp.push.shards import Range, T, Task
 from rtask.client.remote import RemoteClient
 from rtask.errors import UsageError
 from rtask.services.builtin.push_trials import NAME as PUSH_TRIALS
-from rtask.services.builtin.push_trials import codes_of, request_of
+from rtask.services.builtin.push_trials import codes_of, counts_of, request_of
 from rtask.services.builtin.space_plans import NAME as SPACE_PLANS
 from rtask.services.builtin.space_plans import planned_from, request_for
 
@@ -54,12 +54,9 @@ class ServerExecutor:
         self._client = RemoteClient(url, token, min(timeout_s, _REACH_S))
         self._threads = concurrent.futures.ThreadPoolExecutor(self.workers)
 
-    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
-        """Return the results in the order of the ranges."""
-        found = dict(self.finished(task, ranges))
-        return [found[i] for i in range(len(ranges))]
-
-    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+    def finished(
+        self, task: Task[T], ranges: Sequence[Range]
+    ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come; shards that have not begun are then not wanted any more.
 
         Raises
@@ -80,10 +77,12 @@ class ServerExecutor:
         """Return what carries out a range of a task by calls."""
         from grasp.batch import BatchPlan
         from grasp.push.pose import PoseTrials
-        from grasp.push.trials import Trials
+        from grasp.push.trials import Counting, Trials
 
         if isinstance(task, Trials):
             return self._codes("run", task, {})
+        if isinstance(task, Counting):
+            return self._counts(task.trials)
         if isinstance(task, PoseTrials):
             grid = {
                 "position_std": task.position_std.tolist(),
@@ -114,6 +113,16 @@ class ServerExecutor:
             given = {"shard": shard, "first": one[0], "count": one[1], **more}
             answer = self._call(PUSH_TRIALS, method, given)
             return codes_of(base64.b64decode(answer["codes"]), grasps)
+
+        return call
+
+    def _counts(self, trials: Any) -> Callable[[Range], Any]:
+        shard, grasps = request_of(trials), len(trials.rows)
+
+        def call(one: Range) -> Any:
+            given = {"shard": shard, "first": one[0], "count": one[1]}
+            answer = self._call(PUSH_TRIALS, "count", given)
+            return counts_of(base64.b64decode(answer["counts"]), grasps)
 
         return call
 

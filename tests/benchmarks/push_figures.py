@@ -29,7 +29,7 @@ from grasp.push.tolerancing import near_vertices, optimise_tolerance, quality_at
 def fig_3_8() -> None:
     """Best grasps, whiskers, eliminated candidates (Fig. 3.8, 3.9, 3.10, 3.14)."""
     for name in BRACKETS:
-        found = plan(name, CONFIGURATIONS[0])
+        found = plan(name, CONFIGURATIONS[0], keep_codes=True)
         sticking = (found.analysis.codes > 0) & (found.analysis.codes // 10 != 1)
         p = found.grasps.contacts[found.best]
         print(f"{name}: Q* {found.quality:.2f} at ({p[0]:.2f}, {p[1]:.2f}), "
@@ -48,7 +48,9 @@ def fig_3_11() -> None:
     curves = {}
     for name in BRACKETS[:9]:
         part, test, tolerance = usual(name)
-        codes = analyse(part, sample_grasps(part), test, tolerance, samples=500).codes
+        codes = analyse(
+            part, sample_grasps(part), test, tolerance, samples=500, keep_codes=True
+        ).codes
         curve = running_best(codes)
         leader = (np.cumsum(codes > 0, axis=1) / np.arange(1, 501)).argmax(axis=0)
         settled = int(np.flatnonzero(leader != leader[-1])[-1]) + 2 if np.ptp(leader) else 1
@@ -101,7 +103,7 @@ def fig_3_15() -> None:
     """Elimination: expected and worst Q* against the share of evaluations (Fig. 3.15, 3.16)."""
     sets = [
         (n, analyse(p, sample_grasps(p, filter_distance=0.06, density=6.0), t, tol, samples=70,
-                    seed=s).codes)
+                    seed=s, keep_codes=True).codes)
         for n in BRACKETS
         for p, t, tol in [usual(n)]
         for s in range(20)
@@ -124,7 +126,7 @@ def fig_3_15() -> None:
         for name in BRACKETS:
             part, test, tolerance = usual(name)
             grasps = sample_grasps(part, filter_distance=0.06, density=6.0)
-            full = analyse(part, grasps, test, tolerance, samples=70)
+            full = analyse(part, grasps, test, tolerance, samples=70, keep_codes=True)
             less = analyse(part, grasps, test, tolerance, elimination=rule)
             shares_done.append(less.spent)
             final = (full.codes > 0).mean(axis=1)

@@ -84,7 +84,7 @@ def start_ups(times: int = 5) -> list[float]:
     for _ in range(times):
         with open_executor("processes", 1) as fresh:
             began = time.perf_counter()
-            fresh.map(trials, [(0, 1)])
+            list(fresh.finished(trials, [(0, 1)]))
             spans.append(time.perf_counter() - began)
     return spans
 
@@ -113,7 +113,7 @@ def fig_3_17() -> None:
             slower = 1.0
             for name in BRACKETS:
                 trials = trials_of(name, setting)
-                executor.map(trials, [(0, 2)] * workers)
+                list(executor.finished(trials, [(0, 2)] * workers))
                 spans = {nodes: shard_times(executor, trials, nodes) for nodes in NODES}
                 some = shard_times(executor, trials, workers)
                 sizes = [(SAMPLES, float(spans[1][0])), *((SAMPLES // workers, s) for s in some)]

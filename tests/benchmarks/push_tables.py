@@ -79,7 +79,7 @@ def table_3_2() -> None:
     with open_executor("processes", workers) as executor:
         for c, setting in enumerate(CONFIGURATIONS):
             trials = trials_of("A", setting)
-            executor.map(trials, [(0, 2)] * workers)
+            list(executor.finished(trials, [(0, 2)] * workers))
             for nodes, published in TABLE_3_2.items():
                 runs = [shard_times(executor, trials, nodes) for _ in range(5)]
                 spans = np.concatenate(runs)
@@ -107,7 +107,7 @@ def table_3_2() -> None:
             )
         assert early.bias is not None
         print(f"{kind}: {spent:.3f} s against {serial.seconds:.3f} s serial (wall), equal: "
-              f"{np.array_equal(found.codes, serial.codes)}; early shards: largest z "
+              f"{np.array_equal(found.counts, serial.counts)}; early shards: largest z "
               f"{early.bias.largest_z:.1f} over {len(grasps)} grasps, {early.early_seconds:.3f} "
               f"of {early.all_seconds:.3f} s")  # fmt: skip
 

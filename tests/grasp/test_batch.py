@@ -93,7 +93,7 @@ def assert_same(one: Planned, other: Planned) -> None:
 
 
 def test_a_batch_is_the_same_on_every_executor(task, serial, executor):
-    found = [one for part in executor.map(task, RANGES) for one in part]
+    found = [one for _, part in sorted(executor.finished(task, RANGES)) for one in part]
     for one, other in zip(serial, found, strict=True):
         assert_same(one, other)
     assert len(serial[0].found) > 0
@@ -120,6 +120,17 @@ def test_a_pose_map_is_the_same_on_every_executor(executor):
     np.testing.assert_array_equal(mapped(executor).quality, mapped(Serial()).quality)
 
 
+def test_a_pose_map_tells_how_far_it_is_and_is_not_given_in_part():
+    part = as_part(stand_in("A"))
+    test = PushTest(0.25 * part.diameter)
+    grasp = centred_grasp(part, (1.0, 0.0), test.jaw_width)
+    told = []
+    pose_map(part, grasp, test, [0.1], [0.1, 0.2], samples=8, progress=lambda *at: told.append(at))
+    assert told == [(2 * k, 16) for k in range(1, 9)]
+    with pytest.raises(TimeoutError, match="2 of 16 simulations ended within 1e-09 s"):
+        pose_map(part, grasp, test, [0.1], [0.1, 0.2], samples=8, deadline_s=1e-9)
+
+
 def test_results_come_as_they_are_ready_and_the_rest_is_given_up(task, executor):
     coming = executor.finished(task, [(i, 1) for i in range(4)])
     number, (one,) = next(coming)
@@ -137,7 +148,7 @@ def test_a_server_that_cannot_be_reached_is_told_before_any_plan():
 
 def test_a_server_says_what_it_cannot_carry_out(server, task):
     with ServerExecutor(server.url) as made, pytest.raises(UsageError, match="not function"):
-        made.map(lambda first, count: first, [(0, 1)])
+        list(made.finished(lambda first, count: first, [(0, 1)]))
     asked = BatchPlan(task.meshes, task.gripper, SpatialOptions(reachable=lambda pose: True))
     with pytest.raises(ServiceError, match="reachable, quality and weighting cannot be sent"):
         request_for(asked, task.meshes[0])

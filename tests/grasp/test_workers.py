@@ -138,5 +138,7 @@ def test_what_is_not_wanted_any_more_is_stopped(tmp_path: Path):
 
 def test_ranges_of_a_killed_process_are_run_again(tmp_path: Path):
     with open_executor("processes", 2) as executor:
-        found = executor.map(partial(die_once_in, tmp_path), [(0, 3), (3, 2), (5, 1)])
+        ranges = [(0, 3), (3, 2), (5, 1)]
+        done = executor.finished(partial(die_once_in, tmp_path), ranges)
+        found = [one for _, one in sorted(done)]
     assert found == [[0, 1, 2], [3, 4], [5]]

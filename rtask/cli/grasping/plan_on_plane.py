@@ -154,6 +154,13 @@ grasp.add_command(batch)
     show_default=True,
     help="Push: independent perturbations, or evenly spread ones.",
 )
+@click.option(
+    "--deadline",
+    "deadline_s",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Push: rank by the perturbed parts that have been judged by then.  [default: all]",
+)
 @executor_options("the trials", "Push: ")
 @limit_option(10, "Number of grasps to print, and to store.", former=["--top"])
 @click.option(
@@ -247,7 +254,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
         elimination = Racing(options["samples"])
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
     with (
-        Working("planning"),
+        Working("planning") as working,
         open_named(options) as executor,
     ):
         found = plan_push_grasps(
@@ -257,6 +264,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
             pose_std=(position, rotation),
             elimination=elimination,
             executor=executor,
+            progress=working.tell,
             **{key: options[key] for key in _PLANNED},
         )
     stored = _store(data, thing, found, outline.height, options) if options["store"] else None
@@ -274,7 +282,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
 
 _PLANNED = (
     "friction", "vertex_std", "com_std", "correlation", "filter_distance", "density", "angles",
-    "samples", "method", "closure", "sampling", "max_opening", "seed",
+    "samples", "method", "closure", "sampling", "max_opening", "seed", "deadline_s",
 )  # fmt: skip
 
 

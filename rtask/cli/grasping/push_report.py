@@ -44,8 +44,9 @@ def print_plan(found: PushPlan, note: str, top: int) -> None:
     click.echo(
         f"{len(found.part.vertices)} vertices, radius {found.part.radius:.4g}, "
         f"jaws {found.test.jaw_width:.4g} wide, {len(found.grasps)} candidates, "
-        f"{analysis.codes.shape[1]} perturbed parts ({analysis.crossed:.0%} cross themselves), "
+        f"{analysis.samples} perturbed parts ({analysis.crossed:.0%} cross themselves), "
         f"{found.test.method}, {found.seconds:.3f} s"
+        + (", all that were judged in time" if analysis.is_cut else "")
     )
     click.echo("rank  contact                angle    opening   quality  lower 95 %  nominal")
     for row in _rows(found, top):
@@ -64,7 +65,7 @@ def print_plan(found: PushPlan, note: str, top: int) -> None:
         click.echo("no candidate closes: try more candidates (--density, --angles) or another jaw")
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
-        click.echo(f"{count / analysis.codes.size:8.1%}  {reason}")
+        click.echo(f"{count / (analysis.samples * len(found.grasps)):8.1%}  {reason}")
 
 
 def plan_as_json(
@@ -84,6 +85,8 @@ def plan_as_json(
         "jaw_width": found.test.jaw_width,
         "candidates": len(found.grasps),
         "evaluations": found.analysis.evaluations,
+        "samples": found.analysis.samples,
+        "is_cut": found.analysis.is_cut,
         "crossed": found.analysis.crossed,
         "seconds": found.seconds,
         "grasps": _rows(found, top),

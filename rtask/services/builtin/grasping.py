@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from rtask.errors import ServiceError
+from rtask.services.call import Call
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Answer
 from rtask.wire.types import Array, ArrayOf, Carried, Number, Unit, Whole
@@ -50,13 +51,15 @@ class PushGrasps(Answer):
     """of the gripper"""
     vertex_std: Annotated[float, Unit("m")]
     """standard deviation of a vertex"""
+    samples: int
+    """perturbed parts that were judged"""
 
 
 class Grasping(Service):
     """Push grasps of planar parts, ranked by their probability of force closure."""
 
     name = "example/Grasping"
-    version = "1.1.0"
+    version = "1.2.0"
 
     @startup
     def compile(self) -> None:
@@ -69,6 +72,7 @@ class Grasping(Service):
     def plan(
         self,
         polygon: Polygon,
+        call: Call,
         position_std: Length = 0.0,
         rotation_std: Annotated[Number, Unit("rad"), Ge(0)] = 0.0,
         grasps: Annotated[Whole, Ge(1), Le(100)] = 10,
@@ -79,6 +83,7 @@ class Grasping(Service):
         samples: Annotated[Whole, Ge(1), Le(10_000)] = 100,
         method: Literal["bound", "simulation"] = "bound",
         seed: Annotated[Whole, Ge(0)] = 0,
+        deadline: Annotated[Number, Unit("s"), Gt(0)] | None = None,
     ) -> PushGrasps:
         """Plan grasps of a part whose pose and shape are uncertain.
 
@@ -106,16 +111,22 @@ class Grasping(Service):
             How a grasp is judged on one of them: by a lower bound, or by quasi-static simulation.
         seed
             Of the perturbations; the same seed gives the same answer.
+        deadline
+            After this time the answer rests on the perturbed parts that have been judged by then;
+            default: on all.
         """
         from grasp.push import as_part, plan_push_grasps
         from grasp.push.figures.whiskers import whisker_segments
+
+        def tell(done: int, wanted: int) -> None:
+            call.progress(done / wanted, f"{done} of {wanted} perturbed parts")
 
         try:
             width = 0.25 * as_part(polygon).diameter if jaw_width is None else jaw_width
             found = plan_push_grasps(
                 polygon, jaw_width=width, friction=friction, vertex_std=vertex_std,
                 pose_std=(position_std, rotation_std), samples=samples, method=method,
-                max_opening=max_opening, seed=seed,
+                max_opening=max_opening, seed=seed, progress=tell, deadline_s=deadline,
             )  # fmt: skip
         except ValueError as error:
             raise ServiceError(str(error)) from error
@@ -123,7 +134,7 @@ class Grasping(Service):
         ranked = [_push(found, i, ends[i]) for i in found.analysis.order[:grasps].tolist()]
         return PushGrasps(
             grasps=ranked, candidates=len(found.grasps), jaw_width=width,
-            vertex_std=float(found.tolerance.vertex_std),
+            vertex_std=float(found.tolerance.vertex_std), samples=found.analysis.samples,
         )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ One call is one shard: some perturbed parts, on which all grasps are tried (Keho
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from rtask.wire.types import Array, ArrayOf, Bytes, Carried, Flag, Json, Number,
 if TYPE_CHECKING:
     from grasp.push.trials import Trials
 
-__all__ = ["NAME", "PushTrials", "codes_of", "request_of"]
+__all__ = ["NAME", "PushTrials", "codes_of", "counts_of", "request_of"]
 
 NAME = "rtask/PushTrials"
 _MAX_TRIALS = 100_000
@@ -65,7 +66,7 @@ class PushTrials(Service):
     """Trials of push grasps on perturbed parts, one shard at a time."""
 
     name = NAME
-    version = "1.1.0"
+    version = "1.2.0"
     timeout_s = 300.0
 
     @startup
@@ -93,15 +94,32 @@ class PushTrials(Service):
         count
             How many perturbations.
         """
-        if count * len(shard.rows) > _MAX_EVALUATIONS:
-            raise ServiceError(
-                f"{count} trials of {len(shard.rows)} grasps are too many for a call"
-            )
-        try:
-            codes = _trials(shard)(first, count)
-        except (ValueError, TypeError) as error:
-            raise ServiceError(str(error)) from error
-        return zlib.compress(codes.tobytes(), 1)
+        return zlib.compress(_judged(shard, count, lambda trials: trials(first, count)), 1)
+
+    @method(output="counts")
+    def count(
+        self,
+        shard: Shard,
+        first: Annotated[Whole, Ge(0)],
+        count: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)],
+    ) -> Bytes:
+        """How often each result came, grasp by grasp: four bytes each, compressed by zlib.
+
+        The results are in ascending order of their numbers.
+
+        Parameters
+        ----------
+        shard
+            Part, grasps and test.
+        first
+            Number of the first perturbation.
+        count
+            How many perturbations.
+        """
+        from grasp.push.trials import Counting
+
+        counts = _judged(shard, count, lambda trials: Counting(trials)(first, count).astype("<u4"))
+        return zlib.compress(counts, 1)
 
     @method(output="codes")
     def pose(
@@ -169,9 +187,31 @@ def request_of(trials: Trials) -> dict[str, Any]:
     }
 
 
+def _judged(shard: Shard, count: int, judge: Callable[[Trials], NDArray[Any]]) -> bytes:
+    """Return what a function of the trials finds.
+
+    Raises
+    ------
+    ServiceError
+        They make no sense, or are too many.
+    """
+    if count * len(shard.rows) > _MAX_EVALUATIONS:
+        raise ServiceError(f"{count} trials of {len(shard.rows)} grasps are too many for a call")
+    try:
+        return judge(_trials(shard)).tobytes()
+    except (ValueError, TypeError) as error:
+        raise ServiceError(str(error)) from error
+
+
 def codes_of(packed: bytes, grasps: int) -> NDArray[np.int8]:
     """Return the results (grasps, count) that an answer holds."""
     return np.frombuffer(zlib.decompress(packed), np.int8).reshape(grasps, -1)
+
+
+def counts_of(packed: bytes, grasps: int) -> NDArray[np.int64]:
+    """Return the counts (grasps, results) that an answer holds."""
+    counts = np.frombuffer(zlib.decompress(packed), "<u4").reshape(grasps, -1)
+    return counts.astype(np.int64)
 
 
 def _trials(shard: Shard) -> Trials:

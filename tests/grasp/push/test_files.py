@@ -350,7 +350,7 @@ def test_holes_move_the_centre_of_mass_and_nothing_else(tmp_path: Path) -> None:
     with_holes = plan_push_grasps(outline.polygon, outline.com, jaw_width=0.5, samples=20)
     without = plan_push_grasps(outline.polygon, jaw_width=0.5, samples=20)
     assert np.array_equal(with_holes.grasps.contacts, without.grasps.contacts)
-    assert not np.array_equal(with_holes.analysis.codes, without.analysis.codes)
+    assert not np.array_equal(with_holes.analysis.counts, without.analysis.counts)
 
 
 def test_a_given_centre_of_mass_counts_more_than_holes() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,11 +20,13 @@ from grasp.push import (
     plan_push_grasps,
     running_best,
     sample_grasps,
+    shards,
     stop_at,
 )
 from grasp.push.early import analyse_early, finish_times
 from grasp.push.figures.whiskers import whisker_segments
 from grasp.push.mechanics.box2d_check import is_available, simulate_in_box2d
+from grasp.push.mechanics.conditions import CODES
 from grasp.push.parts import (
     BRACKETS,
     SHAPES,
@@ -42,6 +45,7 @@ from grasp.push.trials import Trials
 
 def _plan(name: str = "A", **more: object):  # type: ignore[no-untyped-def]
     ring = stand_in(name)
+    more = {"keep_codes": True, **more}
     return plan_push_grasps(ring, jaw_width=0.25 * as_part(ring).diameter, **more)  # type: ignore[arg-type]
 
 
@@ -100,13 +104,80 @@ def test_racing_keeps_the_best_and_saves_evaluations() -> None:
         assert np.array_equal(raced.analysis.codes[kept], full.analysis.codes[kept])
 
 
+@pytest.mark.parametrize(
+    "more",
+    [{"samples": 61}, {"elimination": Elimination((11, 50), 0.5)}, {"elimination": Racing(61, 9)}],
+)
+def test_sums_tell_the_same_as_the_results_of_all_trials(more: dict[str, object]) -> None:
+    whole = _plan("J", **more).analysis
+    with open_executor("threads", 3) as executor:
+        summed = _plan("J", keep_codes=False, executor=executor, **more).analysis
+    for name in (
+        "counts",
+        "quality",
+        "lower_95",
+        "successes",
+        "tried",
+        "eliminated_after",
+        "order",
+    ):
+        assert np.array_equal(getattr(summed, name), getattr(whole, name)), name
+    assert (summed.crossed, summed.spent, summed.samples) == (
+        whole.crossed, whole.spent, whole.samples,
+    )  # fmt: skip
+    found, times = np.unique(whole.codes, return_counts=True)
+    told = dict(zip((CODES[c] for c in found.tolist()), times.tolist(), strict=True))
+    assert summed.reasons() == whole.reasons() == told
+    assert list(summed.reasons().values()) == sorted(told.values(), reverse=True)
+    with pytest.raises(ValueError, match="keep_codes"):
+        _ = summed.codes
+
+
+@pytest.mark.parametrize("keep_codes", [False, True])
+def test_an_analysis_tells_how_far_it_is_and_ends_in_time_with_the_first_trials(
+    keep_codes: bool,
+) -> None:
+    """What is cut short equals an analysis of that many trials from the start."""
+    told: list[tuple[int, int]] = []
+    whole = _plan(samples=400, progress=lambda *at: told.append(at), keep_codes=keep_codes)
+    assert told == [(50 * k, 400) for k in range(1, 9)]
+    assert not whole.analysis.is_cut
+
+    cut = _plan(samples=400, deadline_s=1e-9, keep_codes=keep_codes).analysis
+    assert cut.is_cut
+    assert cut.samples == 50
+    same = _plan(samples=50, keep_codes=keep_codes).analysis
+    assert np.array_equal(cut.counts, same.counts)
+    assert np.array_equal(cut.order, same.order)
+
+    plan = Elimination((40, 360), 0.5)
+    cut = _plan(elimination=plan, deadline_s=1e-9, keep_codes=keep_codes).analysis
+    assert (cut.samples, cut.is_cut, cut.eliminated_after.max()) == (5, True, 0)
+    with pytest.raises(ValueError, match="deadline_s must be positive"):
+        _plan(deadline_s=0)
+
+
+def test_removed_grasps_are_left_out_when_the_time_is_up_between_batches() -> None:
+    times = iter((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shards, "time", SimpleNamespace(monotonic=lambda: next(times, 9.0)))
+        cut = _plan(elimination=Elimination((40, 360), 0.5), deadline_s=5.0).analysis
+    first = _plan(elimination=Elimination((40,), 0.5)).analysis
+    assert cut.is_cut
+    assert cut.samples == 40
+    assert np.array_equal(cut.codes, first.codes)
+    survivors = cut.eliminated_after == 0
+    assert 0 < survivors.sum() < len(survivors)
+    assert survivors[cut.best]
+
+
 def test_elimination_does_not_depend_on_the_order_of_the_candidates() -> None:
     part = as_part(stand_in("B"))
     grasps, test = sample_grasps(part), PushTest(0.25 * part.diameter)
     shuffled = np.random.default_rng(1).permutation(len(grasps))
     tolerance, drop = Tolerance.default(part), Elimination((3, 20), 0.8)
-    one = analyse(part, grasps, test, tolerance, elimination=drop)
-    other = analyse(part, grasps.take(shuffled), test, tolerance, elimination=drop)
+    one = analyse(part, grasps, test, tolerance, elimination=drop, keep_codes=True)
+    other = analyse(part, grasps.take(shuffled), test, tolerance, elimination=drop, keep_codes=True)
     assert np.array_equal(one.codes[shuffled], other.codes)
 
 

@@ -11,14 +11,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from grasp.push import Elimination, PushTest, Tolerance, analyse, as_part, sample_grasps
 from grasp.push.early import analyse_early
 from grasp.push.parts import stand_in
 from grasp.push.trials import Trials
+from rtask.cli import cli
 from rtask.client.trials import ServerExecutor
-from rtask.errors import ServiceError, UsageError
+from rtask.errors import CancelledError, ServiceError, UsageError
+from rtask.services.builtin.grasping import Grasping
 from rtask.services.builtin.push_trials import PushTrials, codes_of, request_of
+from rtask.services.call import Call
 from rtask.services.host import ServiceHost
 from tests.servers import RunningServer, running_server
 
@@ -69,7 +73,7 @@ def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tm
     grasps = sample_grasps(part)
     test, tolerance = PushTest(0.25 * part.diameter), Tolerance.default(part)
     drop = Elimination((11, 50), 0.5)
-    serial = analyse(part, grasps, test, tolerance, elimination=drop)
+    serial = analyse(part, grasps, test, tolerance, elimination=drop, keep_codes=True)
     with (
         subprocess.Popen(
             [*command, "--server", server.url], stdout=subprocess.PIPE, text=True, env=environment
@@ -78,16 +82,29 @@ def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tm
     ):
         try:
             assert worker.stdout is not None
-            assert worker.stdout.readline() == "serving rtask/PushTrials@1.1.0\n"
-            shared = analyse(part, grasps, test, tolerance, elimination=drop, executor=executor)
+            assert worker.stdout.readline() == "serving rtask/PushTrials@1.2.0\n"
+            shared, sums = (
+                analyse(
+                    part,
+                    grasps,
+                    test,
+                    tolerance,
+                    elimination=drop,
+                    keep_codes=keep_codes,
+                    executor=executor,
+                )
+                for keep_codes in (True, False)
+            )
             early = analyse_early(
                 part, grasps, test, tolerance, samples=16, shards=10, executor=executor
             )
         finally:
             worker.kill()
     np.testing.assert_array_equal(shared.codes, serial.codes)
-    np.testing.assert_array_equal(shared.order, serial.order)
-    every = analyse(part, grasps, test, tolerance, samples=80).codes
+    for name in ("counts", "order", "quality"):
+        np.testing.assert_array_equal(getattr(shared, name), getattr(serial, name))
+        np.testing.assert_array_equal(getattr(sums, name), getattr(serial, name))
+    every = analyse(part, grasps, test, tolerance, samples=80, keep_codes=True).codes
     taken = np.concatenate([every[:, 8 * k : 8 * k + 8] for k in early.shards], axis=1)
     np.testing.assert_array_equal(early.analysis.codes, taken)
 
@@ -109,4 +126,40 @@ def test_the_command_plans_on_a_server_as_it_does_alone(server, tmp_path: Path):
 @pytest.mark.slow
 def test_what_is_no_trial_of_push_grasps_is_refused(server):
     with ServerExecutor(server.url) as executor, pytest.raises(UsageError, match="not function"):
-        executor.map(lambda first, count: first + count, [(0, 1)])
+        list(executor.finished(lambda first, count: first + count, [(0, 1)]))
+
+
+_ELL = [[0, 0], [0.1, 0], [0.1, 0.04], [0.04, 0.04], [0.04, 0.1], [0, 0.1]]
+
+
+def test_a_plan_tells_how_far_it_is_and_ends_when_nobody_waits_any_more():
+    call, told = Call(), []
+    call.on_progress(lambda fraction, text: told.append((fraction, text)))
+    found = Grasping({}).plan(np.array(_ELL), call, samples=80)
+    assert found.samples == 80
+    assert [text for _, text in told] == [f"{10 * k} of 80 perturbed parts" for k in range(1, 9)]
+    assert told[-1][0] == 1.0
+
+    early = Grasping({}).plan(np.array(_ELL), Call(), samples=80, deadline=1e-9)
+    assert early.samples == 10
+    call.on_progress(lambda *_: call.cancel())
+    with pytest.raises(CancelledError):
+        Grasping({}).plan(np.array(_ELL), call, samples=80)
+
+
+def test_the_command_ranks_by_what_was_judged_in_time(tmp_path: Path):
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps(_ELL))
+    command = ["grasp", "plan", str(part), "--samples", "20000"]
+    cut = json.loads(CliRunner().invoke(cli, [*command, "--json", "--deadline", "1e-9"]).stdout)
+    assert (cut["samples"], cut["is_cut"]) == (2500, True)
+    less = [*command[:-1], "2500"]
+    whole = json.loads(CliRunner().invoke(cli, [*less, "--json"]).stdout)
+    assert (whole["samples"], whole["is_cut"]) == (2500, False)
+    assert cut["grasps"] == whole["grasps"]
+    shown = CliRunner().invoke(cli, [*command, "--deadline", "1e-9"])
+    assert "2500 perturbed parts" in shown.stdout
+    assert "all that were judged in time" in shown.stdout
+    refused = CliRunner().invoke(cli, [*command, "--deadline", "0"])
+    assert refused.exit_code == 2
+    assert "--deadline" in refused.stderr
