@@ -17,6 +17,7 @@ from typing import Any
 
 import click
 
+from rtask.cli.progress import at_work
 from rtask.errors import RtaskError, StoreFormatError
 from rtask.extras import naming_extras
 
@@ -150,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; an error is one line and an exit code, without a traceback."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with naming_extras(_command_name(given)):
+        with naming_extras(_command_name(given)), at_work(_command_name(given)):
             done: Any = cli.main(args=given, prog_name="rtask", standalone_mode=False)
     except click.ClickException as error:
         error.show()

@@ -8,18 +8,19 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TextIO, cast
 
 import click
 
-__all__ = ["LoadProgress", "Working", "announce_compilation"]
+__all__ = ["LoadProgress", "Working", "announce_compilation", "at_work"]
 
 _QUIET_S = 2.0
 _TICK_S = 0.5
+_NAMELESS_S = 2.5  # later than a line that says what is being done
 _CLEAR = "\r\x1b[K"
 
 
@@ -79,6 +80,81 @@ class Working:
             if self._done.wait(_TICK_S):
                 click.echo(_CLEAR, err=True, nl=False)
                 return
+
+
+class _Heard:
+    """A stream that calls back before the first thing written to it, and passes everything on."""
+
+    def __init__(self, stream: TextIO, on_first: Callable[[], None]) -> None:
+        self._stream, self._on_first = stream, on_first
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("write", "writelines", "buffer", "fileno"):
+            self._on_first()
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def at_work(name: str) -> Iterator[None]:
+    """Show on a terminal that a command is at work until it says something itself.
+
+    Parameters
+    ----------
+    name
+        The command.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    out, err = sys.stdout, sys.stderr
+    line = _NamelessLine(f"{name} is at work", err)
+
+    def first_word() -> None:
+        line.close()
+        if sys.stdout is heard_out:  # and not what somebody else put there for a while
+            sys.stdout = out
+        if sys.stderr is heard_err:
+            sys.stderr = err
+
+    heard_out, heard_err = (cast(TextIO, _Heard(one, first_word)) for one in (out, err))
+    sys.stdout, sys.stderr = heard_out, heard_err
+    try:
+        yield
+    finally:
+        first_word()
+
+
+class _NamelessLine:
+    """A line with the seconds since a command began."""
+
+    def __init__(self, text: str, stream: TextIO) -> None:
+        self._text, self._stream = text, stream
+        self._done = threading.Event()
+        self._writing = threading.Lock()
+        self._shown = False
+        self._started = time.monotonic()
+        threading.Thread(target=self._tick, daemon=True).start()
+
+    def close(self) -> None:
+        """Remove the line; nothing is written afterwards."""
+        with self._writing:
+            self._done.set()
+            if self._shown:
+                self._shown = False
+                self._stream.write(_CLEAR)
+                self._stream.flush()
+
+    def _tick(self) -> None:
+        wait_s = _NAMELESS_S
+        while not self._done.wait(wait_s):
+            with self._writing:
+                if self._done.is_set():
+                    return
+                seconds = time.monotonic() - self._started
+                self._shown = True
+                self._stream.write(f"{_CLEAR}{self._text} ... {seconds:.0f} s")
+                self._stream.flush()
+            wait_s = _TICK_S
 
 
 class LoadProgress:

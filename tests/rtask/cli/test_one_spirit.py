@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import pty
 import shutil
 import subprocess
 import sys
@@ -334,3 +336,44 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         assert code == 1
         assert "missing: <urn:mug>" in out
         server.terminate()
+
+
+_SILENT_WORK = """
+import sys, time
+import click
+from rtask.cli import cli, main
+
+@cli.command()
+@click.option("--json", "as_json", is_flag=True)
+def brood(as_json):
+    sys.stdin.readline()  # until whoever watches saw the line
+    click.echo('{"eggs": 3}')
+
+main(["brood"])
+"""
+
+
+def test_every_command_that_is_silent_for_long_tells_that_it_is_at_work() -> None:
+    """The line is on the terminal only, goes before the first word, and comes to no pipe."""
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-c", _SILENT_WORK]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=theirs, text=True, cwd=_ROOT
+    ) as child:
+        os.close(theirs)
+        shown = b""
+        while b"rtask brood is at work ... " not in shown:
+            shown += os.read(ours, 1000)  # waits; ends with an error if the child does
+        out, _ = child.communicate("\n", timeout=60)
+        with contextlib.suppress(OSError):  # Linux: the other end was closed
+            while piece := os.read(ours, 1000):
+                shown += piece
+    os.close(ours)
+    assert out == '{"eggs": 3}\n'
+    assert shown.endswith(b"\r\x1b[K")
+    assert child.returncode == 0
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=_ROOT,
+    ) as piped:  # fmt: skip
+        assert piped.communicate("\n", timeout=60) == ('{"eggs": 3}\n', "")
