@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from features.geometry import FloatArray, Frame
@@ -16,6 +17,7 @@ from simulate.robots.description import Floats
 from simulate.world.camera import Lighting
 from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
+from simulate.world.portrait import photograph
 from simulate.world.robot_body import RobotBody
 from simulate.world.scene import PlacedObject, Placement, lay
 from simulate.world.world import World
@@ -23,7 +25,7 @@ from simulate.world.world import World
 __all__ = ["Conditions", "RobotAtTable", "SimulatedBody"]
 
 _FREE_JOINTS = 6
-_PICTURE_SIZE = (320, 240)
+_PICTURE_SIZE = (480, 360)
 _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
 
 
@@ -116,10 +118,9 @@ class RobotAtTable:
 
     def _picture(self, plan: PlannedGrasp) -> bytes:
         side = "left" if plan.request.y > 0 else "right"
-        place = self.world.workplace
-        return self.eyes.camera.snapshot(
-            self.eyes.lighting, _PICTURE_SIZE, side, place.eye, place.target
-        )
+        rgb = photograph(self.world, self.eyes.camera, _PICTURE_SIZE, side, self.eyes.lighting)
+        _, png = cv2.imencode(".png", rgb[..., ::-1])
+        return png.tobytes()
 
 
 class SimulatedBody(RobotAtTable):

@@ -44,7 +44,7 @@ class Console:
         """Print what a robot did."""
         line = _sentence(event)
         if line:
-            self._progress.print(f"  {robot}: {line}", markup=False)
+            self._progress.print(f"  {robot}: {line}", markup=False, soft_wrap=True)
 
     def table(
         self,
@@ -81,7 +81,7 @@ class Console:
 
     def line(self, text: str = "") -> None:
         """Print a line of results."""
-        self._results.print(text, markup=False)
+        self._results.print(text, markup=False, soft_wrap=True)
 
 
 def _sentence(event: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
-"""Pictures of a world for people: large, antialiased, with a floor, light and shadows.
+"""Pictures of a world for people: antialiased, with sky, light and shadows.
 
-The floor has no collision shape and is there only while a picture is taken, so that neither the
-physics nor the robot's own camera knows of it.
+A portrait also has a floor, without a collision shape and only while the picture is taken, so that
+neither the physics nor the robot's own camera knows of it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simulate.world.camera import Camera, Lighting
 from simulate.world.world import World
 
-__all__ = ["LIGHT", "portrait"]
+__all__ = ["LIGHT", "photograph", "portrait"]
 
 LIGHT = Lighting(direction=(0.5, -0.9, 1.4), ambient=0.6, diffuse=0.5, specular=0.08)
 _OVERSAMPLED = 2
@@ -42,13 +42,20 @@ def portrait(
     side
         ``left`` or ``right``: the half of the table to look at.
     """
-    place = world.workplace
     floor = _add_floor(world.client, world.table_height - _FLOOR_BELOW_TABLE_M)
     try:
-        large = (size[0] * _OVERSAMPLED, size[1] * _OVERSAMPLED)
-        png = camera.snapshot(lighting, large, side, place.eye, place.target)
+        return photograph(world, camera, size, side, lighting)
     finally:
         world.client.removeBody(floor)
+
+
+def photograph(
+    world: World, camera: Camera, size: tuple[int, int], side: str, lighting: Lighting | None
+) -> NDArray[np.uint8]:
+    """Return a picture as :func:`portrait` does, without a floor: the world stays as it is."""
+    place = world.workplace
+    large = (size[0] * _OVERSAMPLED, size[1] * _OVERSAMPLED)
+    png = camera.snapshot(lighting, large, side, place.eye, place.target)
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None  # it was encoded just now
     rgb = np.ascontiguousarray(image[..., ::-1]).astype(np.uint8)

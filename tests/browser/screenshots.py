@@ -1,13 +1,14 @@
 """Screenshots for the documentation: ``python -m tests.browser.screenshots STORE [PICTURE ...]``.
 
 STORE is a folder that a demo left, ``rtask-demo/store``; it is copied, not changed. Without a
-PICTURE all are taken.
+PICTURE all are taken. That of the live page comes from another demo, which is stopped then.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -37,11 +38,12 @@ _PIPELINE = {
     ]
 }  # fmt: skip
 """Where a hand is, another posture that puts it there, the way to that, the links on the way."""
+_LIVE = "page-activity"
 _COMPOSED = f"/tools/pipeline?{urlencode({'pipeline': json.dumps(_PIPELINE)})}"
 _SHOWN = {
     "page-object": ("/object?iri={object}#grasp=1", LAPTOP, "light"),
     "page-outcomes-phone": ("/feedback", PHONE, "dark"),
-    "page-activity": ("/activity", LAPTOP, "light"),
+    "page-object-phone": ("/object?iri={object}#grasp=1", PHONE, "dark"),
     "page-arm": ("/tools/arm", LAPTOP, "light"),
     "page-robot": ("/robot?iri={robot}", LAPTOP, "light"),
     "page-pipeline": (_COMPOSED, LAPTOP, "light"),
@@ -66,9 +68,28 @@ def _plan_for_panda(page: Page) -> None:
     page.locator("[data-robot]").scroll_into_view_if_needed()
 
 
+def _watch_demo(page: Page) -> None:
+    """Picture the live page while a demo runs: two robots with an outcome each."""
+    page.set_default_timeout(600_000)
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "rtask", "demo", "--data", f"{folder}/demo"]
+        with subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as demo:
+            try:
+                assert demo.stderr is not None
+                address = next(line.split()[-1] for line in demo.stderr if "/activity" in line)
+                page.goto(address)
+                page.get_by_role("img", name="The last attempt").nth(1).wait_for()
+                page.screenshot(path=str(IMAGES / f"{_LIVE}.png"))  # its events never end
+            finally:
+                demo.terminate()
+                demo.communicate()
+
+
 def main() -> None:
     """Take every screenshot at its size and in its theme."""
-    store, wanted = Path(sys.argv[1]), sys.argv[2:] or list(_SHOWN)
+    store, wanted = Path(sys.argv[1]), sys.argv[2:] or [*_SHOWN, _LIVE]
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "store"
         shutil.copytree(store, copy)
@@ -81,7 +102,8 @@ def main() -> None:
             }
             options = [option for option in OPTIONS if option != "--disable-gpu"]
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*options, *WEBGL])
-            for name, (address, size, theme) in ((one, _SHOWN[one]) for one in wanted):
+            for name in (one for one in wanted if one in _SHOWN):
+                address, size, theme = _SHOWN[name]
                 context = browser.new_context(
                     viewport=size,  # type: ignore[arg-type]  # playwright's own type of a size
                     color_scheme=theme,  # type: ignore[arg-type]
@@ -100,12 +122,10 @@ def main() -> None:
                     page.locator("#step-links [data-answers]").wait_for()
                     page.mouse.move(0, 0)
                     page.locator(".board").scroll_into_view_if_needed()
-                if "activity" not in name:
-                    _take(page, IMAGES / f"{name}.png")
-                else:  # its stream of events never ends
-                    page.get_by_text("live", exact=True).wait_for()
-                    page.screenshot(path=str(IMAGES / f"{name}.png"))
+                _take(page, IMAGES / f"{name}.png")
                 context.close()
+            if _LIVE in wanted:
+                _watch_demo(browser.new_page(viewport=LAPTOP, color_scheme="light", locale="en"))
             browser.close()
 
 
