@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import httpx
 import numpy as np
 import pytest
 
@@ -17,7 +18,8 @@ import rtask
 from endpoint.access.tokens import TokenStore
 from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
 from tests.browser.robots import Robot, robot
-from tests.servers import RunningServer, running_server
+from tests.browser.waiting import has_count
+from tests.servers import RunningServer, bearer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -177,3 +179,28 @@ def test_two_tabs_share_one_stream(browser: Any, site: tuple[RunningServer, str]
             for tab in (page, other):
                 tab.locator('[data-lane="nao-1"]').get_by_text("connected").wait_for()
         assert len(opened) == 1
+
+
+def test_a_thousand_commits_leave_the_page_usable(
+    browser: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder, token = _folder(tmp_path_factory)
+    rates = ("--rate", "100000", "--write-rate", "100000")
+    with running_server(folder, *rates) as server, open_page(browser, server.url) as page:
+        page.goto(f"{server.url}/activity")
+        page.get_by_text("live", exact=True).wait_for()
+        rows = page.locator("[data-events] li")
+        with httpx.Client(base_url=server.url, headers=bearer(token), timeout=60) as client:
+            for number in range(1000):
+                if number == 500:
+                    page.get_by_role("button", name="Pause").click()
+                update = f'INSERT DATA {{ <urn:lab/n/{number}> <urn:lab/p> "{number}" }}'
+                client.post("/sparql", data={"update": update}).raise_for_status()
+        page.get_by_role("button", name="Resume (200 waiting)").click()  # the last of them
+        has_count(rows, 200)
+        with robot(server, token) as nao:
+            nao.call("register_robot", name="nao-1", model="nao", end_effectors=[GRIPPER])
+            page.locator('[data-lane="nao-1"]').get_by_text("connected").wait_for()
+        page.locator('[data-lane="nao-1"]').get_by_text("left", exact=True).wait_for()
+        has_count(rows, 200)
+        assert fits(page)

@@ -240,3 +240,20 @@ def test_programs_get_the_same_addresses_as_json(server: RunningServer) -> None:
     page = httpx.get(f"{server.url}/services/lab/Levre", headers={"Accept": "text/html"})
     assert page.status_code == 404
     assert "did you mean" in page.text
+
+
+def test_the_form_of_every_method_answers_a_blank_form_in_words(server: RunningServer) -> None:
+    """Either it works without a value, or a field says what it lacks; no form is broken."""
+    listed = httpx.get(f"{server.url}/services", timeout=60).json()["services"]
+    with httpx.Client(headers={"Accept": "text/html"}, timeout=120) as client:
+        for name in (one["name"] for one in listed):
+            address = f"{server.url}/services/{name}"
+            methods = httpx.get(address, timeout=60).json()["methods"]
+            for method in methods:
+                where = f"{name}/{method}"
+                shown = client.get(address, params={"$method": method})
+                assert shown.status_code == 200, where
+                assert f'value="{method}"' in shown.text, where
+                sent = client.post(address, data={"$method": method})
+                assert sent.status_code in (200, 400, 403, 404, 409, 422, 501), (where, sent.text)
+                assert sent.status_code == 200 or 'role="alert"' in sent.text, where
