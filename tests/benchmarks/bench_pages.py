@@ -1,14 +1,15 @@
-"""How late pages are: an event's row on /activity, and the next picture while judging outcomes.
+"""How late pages are: events on /activity, a robot on /robots, pictures while judging outcomes.
 
 ::
 
-    python -m tests.benchmarks.bench_pages [--events 60] [--attempts 20]
+    python -m tests.benchmarks.bench_pages [--events 60] [--visits 20] [--attempts 20]
 
 Headless Chromium on the same machine. Events are commits, one at a time; the row is there when it
 is in the page's tree, beside which the same event is read from the raw stream by a plain client.
 Judging is by keys: from the key press until the pictures of the next attempt are decoded and
 painted, and from the sending of a verdict (10 s after the key, so that it can be taken back) until
-the server has stored it.
+the server has stored it. A robot connects and leaves in turn: from the beginning of the handshake,
+or from the call that closes the connection, until its row says so.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import numpy as np
 from endpoint.access.tokens import TokenStore
 from tests.browser.attempts import store_of_attempts
 from tests.browser.conftest import CHROMIUM, OPTIONS
+from tests.browser.robots import robot
 from tests.servers import RunningServer, bearer, running_server
 
 _SEED = 5
@@ -53,6 +55,17 @@ _KEYS = """() => {
       window.painted.push(performance.now() - pressed);
     }));
   }, true);
+}"""
+_PRESENT = """() => {
+  window.present = [];
+  const note = () => {
+    const cells = [...document.querySelectorAll("[data-label='Last seen']")];
+    const now = cells.some((one) => one.textContent === "connected");
+    if (window.present.at(-1)?.[0] !== now) window.present.push([now, Date.now()]);
+  };
+  note();
+  const part = document.querySelector("[data-follow]");
+  new MutationObserver(note).observe(part, { childList: true, subtree: true });
 }"""
 _SENT = """() => performance.getEntriesByType("resource")
   .filter((one) => one.name.endsWith("/feedback") && one.initiatorType === "fetch")
@@ -107,6 +120,28 @@ def _events(page: Any, server: RunningServer, token: str, count: int) -> None:
     print(f"ratio of the medians {ratios[0]:.1f}, of the 95th percentiles {ratios[1]:.1f}")
 
 
+def _robots(page: Any, server: RunningServer, token: str, count: int) -> None:
+    page.goto(f"{server.url}/robots")
+    page.get_by_role("row").filter(has_text="nao-1").wait_for()
+    page.wait_for_load_state("load")
+    page.evaluate(_PRESENT)
+    asked: list[float] = []
+    seen = "count => window.present.length > count"
+    draw = random.Random(_SEED)
+    for _ in range(count):
+        time.sleep(draw.uniform(0.2, 0.8))
+        asked.append(1000 * time.time())
+        with robot(server, token):
+            page.wait_for_function(seen, arg=len(asked))
+            time.sleep(draw.uniform(0.2, 0.8))
+            asked.append(1000 * time.time())
+        page.wait_for_function(seen, arg=len(asked))
+    shown = [at for _, at in page.evaluate("() => window.present")[1:]]
+    late = [at - begin for at, begin in zip(shown, asked, strict=True)]
+    _figures("a robot connects to its row on /robots", late[::2])
+    _figures("a robot leaves to its row on /robots", late[1::2])
+
+
 def _robot(name: str) -> dict[str, Any]:
     hand = {"name": "hand", "gripper_type": "pinch", "max_opening": 0.08, "max_payload": 0.5}
     return {"name": name, "model": name, "end_effectors": [hand]}
@@ -144,6 +179,7 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--events", type=int, default=60)
+    parser.add_argument("--visits", type=int, default=20)
     parser.add_argument("--attempts", type=int, default=20)
     asked = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f}")
@@ -152,9 +188,11 @@ def main() -> None:
         teacher, _ = store_of_attempts(store, asked.attempts + 2)
         with closing(TokenStore(store)) as tokens:
             admin, _ = tokens.create("admin")
+            nao, _ = tokens.create("robot", agent="nao-1")
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
         with running_server(store) as server:
             _events(_signed_in(browser, server, admin), server, admin, asked.events)
+            _robots(_signed_in(browser, server, admin), server, nao, asked.visits)
             _judging(_signed_in(browser, server, teacher), server, teacher, asked.attempts)
         browser.close()
     print(f"load {os.getloadavg()[0]:.1f}")
