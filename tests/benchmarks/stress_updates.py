@@ -1,10 +1,11 @@
 """Hostile updates against a live server: when each ends, and what others notice meanwhile.
 
-``python tests/benchmarks/stress_updates.py [COUNT]`` sends updates that grow literals or the graph
-without bound, join everything with everything, walk paths or mint identifiers, each after some
-harmless ones. Meanwhile another client asks ``/health/live`` and inserts one statement, again and
-again. Targets: each update ends within its limit and .5 s, health and insert answer within 250 ms,
-the memory returns, SIGTERM ends the server within 5 s.
+``python -m tests.benchmarks.stress_updates [COUNT [ATTACKERS]]`` sends updates that grow literals
+or the graph without bound, join everything with everything, walk paths or mint identifiers, each
+after some harmless ones, by one client or by several at once. Meanwhile another client asks
+``/health/live`` and inserts one statement, again and again. Targets: each update ends within its
+limit and .5 s, health and insert answer within 250 ms, the memory returns, SIGTERM ends the server
+within 5 s.
 """
 
 from __future__ import annotations
@@ -67,20 +68,28 @@ def resident(server: RunningServer) -> int:
     return total
 
 
-def beside(server: RunningServer, text: str, number: int) -> tuple[float, int, list[float]]:
-    """Send an update; return its time, its status, and the times of what others ask, in s."""
+def beside(
+    server: RunningServer, texts: list[str], number: int
+) -> tuple[list[tuple[float, int]], list[float]]:
+    """Send updates at once.
+
+    Returns
+    -------
+    The time in s and the status of each, and the times of what another client asks meanwhile.
+    """
     ended: list[tuple[float, int]] = []
 
-    def attack() -> None:
+    def attack(text: str) -> None:
         started = time.perf_counter()
         answer = httpx.post(f"{server.url}/update", content=text, headers=UPDATE, timeout=120)
         ended.append((time.perf_counter() - started, answer.status_code))
 
-    attacker = threading.Thread(target=attack)
-    attacker.start()
+    attackers = [threading.Thread(target=attack, args=(text,)) for text in texts]
+    for attacker in attackers:
+        attacker.start()
     times = []
     with httpx.Client(base_url=server.url, timeout=60) as client:
-        while attacker.is_alive():
+        while any(attacker.is_alive() for attacker in attackers):
             for method, path, body in (
                 ("GET", "/health/live", ""),
                 ("POST", "/update", f"INSERT DATA {{ <urn:robot> <urn:saw> {number} }}"),
@@ -91,14 +100,15 @@ def beside(server: RunningServer, text: str, number: int) -> tuple[float, int, l
                 times.append(time.perf_counter() - started)
                 number += 1
             time.sleep(0.02)
-    attacker.join()
-    return *ended[0], times
+    return ended, times
 
 
 def main() -> None:
     """Attack, measure and print."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 40
-    print(f"{count} hostile updates, limit {LIMIT_S:g} s; load average {os.getloadavg()[0]:.1f}")
+    at_once = int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    load = os.getloadavg()[0]
+    print(f"{count} times {at_once} hostile updates, limit {LIMIT_S:g} s; load average {load:.1f}")
     rng = random.Random(12)
     longest: Counter[str] = Counter()
     statuses: Counter[int] = Counter()
@@ -107,33 +117,36 @@ def main() -> None:
         data = " . ".join(f"<urn:a{i}> <urn:b> {i % 7}" for i in range(400))
         start = f"INSERT DATA {{ {data} . <urn:s> <urn:p> 'xxxxxxxxxx' }}"
         httpx.post(f"{server.url}/update", content=start, headers=UPDATE).raise_for_status()
-        beside(server, "DELETE WHERE { <urn:nothing> ?p ?o }", 0)
+        beside(server, ["DELETE WHERE { <urn:nothing> ?p ?o }"], 0)
         before = resident(server)
         for number in range(count):
-            kind, text = hostile(rng)
-            seconds, status, times = beside(server, text, 1_000 * (number + 1))
-            longest[kind] = max(longest[kind], round(seconds, 2))  # type: ignore[assignment]
-            statuses[status] += 1
-            late += seconds > LIMIT_S + 0.5
+            kinds, texts = zip(*(hostile(rng) for _ in range(at_once)), strict=True)
+            ended, times = beside(server, list(texts), 1_000 * (number + 1))
+            for seconds, status in ended:
+                statuses[status] += 1
+                late += seconds > LIMIT_S + 0.5
+            if at_once == 1:
+                longest[kinds[0]] = max(longest[kinds[0]], round(ended[0][0], 2))  # type: ignore[assignment]
             others += times
         time.sleep(1.0)
         grown = resident(server) - before
         started = time.perf_counter()
         server.process.terminate()
         server.process.wait(60)
-        ended = time.perf_counter() - started
+        stopped = time.perf_counter() - started
     for kind, seconds in longest.most_common():
         print(f"  {kind:32} longest {seconds:5.2f} s")
     others.sort()
     worst, p99 = 1e3 * others[-1], 1e3 * others[int(0.99 * len(others))]
-    print(f"answers {dict(statuses)}; {late} of {count} later than {LIMIT_S + 0.5:g} s")
+    print(f"answers {dict(statuses)}; {late} of {count * at_once} later than {LIMIT_S + 0.5:g} s")
     print(
         f"health and inserts beside them: {len(others)}, median "
         f"{1e3 * others[len(others) // 2]:.0f} ms, p99 {p99:.0f} ms, longest {worst:.0f} ms "
         f"(target 250)"
     )
     print(
-        f"memory afterwards {grown / 2**20:+.0f} MiB; SIGTERM ended it in {ended:.1f} s (target 5)"
+        f"memory afterwards {grown / 2**20:+.0f} MiB; SIGTERM ended it in {stopped:.1f} s "
+        "(target 5)"
     )
     print(f"load average after {os.getloadavg()[0]:.1f}")
 
