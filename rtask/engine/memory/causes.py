@@ -3,8 +3,8 @@
 A cause (:func:`grasp.learning.causes.hidden_causes`) is a property of the object and holds for
 every hand. It is stated in the graph of causes, derived from the attempts that it was inferred
 from, in the same commit as the outcome, verdict or correction that changes it. What is stated
-depends on the judged attempts alone, so that it is the same whatever the order in which they came
-and went.
+depends on the latest 200 judged attempts alone, so that it is the same whatever the order in which
+they came and went, and an outcome costs no more when thousands came before it.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ __all__ = [
 ]  # fmt: skip
 
 MIN_PROBABILITY = 0.3
+MAX_TRIED = 200
+"""Attempts at an object that speak about its causes, the latest ones."""
 _FRAGILE, _COMES_OFF = "crushed", "came_apart"
 _SLIPS = ("slip_lift", "slip_hold", "slip_transport")
 
@@ -163,7 +165,7 @@ def _stated(
     length = min(lengths, default=length)
     if not length:
         return {}
-    found = sorted((*_attempts(context, match, thing, judged or {}), *more), key=lambda t: str(t))
+    found = _attempts(context, match, thing, more, judged or {})
     x, fingers, held = (
         np.array([getattr(one, name) for one in found], np.float64)
         for name in ("x", "finger_width", "held")
@@ -210,30 +212,54 @@ def _zone_kind(reasons: Mapping[str, int]) -> NamedNode | None:
 
 
 def _attempts(
-    context: Context, match: Match, thing: NamedNode, judged: Mapping[NamedNode, bool | None]
+    context: Context,
+    match: Match,
+    thing: NamedNode,
+    more: Iterable[Tried],
+    judged: Mapping[NamedNode, bool | None],
 ) -> list[Tried]:
-    """Return the judged attempts from above at an object, by pattern."""
-    widths: dict[object, float] = {
-        one.iri: float(one.gripper.finger_width) for one in context.grippers.all()
-    }
-    found = {}
+    """Return the latest judged attempts from above at an object; their names tell when they were.
+
+    Parameters
+    ----------
+    more
+        Attempts that are not stored yet.
+    """
+    new = {one.attempt: one for one in more}
+    places: dict[NamedNode, float] = dict.fromkeys(new, 0.0)
     for grasp in {q.object for q in match(thing, RT.hasGrasp)}:
         x = place_along(match, grasp)
-        if x is None:
-            continue
-        tries = {q.subject for q in match(None, RT.executesGrasp, grasp)}
-        for attempt in tries:
-            if not isinstance(attempt, NamedNode):
-                continue
-            told = [(q.predicate, q.object) for q in match(attempt)]
-            for outcome in {o for p, o in told if p == RT.hasOutcome}:
-                held, code = _label(match, outcome)
-                held = judged.get(attempt, held)
-                if held is not None:
-                    width = max((widths.get(o, 0.0) for p, o in told if p == RT.activates),
-                                default=0.0)  # fmt: skip
-                    found[attempt] = Tried(attempt, x, held, width, code)
-    return list(found.values())
+        if x is not None:
+            tries = (q.subject for q in match(None, RT.executesGrasp, grasp))
+            places.update((one, x) for one in tries if isinstance(one, NamedNode))
+    found: list[Tried] = []
+    for attempt in sorted(places, key=lambda one: one.value, reverse=True):
+        one = new.get(attempt) or _judged(context, match, attempt, places[attempt], judged)
+        if one is not None:
+            found.append(one)
+            if len(found) == MAX_TRIED:
+                break
+    return found
+
+
+def _judged(
+    context: Context,
+    match: Match,
+    attempt: NamedNode,
+    x: float,
+    judged: Mapping[NamedNode, bool | None],
+) -> Tried | None:
+    """Return a stored attempt, None if it does not count."""
+    told = [(q.predicate, q.object) for q in match(attempt)]
+    for outcome in sorted((o for p, o in told if p == RT.hasOutcome), key=str):
+        held, code = _label(match, outcome)
+        held = judged.get(attempt, held)
+        if held is not None:
+            hands = {o for p, o in told if p == RT.activates}
+            widths = (float(one.gripper.finger_width) for one in context.grippers.all()
+                      if one.iri in hands)  # fmt: skip
+            return Tried(attempt, x, held, max(widths, default=0.0), code)
+    return None
 
 
 def place_along(match: Match, grasp: object) -> float | None:

@@ -207,3 +207,23 @@ def test_a_query_says_why_an_object_slips(engine, pen):
         ("pen", robots, "slip_lift", 3) for robots in ("nao-1 nao-2", "nao-2 nao-1")
     }
     assert "slippery" in {str(row["what"]) for row in rows}
+
+
+def test_the_latest_attempts_speak_however_many_there_are(engine, pen, monkeypatch):
+    monkeypatch.setattr("rtask.engine.memory.causes.MAX_TRIED", 3)
+    _, two, thing = pen
+    for k, x in enumerate((0.0, 0.01, 0.033, 0.02, 0.03)):
+        report(two, thing, x, task_id=f"urn:try:{k}")
+    attempts = sorted({q.subject for q in engine.kb.match(None, RT.executesGrasp)}, key=str)
+
+    def speaking():
+        links = engine.kb.match(None, PROV.wasDerivedFrom, graph=engine.kb.graphs.causes)
+        return sorted({q.object for q in links}, key=str)
+
+    assert len(attempts) == 5
+    assert speaking() == attempts[-3:]
+    assert fresh(engine, thing)
+    for who, verdict in ((ANN, "confirm"), (Access("bob", "teacher"), "refuse")):
+        engine.call("give_feedback", {"task_id": "urn:try:4", "verdict": verdict}, who)
+    assert speaking() == attempts[-4:-1]  # two people disagree: the last one counts no more
+    assert fresh(engine, thing)
