@@ -18,6 +18,7 @@ from simulate.fleet.commands import attempts, fetch, requests, sharing, trust
 from simulate.ros.commands import ros, ros_reach
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
+from simulate.study.pushes.command import push_grasps
 from simulate.study.quality.command import grasp_quality
 
 __all__ = ["demo", "simulate"]
@@ -143,6 +144,7 @@ simulate.add_command(grasping)
 simulate.add_command(judging)
 simulate.add_command(learn)
 simulate.add_command(piles)
+simulate.add_command(push_grasps)
 simulate.add_command(requests)
 simulate.add_command(sharing)
 simulate.add_command(trust)

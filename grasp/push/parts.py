@@ -11,7 +11,15 @@ import numpy as np
 
 from grasp.arrays import FloatArray
 
-__all__ = ["BRACKETS", "SHAPES", "TAPE_DISPENSER", "TAPE_DISPENSER_COM", "TOLERANCING", "stand_in"]
+__all__ = [
+    "BRACKETS",
+    "OBJECT_M",
+    "SHAPES",
+    "TAPE_DISPENSER",
+    "TAPE_DISPENSER_COM",
+    "TOLERANCING",
+    "stand_in",
+]
 
 _TEXT = {
     "A": "0,0 4,0 4,1 3,1.2 3,2 4,2.2 4,3 1,3 .6,2.4 .6,1.8 0,1.5 -.2,.7",
@@ -27,6 +35,7 @@ _TEXT = {
     "J": "0,0 4,0 4.8,.7 4.2,1.2 -.2,1.2 -.8,.5",
     "K": "0,0 .6,0 .6,2.4 1.8,2.4 1.8,0 2.4,0 2.4,3 0,3",
     "L": "0,0 3,0 3,.6 .8,2.2 0,2.2",
+    "M": "-26,-4 -12,-5.5 -6,-13 12,-13 12,-3.5 28,-3.5 28,3.5 12,3.5 12,13 -6,13 -12,5.5 -26,4",
     "rectangle": "0,0 2,0 2,1 0,1",
     "ell": "0,0 3,0 3,1 1,1 1,3 0,3",
     "tee": "0,0 1,0 1,2 2,2 2,3 -1,3 -1,2 0,2",
@@ -47,6 +56,9 @@ TOLERANCING = ("TA", "TB", "TC", "TD")
 is tested lies on y = 0."""
 
 TAPE_DISPENSER_COM = (2.444, 0.985)
+
+OBJECT_M = "M"
+"""Stand-in of the electrical plug of Fig. 3.20, from the side, prong to the right, in mm."""
 
 
 def stand_in(name: str) -> FloatArray:

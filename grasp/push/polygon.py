@@ -24,6 +24,7 @@ __all__ = [
     "filter_polygon",
     "plate_centroid",
     "simplify",
+    "triangles",
 ]
 
 
@@ -234,6 +235,37 @@ def filter_polygon(ring: FloatArray, distance: float) -> NDArray[np.int64]:
     size = float(np.ptp(ring, axis=0).max())
     kept: NDArray[np.int64] = _closed_rdp(ring, max(distance, _COLLINEAR * size))
     return kept
+
+
+def triangles(ring: FloatArray) -> list[FloatArray]:
+    """Cut a simple polygon (n, 2), counter-clockwise, into triangles by its ears.
+
+    >>> len(triangles(np.array([(0.0, 0), (2, 0), (2, 2), (1, 1), (0, 2)])))
+    3
+    """
+
+    def cross(o: FloatArray, a: FloatArray, b: FloatArray) -> float:
+        return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
+
+    left, out = list(range(len(ring))), []
+    while len(left) > 3:
+        for k in range(len(left)):
+            i, j, m = left[k - 1], left[k], left[(k + 1) % len(left)]
+            a, b, c = ring[i], ring[j], ring[m]
+            if cross(a, b, c) <= 0:
+                continue
+            others = (ring[q] for q in left if q not in (i, j, m))
+            if any(
+                cross(a, b, p) >= 0 and cross(b, c, p) >= 0 and cross(c, a, p) >= 0 for p in others
+            ):
+                continue
+            out.append(np.stack([a, b, c]))
+            del left[k]
+            break
+        else:
+            raise ValueError("the outline cannot be cut into triangles: it is not simple")
+    out.append(ring[left])
+    return out
 
 
 def _area(ring: FloatArray) -> float:

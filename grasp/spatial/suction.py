@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 from grasp.arrays import FloatArray
 from grasp.push.quality import lower_bound
 from grasp.spatial.candidate import GraspCandidate, Proposals
-from grasp.spatial.collision import HIT_BY, Surroundings, room_around
+from grasp.spatial.clouds.cloud import prepare_cloud
+from grasp.spatial.clouds.completion import complete_by_symmetry
+from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.grasp_plan import SpatialOptions
-from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
 from grasp.spatial.scoring.holding import assumed_mass
 from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.suction_cup import SuctionCup
 
 __all__ = [
-    "asked_of_vacuum", "lip_places", "plan_suction", "sealed", "seals_at",
+    "asked_of_vacuum", "lip_places", "plan_suction", "plan_suction_on_cloud",
+    "plan_suction_on_scene", "sealed", "seals_at",
 ]  # fmt: skip
 
 _LIP, _INNER = 16, 8
@@ -35,6 +38,9 @@ _SCREENED, _SCORED = 400, 60
 _GRAVITY = 9.81
 _SHAKEN_G = 1.5
 _SLOPE = 4
+_SURFEL = 1.5
+_FEWEST = 30
+"""Points of a thing in a scene on which a lip may be planned."""
 
 
 def sealed(mesh: Mesh, cup: SuctionCup, poses: FloatArray) -> NDArray[np.bool_]:
@@ -209,6 +215,116 @@ def plan_suction(
     kept = diverse(candidates, cup, most=_SCORED)
     scored = _scored(kept, mesh, cup, mass, up, options)
     return Proposals(tuple(rank(scored, up)[: options.most]), notes=notes, counts=counts)
+
+
+def plan_suction_on_cloud(
+    points: FloatArray,
+    cup: SuctionCup,
+    support: Support | None = None,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+    neighbours: FloatArray | None = None,
+) -> Proposals:
+    """Plan places at which a cup takes the object that a cloud shows.
+
+    A lip is put only on what was seen; where the hidden side can be completed, it tells where the
+    weight acts and, without ``mass``, how much it is.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of one object, without its support.
+    support
+        In the frame of the points; None = it floats, and "up" is z.
+    viewpoints : (k, 3) or None, m
+        Where cameras were; None = seen from all around.
+    neighbours : (m, 3) or None, m
+        Points of what else stands there and must not be touched; None = nothing does.
+
+    Returns
+    -------
+    Proposals
+        As of :func:`plan_suction`.
+
+    Examples
+    --------
+    >>> from grasp.spatial.meshes.shapes import box_mesh
+    >>> box = box_mesh((0.1, 0.06, 0.04))
+    >>> seen, faces = box.sample(6000, np.random.default_rng(0))
+    >>> top = seen[box.normals[faces][:, 2] > 0.5]
+    >>> camera = np.array([[0.0, 0.0, 0.5]])
+    >>> best = plan_suction_on_cloud(top, SuctionCup("cup"), Support(-0.02), camera)[0]
+    >>> [round(float(v)) for v in best.approach]
+    [0, 0, -1]
+    """
+    options = options or SpatialOptions()
+    table = None if support is None else np.array([*support.normal, -support.height])
+    # Without the support: what lies within two voxels of it, as a plate does, would be left out.
+    cloud = prepare_cloud(points, viewpoints=viewpoints, flat=True)
+    if cloud.reason:
+        return Proposals(reason=cloud.reason, notes=cloud.notes)
+    standing = prepare_cloud(points, table=table, viewpoints=viewpoints)
+    whole = cloud if standing.reason else complete_by_symmetry(standing)
+    directed = np.linalg.norm(cloud.normals, axis=1) > 0
+    seen = cloud.target & directed
+    if not seen.any():
+        return Proposals(reason="no surface is seen of the object", notes=cloud.notes)
+    surface = surfels(cloud.points[seen], cloud.normals[seen], _SURFEL * cloud.voxel)
+    solid = whole.target & (np.linalg.norm(whole.normals, axis=1) > 0)
+    body = surfels(whole.points[solid], whole.normals[solid], _SURFEL * whole.voxel)
+    notes = whole.notes
+    if options.mass is None:
+        mass = assumed_mass(body)
+        options = replace(options, mass=mass)
+        notes = (*notes, f"ordered for an assumed mass of {mass:.2g} kg")
+    around = Surroundings(support, neighbours)
+    found = plan_suction(replace(surface, com=body.com), cup, around, options)
+    return replace(found, notes=(*notes, *found.notes))
+
+
+def plan_suction_on_scene(
+    points: FloatArray,
+    labels: NDArray[np.integer],
+    cup: SuctionCup,
+    support: Support,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Plan places at which a cup takes any thing of a scene, with the others around it.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of things on a support, without the support.
+    labels : (n,) int
+        The thing of each point, from 1 on; 0 = none: in the way, but not to be taken.
+    viewpoints : (k, 3) or None, m
+        Where cameras were; None = seen from all around.
+
+    Returns
+    -------
+    Proposals
+        Ranked over all things; ``segment`` is the label.
+    """
+    options, found, counts = options or SpatialOptions(), list[GraspCandidate](), dict[str, int]()
+    reasons = []
+    for label in np.unique(labels[labels > 0]).tolist():
+        own = labels == label
+        if own.sum() < _FEWEST:
+            reasons.append(f"thing {label}: fewer than {_FEWEST} points")
+            continue
+        one = plan_suction_on_cloud(
+            points[own], cup, support, viewpoints, options, points[~own] if (~own).any() else None
+        )
+        found += [replace(candidate, segment=label) for candidate in one]
+        for name, count in one.counts.items():
+            counts[name] = counts.get(name, 0) + count
+        if not one:
+            reasons.append(f"thing {label}: {one.reason}")
+    if not found:
+        return Proposals(reason="; ".join(reasons) or "the scene holds nothing", counts=counts)
+    best = tuple(rank(found, support.up)[: options.most])
+    return Proposals(best, notes=tuple(reasons), counts=counts)
 
 
 def _facing(points: FloatArray, normals: FloatArray, up: FloatArray) -> FloatArray:

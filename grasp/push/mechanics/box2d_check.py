@@ -23,6 +23,7 @@ import numpy as np
 from grasp.arrays import FloatArray
 from grasp.push.mechanics.contact import NOTHING, highest, lowest
 from grasp.push.mechanics.quasistatic import CLOSED, LOST, NOT_HELD
+from grasp.push.polygon import triangles
 
 __all__ = ["is_available", "simulate_in_box2d"]
 
@@ -47,37 +48,6 @@ def is_available() -> bool:
     except ImportError:
         return False
     return True
-
-
-def triangles(ring: FloatArray) -> list[FloatArray]:
-    """Cut a simple polygon (n, 2), counter-clockwise, into triangles by its ears.
-
-    >>> len(triangles(np.array([(0.0, 0), (2, 0), (2, 2), (1, 1), (0, 2)])))
-    3
-    """
-
-    def cross(o: FloatArray, a: FloatArray, b: FloatArray) -> float:
-        return float((a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]))
-
-    left, out = list(range(len(ring))), []
-    while len(left) > 3:
-        for k in range(len(left)):
-            i, j, m = left[k - 1], left[k], left[(k + 1) % len(left)]
-            a, b, c = ring[i], ring[j], ring[m]
-            if cross(a, b, c) <= 0:
-                continue
-            others = (ring[q] for q in left if q not in (i, j, m))
-            if any(
-                cross(a, b, p) >= 0 and cross(b, c, p) >= 0 and cross(c, a, p) >= 0 for p in others
-            ):
-                continue
-            out.append(np.stack([a, b, c]))
-            del left[k]
-            break
-        else:
-            raise ValueError("the outline cannot be cut into triangles: it is not simple")
-    out.append(ring[left])
-    return out
 
 
 def simulate_in_box2d(

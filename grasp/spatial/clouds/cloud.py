@@ -104,6 +104,7 @@ def prepare_cloud(
     voxel: float = 0.003,
     normal_radius: float = 0.01,
     silhouette_deg: float = 70.0,
+    flat: bool = False,
 ) -> SurfaceCloud:
     """Make a cloud even and find its normals.
 
@@ -126,6 +127,9 @@ def prepare_cloud(
         Of the neighbourhood of a normal, m.
     silhouette_deg
         Normals further than this from the view ray are not counted on.
+    flat
+        Whether one plane is enough, as for a suction cup; needs viewpoints, which tell its sides
+        apart. Otherwise jaws have to know how thick the object is.
 
     Returns
     -------
@@ -158,7 +162,7 @@ def prepare_cloud(
         said = little if "plane" not in little else ""
         return _nothing(cameras, plane, voxel, notes, said or "nothing stands on the table")
     reason = _shapeless(own[above], voxel)
-    if reason:
+    if reason and not (flat and len(cameras) and "plane" in reason):
         return _nothing(cameras, plane, voxel, notes, reason)
     axes, centre = own_axes(own[above]), own[above].mean(axis=0)
     everything = np.concatenate([own, others])

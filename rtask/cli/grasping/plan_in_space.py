@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from grasp.spatial.hand_search.classifier import GraspClassifier
     from grasp.spatial.meshes.mesh import Mesh
     from grasp.spatial.suction_cup import SuctionCup
+    from rtask.engine.perception.clutter import ClutterView
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -136,7 +137,7 @@ def _planned(
         most=max(options["top"], 50),
     )  # fmt: skip
     if isinstance(gripper, SuctionCup):
-        return _with_cup(shape, gripper, wanted, options)
+        return _with_cup(shape, known, gripper, wanted, options)
     if options["grasps"] is not None and not isinstance(shape, Mesh):
         raise UsageError("--grasps needs the mesh that they are grasps of")
     if options["scene"]:
@@ -159,36 +160,56 @@ def _planned(
 
 
 def _with_cup(
-    shape: Shape, cup: SuctionCup, wanted: SpatialOptions, options: dict[str, Any]
+    shape: Shape,
+    known: ObjectShape | None,
+    cup: SuctionCup,
+    wanted: SpatialOptions,
+    options: dict[str, Any],
 ) -> Proposals:
-    """Plan where a suction cup takes a mesh."""
+    """Plan where a suction cup takes a mesh, what a cloud shows, or any thing of a scene."""
+    import numpy as np
+
+    from grasp.spatial.candidate import Proposals
     from grasp.spatial.collision import Support, Surroundings
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction import plan_suction
+    from grasp.spatial.suction import plan_suction, plan_suction_on_cloud, plan_suction_on_scene
     from rtask.errors import UsageError
 
-    if not isinstance(shape, Mesh):
-        raise UsageError(
-            "a suction cup needs a mesh: the points of a cloud do not tell whether a lip seals"
-        )
-    for name in ("grasps", "save_grasps", "store"):
+    for name in ("grasps", "save_grasps", "store", "classifier"):
         if options[name]:
             raise UsageError(
                 f"--{name.replace('_', '-')} is for grippers with two jaws, not a suction cup"
             )
-    support = None if options["floating"] else Support(float(shape.vertices[:, 2].min()))
-    return plan_suction(shape, cup, Surroundings(support), wanted)
+    if options["scene"]:
+        view = _view(shape, options)
+        if isinstance(view, str):
+            return Proposals(reason=view)
+        eyes = np.array([options["viewpoint"]])
+        found = plan_suction_on_scene(
+            view.points, view.labels, cup, Support(view.table_height), eyes, wanted
+        )
+        return replace(found, notes=(_things(view), *found.notes))
+    points = shape.vertices if isinstance(shape, Mesh) else shape
+    finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
+    support = None
+    if len(finite) and not options["floating"]:
+        support = Support(0.0 if known is not None else float(finite[:, 2].min()))
+    if isinstance(shape, Mesh):
+        return plan_suction(shape, cup, Surroundings(support), wanted)
+    eye = options["viewpoint"]
+    viewpoints = None if eye is None else np.array([eye])
+    if known is not None and len(known.viewpoints):
+        viewpoints = known.viewpoints
+    return plan_suction_on_cloud(shape, cup, support, viewpoints, wanted)
 
 
-def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
-    """Plan on everything that a cloud with z up shows on its table."""
+def _view(shape: Shape, options: dict[str, Any]) -> ClutterView | str:
+    """Return what a cloud with z up shows on its table, or why it shows nothing."""
     import numpy as np
 
     from features.geometry import look_at, transform
-    from grasp.spatial.candidate import Proposals
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.scene_plan import SceneOptions
-    from rtask.engine.perception.clutter import plan_in_view, view_clutter
+    from rtask.engine.perception.clutter import view_clutter
     from rtask.errors import UsageError
 
     if isinstance(shape, Mesh):
@@ -198,20 +219,33 @@ def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -
         raise UsageError("--mode scene needs --viewpoint: the place of the camera, in m")
     finite = shape[np.isfinite(shape).all(axis=1)]
     if not len(finite):
-        return Proposals(reason="the cloud holds no finite point")
+        return "the cloud holds no finite point"
     frame_from_camera = look_at(np.array(eye), np.median(finite, axis=0))
     view = view_clutter(
         transform(np.linalg.inv(frame_from_camera), finite), None, frame_from_camera
     )
-    if view is None:
-        return Proposals(reason="no table: no level plane below the camera is large enough")
+    return view or "no table: no level plane below the camera is large enough"
+
+
+def _things(view: ClutterView) -> str:
+    return f"{len(view.segments)} things on a table at {1000 * view.table_height:.0f} mm"
+
+
+def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
+    """Plan on everything that a cloud with z up shows on its table."""
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.scene_plan import SceneOptions
+    from rtask.engine.perception.clutter import plan_in_view
+
+    view = _view(shape, options)
+    if isinstance(view, str):
+        return Proposals(reason=view)
     wanted = SceneOptions(
         noise=_noise(options), samples=options["samples"], seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
     found = plan_in_view(view, gripper, wanted)
-    note = f"{len(view.segments)} things on a table at {1000 * view.table_height:.0f} mm"
-    return replace(found, notes=(note, *found.notes))
+    return replace(found, notes=(_things(view), *found.notes))
 
 
 def _classifier(options: dict[str, Any]) -> GraspClassifier | None:

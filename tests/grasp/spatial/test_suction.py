@@ -16,9 +16,15 @@ from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.gripper_files import end_effector_from_data, end_effector_named, gripper_named
-from grasp.spatial.meshes.mesh import as_mesh
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, sphere_mesh
-from grasp.spatial.suction import asked_of_vacuum, plan_suction, sealed
+from grasp.spatial.suction import (
+    asked_of_vacuum,
+    plan_suction,
+    plan_suction_on_cloud,
+    plan_suction_on_scene,
+    sealed,
+)
 from grasp.spatial.suction_cup import SuctionCup
 from rtask.cli import cli
 from simulate.grasping.floating import Conditions, settle, spawn_parts
@@ -36,6 +42,60 @@ def from_above(x: float, y: float, z: float) -> np.ndarray:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = x, y, z
     return pose
+
+
+EYE = np.array([0.4, 0.0, 0.5])
+
+
+def view_of(mesh: Mesh, noise: float = 0.001) -> np.ndarray:
+    """Points of a convex mesh that face the camera, m, with the noise of its depth."""
+    rng = np.random.default_rng(0)
+    points, faces = mesh.sample(20_000, rng)
+    seen = np.einsum("ij,ij->i", mesh.normals[faces], EYE - points) > 0
+    return points[seen] + rng.normal(0, noise, (int(seen.sum()), 3))
+
+
+def short_of(pose: np.ndarray) -> np.ndarray:
+    """The pose 5 mm before contact, from where the noise of a cloud does not matter."""
+    moved = pose.copy()
+    moved[:3, 3] -= 0.005 * pose[:3, 2]
+    return moved
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [BOX, box_mesh((0.20, 0.15, 0.004)), box_mesh((0.05, 0.05, 0.12))],
+    ids=["box", "plate", "tower"],
+)
+def test_a_lip_planned_on_one_view_seals_on_the_whole_object(mesh: Mesh) -> None:
+    low = float(mesh.vertices[:, 2].min())
+    found = plan_suction_on_cloud(view_of(mesh), CUP, Support(low), EYE[None])
+    assert "assumed mass" in " ".join(found.notes)
+    poses = np.stack([short_of(one.frame_from_gripper) for one in list(found)[:10]])
+    assert sealed(mesh, CUP, poses).all()
+    # Only what the camera saw is taken: the top, and the side towards it.
+    assert all(one.approach[2] < -0.9 or one.approach[0] < -0.9 for one in found)
+
+
+def test_a_cloud_without_a_place_says_why_and_moves_with_the_object() -> None:
+    found = plan_suction_on_cloud(view_of(BOX), SuctionCup("wide", radius=0.05), Support(-0.02))
+    assert not found
+    assert "seals nowhere" in found.reason
+    assert plan_suction_on_cloud(np.zeros((5, 3)), CUP).reason == "all points lie in one place"
+
+
+def test_in_a_scene_each_thing_is_taken_with_the_others_in_the_way() -> None:
+    low = view_of(box_mesh((0.06, 0.06, 0.04))) + np.array([0.0, 0.0, 0.02])
+    tall = view_of(box_mesh((0.06, 0.06, 0.10))) + np.array([0.0, 0.064, 0.05])
+    points = np.vstack([low, tall, tall[:10] + np.array([0.2, 0.0, 0.0])])
+    labels = np.repeat([1, 2, 3], [len(low), len(tall), 10])
+    found = plan_suction_on_scene(points, labels, CUP, Support(0.0), EYE[None])
+    assert {one.segment for one in found} == {1, 2}
+    assert any("thing 3: fewer than" in note for note in found.notes)
+    # A cup on the low box keeps its stem, 12 mm in radius, off the wall beside it at y = .034.
+    assert max(one.centre[1] for one in found if one.segment == 1) < 0.034 - 0.011
+    nothing = plan_suction_on_scene(points, np.zeros(len(points), int), CUP, Support(0.0))
+    assert nothing.reason == "the scene holds nothing"
 
 
 def test_a_lip_seals_on_a_face_and_not_over_its_edge_or_a_hole() -> None:
@@ -149,10 +209,16 @@ def test_the_command_plans_for_a_cup_and_says_what_it_cannot_do(tmp_path: Path) 
     wide = run(cli, ["grasp", "plan", str(mesh), "--gripper", "suction:0.05"])
     assert wide.exit_code == 1
     assert "seals nowhere" in wide.output
-    np.save(tmp_path / "cloud.npy", BOX.sample(500, np.random.default_rng(0))[0])
+    cloud = str(tmp_path / "cloud.npy")
+    np.save(cloud, view_of(BOX) + np.array([0, 0, 0.02]))
+    done = run(cli, ["grasp", "plan", cloud, "--mode", "space", "--viewpoint", "0.4", "0", "0.5",
+                     "--gripper", "suction:0.015", "--json"])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.output)["grasps"]
     for more, words in (
         ([str(mesh), "--save-grasps", str(tmp_path / "g.h5")], "--save-grasps is for grippers"),
-        ([str(tmp_path / "cloud.npy"), "--mode", "space"], "needs a mesh"),
+        ([str(mesh), "--mode", "scene"], "needs the cloud of a table"),
+        ([cloud, "--mode", "scene"], "needs --viewpoint"),
     ):
         refused = run(cli, ["grasp", "plan", "--gripper", "suction:0.015", *more])
         assert refused.exit_code != 0
