@@ -131,7 +131,8 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
         known = option.remembered
         said.append(f"it held {known.successes} of {known.attempts} times")
     if max(won, lost) >= MIN_TOLD:
-        where = f" on {len(option.sources)} object(s)" if option.sources else ""
+        count = len(option.sources)
+        where = f" on {count} object{'' if count == 1 else 's'}" if count else ""
         said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
     if max(parts["episode"]) >= 0.05:
         said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
