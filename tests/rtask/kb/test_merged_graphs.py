@@ -95,3 +95,18 @@ def test_graphs_for_patterns_in_graph_stay_apart(kb: KnowledgeBase) -> None:
 def test_asserted_statements_count_once_though_two_graphs_hold_them(kb: KnowledgeBase) -> None:
     text = "SELECT (COUNT(*) AS ?n) { ?s <urn:p>|<urn:q> ?o }"
     assert kb.select(text, inferred=False)[0].value("n") == 9
+
+
+def test_updates_count_a_statement_of_several_graphs_once() -> None:
+    """Three numbers, of which both graphs hold one."""
+    counting = (
+        "INSERT { ?s <urn:n> ?n } USING <urn:a> USING <urn:b> "
+        "WHERE { SELECT ?s (COUNT(*) AS ?n) { ?s <urn:p> ?o } GROUP BY ?s }"
+    )
+    with rtask.open(":memory:", ontologies=False, reason=False) as opened:
+        opened.update(
+            "INSERT DATA { GRAPH <urn:a> { <urn:s> <urn:p> 1, 2 } "
+            "GRAPH <urn:b> { <urn:s> <urn:p> 2, 3 } }"
+        )
+        opened.update(counting)
+        assert [str(q.object.value) for q in opened.match(None, "urn:n")] == ["3"]
