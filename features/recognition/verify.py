@@ -194,6 +194,7 @@ def _affine_consensus(
     best_map = np.zeros((2, 3))
     best = np.zeros(m, np.bool_)
     best_count, best_error = 0, np.inf
+    known = {np.uint64(0)}
     turn = np.deg2rad(query[:, 3] - view[:, 3])
     log_scale = np.log(np.maximum(query[:, 2], 1e-3) / np.maximum(view[:, 2], 1e-3))
     for i in range(m):
@@ -214,11 +215,26 @@ def _affine_consensus(
                 best_count, best_error = count, error
             if count < 3 or step == 3:
                 break
+            # What follows is fixed by who agrees at this step, so it is not followed twice.
+            agreement = _fingerprint(inliers, step)
+            if agreement in known:
+                break
+            known.add(agreement)
             refined, good = _least_squares_affine(query, view, inliers)
             if not good:
                 break
             current = refined
     return best_map, best
+
+
+@nb.njit(cache=True, nogil=True)
+def _fingerprint(inliers: Mask, step: int) -> np.uint64:
+    """Return the FNV-1a hash of a mask and a number, 64 bits."""
+    prime = np.uint64(1099511628211)
+    found = (np.uint64(14695981039346656037) ^ np.uint64(step + 2)) * prime
+    for one in inliers:
+        found = (found ^ np.uint64(one)) * prime
+    return found
 
 
 @nb.njit(cache=True, nogil=True)
@@ -272,12 +288,18 @@ def _least_squares_affine(
     mean /= count
     for j in range(len(query)):
         if inliers[j]:
-            row = np.array([view[j, 0] - mean[0], view[j, 1] - mean[1], 1.0])
-            for r in range(3):
-                for c in range(3):
-                    normal[r, c] += row[r] * row[c]
-                right[r, 0] += row[r] * query[j, 0]
-                right[r, 1] += row[r] * query[j, 1]
+            x, y = view[j, 0] - mean[0], view[j, 1] - mean[1]
+            normal[0, 0] += x * x
+            normal[0, 1] += x * y
+            normal[0, 2] += x
+            normal[1, 1] += y * y
+            normal[1, 2] += y
+            normal[2, 2] += 1.0
+            for k in range(2):
+                right[0, k] += x * query[j, k]
+                right[1, k] += y * query[j, k]
+                right[2, k] += query[j, k]
+    normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
     result = np.zeros((2, 3))
     # Three keypoints on a line, or at one place, fix no affine map.
     if abs(normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2) < 1e-3 * normal[0, 0] * normal[1, 1]:
