@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from grasp.arrays import FloatArray
@@ -18,7 +20,13 @@ __all__ = ["album", "candidates_3d_svg", "pose_svg", "tolerance_svg"]
 _FACTORS = np.linspace(0.0, 3.0, 13)
 
 
-def album(plan: PushPlan, height: float = 0.0, seed: int = 0, unit: str = "") -> dict[str, str]:
+def album(
+    plan: PushPlan,
+    height: float = 0.0,
+    seed: int = 0,
+    unit: str = "",
+    holes: Sequence[FloatArray] = (),
+) -> dict[str, str]:
     """Return SVG documents by name.
 
     Parameters
@@ -27,17 +35,19 @@ def album(plan: PushPlan, height: float = 0.0, seed: int = 0, unit: str = "") ->
         Of the part over its support; drawn in space when it is known.
     unit
         Of the part's lengths, where it is known.
+    holes
+        Each (m, 2): of the part, in its unit; none by default.
     """
     drawings = {
-        "whiskers": whisker_svg(plan, seed, unit),
-        "best": best_grasp_svg(plan, unit=unit),
+        "whiskers": whisker_svg(plan, seed, unit, holes),
+        "best": best_grasp_svg(plan, unit=unit, holes=holes),
         "tolerance": tolerance_svg(plan, seed=seed, unit=unit),
         "pose": pose_svg(plan, seed=seed, unit=unit),
     }
     if np.any(plan.analysis.eliminated_after):
-        drawings["eliminated"] = eliminated_svg(plan, unit)
+        drawings["eliminated"] = eliminated_svg(plan, unit, holes)
     if height > 0:
-        drawings["candidates_3d"] = candidates_3d_svg(plan, height)
+        drawings["candidates_3d"] = candidates_3d_svg(plan, height, holes=holes)
     return drawings
 
 
@@ -78,7 +88,9 @@ def pose_svg(plan: PushPlan, samples: int = 60, seed: int = 0, unit: str = "") -
     )  # fmt: skip
 
 
-def candidates_3d_svg(plan: PushPlan, height: float, count: int = 12) -> str:
+def candidates_3d_svg(
+    plan: PushPlan, height: float, count: int = 12, holes: Sequence[FloatArray] = ()
+) -> str:
     """Return the extruded part with its best grasps as jaws in space, seen from above one side."""
     ring = plan.part.vertices
     tilt, turn = np.deg2rad(35.0), np.deg2rad(-30.0)
@@ -95,6 +107,8 @@ def candidates_3d_svg(plan: PushPlan, height: float, count: int = 12) -> str:
     best = max(plan.quality, 1e-12)
     for z in (0.0, height):
         canvas.polygon(seen(ring, z), "#222", "#ddd" if z else "#f4f4f4", 1.5, 0.9)
+        for hole in holes:
+            canvas.polygon(seen(hole, z), "#222", "white", 1.0, 0.9)
     for vertex in ring:
         canvas.line(np.vstack([seen(vertex[None], 0.0), seen(vertex[None], height)]), "#888", 1)
     for i in order.tolist():

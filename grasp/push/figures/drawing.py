@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -61,6 +61,12 @@ class Canvas:
             f'<polygon points="{points}" fill="{fill}" stroke="{stroke}" '
             f'stroke-width="{width}" opacity="{opacity}"/>'
         )
+
+    def part(self, ring: ArrayLike, holes: Sequence[ArrayLike] = (), fill: str = "#eee") -> None:
+        """Add a part: its outline (n, 2), and its holes (m, 2) as white within it."""
+        self.polygon(ring, "#222", fill, 2)
+        for hole in holes:
+            self.polygon(hole, "#222", "white", 1)
 
     def line(self, points: ArrayLike, stroke: str = "#222", width: float = 1.5,
              dash: str = "") -> None:  # fmt: skip

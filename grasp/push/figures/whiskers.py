@@ -6,6 +6,8 @@ grasp's quality over the best one's.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from grasp.arrays import FloatArray
@@ -33,11 +35,13 @@ def _canvas(plan: PushPlan, title: str) -> Canvas:
     return Canvas(ring.min(axis=0) - reach, ring.max(axis=0) + reach, title=title)
 
 
-def whisker_svg(plan: PushPlan, seed: int = 0, unit: str = "") -> str:
+def whisker_svg(
+    plan: PushPlan, seed: int = 0, unit: str = "", holes: Sequence[FloatArray] = ()
+) -> str:
     """Return the whisker diagram with perturbed outlines and tolerance circles of 2 sigma."""
     canvas = _canvas(plan, f"whiskers, best quality {plan.quality:.3f}")
     _perturbed(canvas, plan, seed)
-    canvas.polygon(plan.part.vertices, "#222", "#eee", 2)
+    canvas.part(plan.part.vertices, holes)
     _tolerances(canvas, plan)
     for g, segment in enumerate(whisker_segments(plan)):
         if plan.analysis.quality[g] > 0:
@@ -60,12 +64,14 @@ def whisker_svg(plan: PushPlan, seed: int = 0, unit: str = "") -> str:
     return canvas.svg()
 
 
-def best_grasp_svg(plan: PushPlan, rank: int = 0, unit: str = "") -> str:
+def best_grasp_svg(
+    plan: PushPlan, rank: int = 0, unit: str = "", holes: Sequence[FloatArray] = ()
+) -> str:
     """Return a grasp with both jaws, before the push (dashed) and at the nominal contact."""
     index = int(plan.analysis.order[rank])
     quality = plan.analysis.quality[index]
     canvas = _canvas(plan, f"grasp {rank + 1}: quality {quality:.3f}")
-    canvas.polygon(plan.part.vertices, "#222", "#eee", 2)
+    canvas.part(plan.part.vertices, holes)
     canvas.dot(plan.part.com, "#222", 4)
     jaw = plan.grasps.jaw(index, plan.test.jaw_width)
     along = plan.grasps.approaches[index]
@@ -87,11 +93,11 @@ def best_grasp_svg(plan: PushPlan, rank: int = 0, unit: str = "") -> str:
     return canvas.svg()
 
 
-def eliminated_svg(plan: PushPlan, unit: str = "") -> str:
+def eliminated_svg(plan: PushPlan, unit: str = "", holes: Sequence[FloatArray] = ()) -> str:
     """Return the whiskers with the eliminated candidates in red (Fig. 3.14)."""
     gone = plan.analysis.eliminated_after > 0
     canvas = _canvas(plan, f"{int(gone.sum())} of {len(gone)} candidates eliminated")
-    canvas.polygon(plan.part.vertices, "#222", "#eee", 2)
+    canvas.part(plan.part.vertices, holes)
     for g, segment in enumerate(whisker_segments(plan)):
         canvas.line(segment, "#d62728" if gone[g] else "#1f77b4", 1)
         canvas.dot(segment[0], "#d62728" if gone[g] else "#1f77b4", 1.5)

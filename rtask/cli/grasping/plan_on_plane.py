@@ -367,7 +367,8 @@ def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
 
     folder: Path = options["plots"]
     names = []
-    for name, drawing in album(found, outline.height, options["seed"], outline.unit).items():
+    drawings = album(found, outline.height, options["seed"], outline.unit, outline.holes)
+    for name, drawing in drawings.items():
         path = folder / f"{name}.svg"
         path.write_text(drawing, "utf-8")
         names.append(str(path))

@@ -60,6 +60,24 @@ def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
         assert ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
+@pytest.mark.slow
+def test_drawings_show_the_holes_of_a_part(tmp_path: Path) -> None:
+    hole = [[0.5, 0.4], [1.0, 0.4], [1.0, 0.6], [0.5, 0.6]]
+    path = tmp_path / "plate.json"
+    path.write_text(json.dumps({"polygon": [[0, 0], [2, 0], [2, 1], [0, 1]], "holes": [hole]}))
+    done = _run(str(path), "--samples", "20", "--eliminate", "5,0.8", "--plots", str(tmp_path))
+    assert done.exit_code == 0, done.output
+    for name in ("whiskers", "best", "eliminated"):
+        drawn = ElementTree.parse(tmp_path / f"{name}.svg").getroot()
+        rings = [part for part in drawn if part.tag.endswith("polygon")]
+        filled = [part.get("fill") for part in rings if part.get("fill") != "none"]
+        assert filled == ["#eee", "white"], name
+        xs = [float(pair.split(",")[0]) for pair in rings[-1].get("points", "").split()]
+        outline = next(part for part in rings if part.get("fill") == "#eee")
+        whole = [float(pair.split(",")[0]) for pair in outline.get("points", "").split()]
+        assert max(xs) - min(xs) == pytest.approx((max(whole) - min(whole)) / 4, abs=0.2)  # px
+
+
 def test_rounded_corners_of_a_drawing_are_not_what_perturbations_cross(tmp_path: Path) -> None:
     """36 vertices that each deviate by more than their distance would cross in every trial."""
     path = tmp_path / "plate.svg"
