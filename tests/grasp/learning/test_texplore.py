@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,6 +113,22 @@ def test_real_time_acts_on_time_learns_meanwhile_and_leaves_no_thread() -> None:
     assert [one for one in threading.enumerate() if one.name.startswith("texplore")] == []
     with pytest.raises(RuntimeError, match="closed"):
         agent.act(state)
+
+
+class _Unsteady(np.ndarray[Any, np.dtype[np.float64]]):
+    """Values that a planner in another thread raises while their largest is looked for."""
+
+    def max(self, *args: Any, **kwargs: Any) -> Any:
+        largest = np.asarray(self).max(*args, **kwargs)
+        if self.base is not None:  # a view of what the planner writes to, not a copy
+            self += 1.0
+        return largest
+
+
+def test_values_that_change_while_they_are_compared_give_an_action() -> None:
+    agent = Texplore(Bins((0,), (2,), (2,)), 3, seed=0)
+    agent.planner.values = np.zeros_like(agent.planner.values).view(_Unsteady)
+    assert agent.best(np.array([0])) in range(3)
 
 
 @pytest.mark.slow

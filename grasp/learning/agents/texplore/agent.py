@@ -94,7 +94,8 @@ class Texplore:
 
     def best(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the best action known without planning."""
-        values = self.planner.values[self.bins.number(state)]
+        # a copy: a planner that works in another thread may write between the two readings below
+        values = self.planner.values[self.bins.number(state)].copy()
         mask = allowed_actions(info)
         if mask is not None:
             values = np.where(mask, values, -np.inf)
