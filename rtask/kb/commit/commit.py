@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
+from collections import Counter
 from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
@@ -45,6 +46,8 @@ __all__ = ["Change", "Commit", "Committer", "Request"]
 
 _log = logging.getLogger(__name__)
 MAX_QUADS = 200_000
+MAX_EMPTIED = 2_000_000
+"""Statements that a commit may remove by emptying whole graphs."""
 MAX_LATE = 1_000
 """Changes with more statements store their notes at once: it costs them little."""
 
@@ -119,7 +122,8 @@ class Request:
     check_blobs
         Refuse statements that name blobs missing from this knowledge base.
     max_quads
-        Refuse to add, or to remove, more statements than this.
+        Refuse to add, or to remove, more statements than this; graphs that are emptied whole may
+        hold up to :data:`MAX_EMPTIED`.
     trusted
         Skip the check of rights; for derived data that the knowledge base itself writes.
     strict
@@ -219,17 +223,29 @@ class Committer:
             return
         for graph in sorted(change.touched_graphs(), key=str):
             request.access.require_write(graph, "write")
-        for size, what, instead in (
-            (len(change.added), "adds", "load a file instead"),
-            (len(change.removed), "removes", "remove them in parts, each with a LIMIT"),
-        ):
-            if size > request.max_quads:
+        removed, emptied = len(change.removed), 0
+        if removed > request.max_quads:
+            by_graph = Counter(quad.graph_name for quad in change.removed)
+            counts = self.catalogue.triple_count
+            emptied = sum(size for graph, size in by_graph.items() if size == counts(graph))
+        for size, what, allowed, instead in (
+            (len(change.added), "adds", request.max_quads, "load a file instead"),
+            (
+                removed - emptied, "removes", request.max_quads,
+                "remove them in parts, each with a LIMIT",
+            ),
+            (
+                emptied, "removes whole graphs of", max(MAX_EMPTIED, request.max_quads),
+                "remove them one by one",
+            ),
+        ):  # fmt: skip
+            if size > allowed:
                 raise TooLargeError(
-                    f"the commit {what} {size} statements, at most {request.max_quads} are "
-                    f"allowed; {instead}",
+                    f"the commit {what} {size} statements, at most {allowed} are allowed; "
+                    f"{instead}",
                     limit="statements",
                     value=size,
-                    allowed=request.max_quads,
+                    allowed=allowed,
                 )
 
     def _check_blobs(self, change: Overlay) -> None:

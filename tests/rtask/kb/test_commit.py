@@ -206,9 +206,16 @@ def test_a_commit_beyond_the_limit_is_refused(
         write(0, 1, 2)
     write(0, 1)
     write(2)
+    write(3)
     with pytest.raises(TooLargeError, match="removes 3 statements, at most 2 are allowed; remo"):
         write(0, 1, 2, remove=True)
-    write(0, 1, remove=True)
+    write(0, remove=True)
+    monkeypatch.setattr(commit_module, "MAX_EMPTIED", 2)
+    with pytest.raises(TooLargeError, match="removes whole graphs of 3 statements, at most 2 are"):
+        write(1, 2, 3, remove=True)
+    monkeypatch.setattr(commit_module, "MAX_EMPTIED", 3)
+    write(1, 2, 3, remove=True)  # nothing is left
+    assert not kb.match("urn:a")
 
 
 def test_errors_of_updates_say_where(kb: KnowledgeBase) -> None:
