@@ -51,8 +51,10 @@ def test_post_merges_and_keeps_blank_nodes_of_two_posts_apart(
 
 
 @pytest.mark.slow
-def test_a_large_graph_is_put_over_a_large_graph(client: httpx.Client, address: str) -> None:
-    """Together they have more statements than a commit may add."""
+def test_a_large_graph_is_put_over_a_large_graph_and_deleted(
+    client: httpx.Client, address: str
+) -> None:
+    """Together, and with what is added at last, they are more than a commit may add or remove."""
 
     def body(word: str) -> str:
         return "".join(f"<urn:{word}:{k}> <urn:p> {k % 7} .\n" for k in range(120_000))
@@ -66,7 +68,10 @@ WHERE {{ GRAPH <{name}> {{ ?s ?p ?o }} }}"""
     answer = client.get("/sparql", params={"query": query}, timeout=300).json()
     (row,) = answer["results"]["bindings"]
     assert (row["n"]["value"], row["least"]["value"]) == ("120000", "urn:new:0")
-    assert client.delete(address, timeout=300).status_code == 204
+    more = client.post(address, content=body("more"), headers=TURTLE, timeout=300)
+    assert more.status_code == 204, more.text
+    gone = client.delete(address, timeout=300)
+    assert gone.status_code == 204, gone.text
     assert client.get(address).status_code == 404
 
 
