@@ -6,14 +6,14 @@ A frame and the pose of its camera are the only inputs (Gatto 2016, 2.4 and 2.5)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame, transform
-from features.segmentation import SegmentParams, segment_scene
+from features.segmentation import Scene, SegmentParams, segment_scene
 from features.tabletop import TabletopShape, measure
 
 __all__ = ["Ignored", "Perceived", "Seen", "neighbour_points", "perceive"]
@@ -89,11 +89,14 @@ class Perceived:
         m, base frame; NaN without a table.
     objects
         From the nearest to the farthest.
+    table : (k, 2) float, m
+        Corners of the visible part of the table, base frame, in turn; empty without a table.
     """
 
     status: str
     table_height: float
     objects: tuple[Seen, ...]
+    table: FloatArray = field(default_factory=lambda: np.zeros((0, 2)), repr=False)
 
 
 def perceive(
@@ -144,7 +147,15 @@ def perceive(
             Seen(frame.crop(mask, _CROP_MARGIN_PX), mask, points, shape, found.touches_border)
         )
     objects.sort(key=lambda seen: float(np.linalg.norm(seen.position)))
-    return Perceived(scene.status, table_height, tuple(objects))
+    return Perceived(scene.status, table_height, tuple(objects), _corners(scene, base_from_camera))
+
+
+def _corners(scene: Scene, base_from_camera: FloatArray) -> FloatArray:
+    if scene.plane is None or scene.prism is None or not len(scene.prism.hull):
+        return np.zeros((0, 2))
+    normal = np.asarray(scene.plane.normal, dtype=np.float64)
+    corners = scene.prism.hull @ scene.prism.basis - scene.plane.offset * normal
+    return np.asarray(transform(base_from_camera, corners)[:, :2])
 
 
 def neighbour_points(seen: Seen, view: Perceived) -> list[list[float]]:

@@ -1,9 +1,8 @@
 """The package ``rtask_msgs``: as source for catkin and rosidl, and as Python made by genpy.
 
 Beside the services and messages of the declared operations it holds those written by hand in
-``definitions``. Packages of other people that Debian lacks, moveit_msgs and control_msgs, are
-generated from their field lines where they are not installed; their md5 sums are the published
-ones.
+``definitions``. Packages of other people that Debian lacks, such as moveit_msgs, are generated from
+their field lines where they are not installed; their md5 sums are the published ones.
 """
 
 from __future__ import annotations
@@ -30,7 +29,9 @@ from rtask.interop.ros.schema import PACKAGE, Schema
 __all__ = ["definitions_of", "load_messages", "source_files", "write_python", "write_source"]
 
 _DEFINITIONS = Path(__file__).parent / "definitions"
-_OTHERS = ("control_msgs", "moveit_msgs")
+_OTHERS = (
+    "control_msgs", "moveit_msgs", "object_recognition_msgs", "octomap_msgs", "shape_msgs",
+)  # fmt: skip
 _DEPENDS = (
     "actionlib_msgs", "geometry_msgs", "moveit_msgs", "sensor_msgs", "std_msgs", "trajectory_msgs",
 )  # fmt: skip
@@ -203,7 +204,7 @@ def write_python(schema: Schema, ros: Installation, folder: Path) -> list[str]:
         if name in missing or not ros.definitions(name):
             texts[name] = definitions_of(name)
     with tempfile.TemporaryDirectory() as work:
-        search = {name: ros.definitions(name) for name in _DEPENDS}
+        search = {name: ros.definitions(name) for name in (*_DEPENDS, *_OTHERS)}
         for package, files in texts.items():
             search[package] = [str(Path(work) / package / "msg")]
             for path, text in _expanded(files).items():

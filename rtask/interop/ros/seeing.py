@@ -1,6 +1,6 @@
 """The action ``rtask/see``: cut the newest view into objects and ask the graph about each.
 
-Also the service ``rtask/segment``, and the markers that show rviz what was seen.
+Also the service ``rtask/segment``, and what shows rviz and MoveIt what was seen.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import base64
 import logging
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from rtask.interop.ros.clouds import Transforms, cloud_message, frame_of
 from rtask.interop.ros.convert import JsonObject, fill
 from rtask.interop.ros.node import Caller
 from rtask.interop.ros.package import make_message
+from rtask.interop.ros.planning_scene import SceneTopic, scene_id
 from rtask.interop.ros.services import Heard, refusal, service_type
 
 __all__ = ["Eyes", "SeeAction", "SeeOptions", "SegmentService"]
@@ -167,6 +168,7 @@ class SeeAction:
 
         self._eyes, self._client, self._options, self._heard = eyes, client, options, heard
         self._markers = rospy.Publisher("rtask/objects", MarkerArray, queue_size=1, latch=True)
+        self._scene = SceneTopic(eyes.frame)
         self._cancel: Callable[[], None] = lambda: None
         kind = type(make_message("rtask_msgs/SeeAction"))
         self._server = actionlib.SimpleActionServer("rtask/see", kind, self._execute, False)
@@ -209,14 +211,21 @@ class SeeAction:
             if isinstance(item, RtaskError):
                 self._server.set_aborted(result, refusal(item))
                 return
-            if isinstance(item, str):
-                result.status = item
-                self._markers.publish(_markers(result, self._eyes.frame))
+            if isinstance(item, View):
+                self._show(item, result)
                 self._server.set_succeeded(result)
                 return
             result.header = item.object.header
             result.objects.append(item.object)
             self._server.publish_feedback(item)
+
+    def _show(self, view: View, result: Any) -> None:
+        seen = view.perceived
+        result.status = seen.status
+        self._markers.publish(_markers(result, self._eyes.frame))
+        header = view.header(self._eyes.frame)
+        named = zip(_names(result.objects), result.objects, strict=True)
+        self._scene.publish(header, seen.table, seen.table_height, list(named))
 
     def _work(self, goal: Any, said: queue.Queue[Any], cancelled: threading.Event) -> None:
         try:
@@ -228,7 +237,7 @@ class SeeAction:
                 feedback.number, feedback.count = number, len(view.perceived.objects)
                 feedback.object = self._ask(goal, view, seen, number)
                 said.put(feedback)
-            said.put(view.perceived.status)
+            said.put(view)
         except RtaskError as error:
             said.put(error)
         finally:
@@ -275,6 +284,14 @@ class SeeAction:
             "min_confidence": least,
         }  # fmt: skip
         return {**asked, **{name: value for name, value in optional.items() if value is not None}}
+
+
+def _names(objects: Iterable[Any]) -> list[str]:
+    """Return the names of objects in the planning scene."""
+    names: list[str] = []
+    for one in objects:
+        names.append(scene_id(one.object, one.label, names))
+    return names
 
 
 def _markers(result: Any, frame: str) -> Any:

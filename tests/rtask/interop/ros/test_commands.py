@@ -16,6 +16,11 @@ from tests.rtask.interop.ros.conftest import free_port
 PUBLISHED = {
     "moveit_msgs.msg.Grasp": "e26c8fb64f589c33c5d5e54bd7b5e4cb",
     "moveit_msgs.msg.GripperTranslation": "b53bc0ad0f717cdec3b0e42dec300121",
+    "moveit_msgs.msg.CollisionObject": "dbba710596087da521c07564160dfccb",
+    "moveit_msgs.msg.PlanningScene": "acfc50bcfd6c7b978066bfa7c786002c",
+    "moveit_msgs.msg.AttachedCollisionObject": "30199ef516f64c8bc1edb1084ce4584e",
+    "shape_msgs.msg.SolidPrimitive": "d8f8cbc74c5ff283fca29569ccefb45d",
+    "object_recognition_msgs.msg.ObjectType": "ac757ec5be1998b0167e7efcda79e3cf",
     "control_msgs.msg.FollowJointTrajectoryAction": "bc4f9b743838566551c0390c65f1a248",
 }
 

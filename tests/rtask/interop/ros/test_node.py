@@ -88,6 +88,29 @@ def test_see_recognises_what_was_taught_with_feedback_and_latched_grasps(robot, 
     assert {m["text"].partition(" ")[0] for m in markers if m["text"]} == {"soap", "tea"}
 
 
+def test_moveit_hears_of_the_table_and_of_each_object_by_its_iri(robot, seen):
+    robot("listen", topic="/rtask/planning_scene", type="moveit_msgs/PlanningScene")
+    scene = robot("hear", topic="/rtask/planning_scene")
+    assert scene["is_diff"]
+    assert scene["robot_state"]["is_diff"]
+    found = {one["object"]: one for one in seen["result"]["objects"]}
+    boxes = {one["id"]: one for one in scene["world"]["collision_objects"]}
+    assert set(boxes) == {*found, "rtask/table"}
+    for name, one in found.items():
+        box = boxes[name]
+        assert box["header"] == {**box["header"], "frame_id": "base_footprint"}
+        assert box["header"]["stamp"]["secs"] == 100
+        assert (box["operation"], box["primitives"][0]["type"]) == (0, 1)
+        assert box["primitives"][0]["dimensions"] == [one["size"][axis] for axis in "xyz"]
+        assert box["pose"] == one["pose"]
+        assert box["primitive_poses"][0]["orientation"]["w"] == 1
+        assert box["type"]["key"] == one["class_iri"]
+    table, height = boxes["rtask/table"], perceive(view(), BASE_FROM_CAMERA).table_height
+    length, width, thick = table["primitives"][0]["dimensions"]
+    assert table["pose"]["position"]["z"] + thick / 2 == pytest.approx(height)
+    assert min(length, width) > 0.3  # it is seen under both objects and between them
+
+
 def test_a_forgotten_success_stores_nothing(robot, seen, gripper):
     one = seen["result"]["objects"][0]
     told = {"task_id": one["task_id"], "object": one["object"], "grasp": one["grasps"][0]["id"]}
@@ -120,6 +143,21 @@ def test_an_error_of_the_server_is_told_with_the_object(robot, registered):
     assert seen["state"] == SUCCEEDED
     assert {one["task_response"] for one in seen["result"]["objects"]} == {"error"}
     assert "no-such-hand" in seen["result"]["objects"][0]["error"]
+
+
+def test_what_is_no_longer_seen_leaves_the_scene_of_moveit(robot, taught, gripper):
+    """Of an unknown hand nothing is asked, so that the same things are unknown afterwards."""
+    robot("show", stamp=103.0, tf_stamp=103.0)
+    known = robot("see", goal={"gripper_id": gripper}, since=103.0)["result"]["objects"]
+    robot("listen", topic="/rtask/planning_scene", type="moveit_msgs/PlanningScene")
+    robot("hear", topic="/rtask/planning_scene")  # the latched one
+    robot("see", goal={"gripper_id": "no-such-hand"}, since=103.0)
+    scene = robot("hear", topic="/rtask/planning_scene", count=2)
+    told = [(one["id"], one["operation"]) for one in scene["world"]["collision_objects"]]
+    assert sorted(told) == sorted([
+        *((one["object"], 1) for one in known),
+        ("rtask/unknown-1", 0), ("rtask/unknown-2", 0), ("rtask/table", 0),
+    ])  # fmt: skip
 
 
 def test_the_camera_is_never_taken_from_another_time(robot, gripper):
