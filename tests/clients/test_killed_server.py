@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
+import httpx
 import pytest
 
 import rtask
@@ -72,4 +74,49 @@ def test_acknowledged_transactions_are_there_and_none_is_there_in_part(tmp_path:
         sizes = {str(row.value("s")): int(str(row.value("n"))) for row in rows}
         assert {f"urn:s{number}" for number in acknowledged} <= set(sizes)
         assert set(sizes.values()) == {_PARTS}
+        assert kb.verify() == []
+
+
+_SIZE = 60_000
+_GRAPH = "http://example.org/replaced"
+
+
+def _body(word: str) -> str:
+    return "".join(f"<urn:{word}:{k}> <urn:p> {k % 7} .\n" for k in range(_SIZE))
+
+
+@pytest.mark.parametrize("after_s", [0.9, 1.8, 2.7])
+def test_a_graph_that_is_replaced_when_the_server_dies_is_the_old_one_or_the_new_one(
+    tmp_path: Path, after_s: float
+) -> None:
+    """The moments fall into parsing, deriving and storing on most machines; each must do."""
+    turtle = {"Content-Type": "text/turtle"}
+    with running_server(tmp_path / "store") as server:
+        address = f"{server.url}/store?graph={_GRAPH}"
+        done = httpx.put(address, content=_body("old"), headers=turtle, timeout=300)
+        assert done.status_code == 201, done.text
+        acknowledged = []
+
+        def replace() -> None:
+            try:
+                answer = httpx.put(address, content=_body("new"), headers=turtle, timeout=300)
+            except httpx.TransportError:
+                return  # the server died before it answered
+            acknowledged.append(answer.status_code)
+
+        client = threading.Thread(target=replace)
+        client.start()
+        time.sleep(after_s)
+        server.process.kill()
+        server.process.wait()
+        client.join(120)
+        assert not client.is_alive()
+    with rtask.open(tmp_path / "store") as kb:
+        query = f"""SELECT ?word (COUNT(*) AS ?n)
+WHERE {{ GRAPH <{_GRAPH}> {{ ?s <urn:p> ?o }} BIND(SUBSTR(STR(?s), 5, 3) AS ?word) }}
+GROUP BY ?word"""
+        rows = kb.select(query)
+        found = {str(row.value("word")): int(str(row.value("n"))) for row in rows}
+        assert found in ({"old": _SIZE}, {"new": _SIZE})
+        assert not acknowledged or found == {"new": _SIZE}, "an answered request was lost"
         assert kb.verify() == []
