@@ -19,10 +19,12 @@ from endpoint.http.compression import compressed, unpacked
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import problem, slug_of
+from endpoint.point_lines import Instead
 from endpoint.router import Router
 from endpoint.sparql import protocol
 from endpoint.sparql.answers import SlowerThanItLooksError
 from rtask.errors import AccessError, RtaskError, TooLargeError
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 
 THREADS = 32
@@ -131,23 +133,14 @@ class Application:
         job.plan = Plan.ready(self._problem(error, job))
         return job
 
-    def begin(self, job: Job) -> ReaderStream | None:
-        """Send a point query without waiting; none if it must be submitted to a thread.
-
-        When its first piece has come, pass the stream to :meth:`resume`, or to :meth:`submit` if it
-        is not whole.
-        """
-        if job.plan.begin is None or job.plan.lane != "point":
+    def encoded(self, job: Job) -> bytes | None:
+        """Return a point query as it is sent to a reader; none if a thread is to do the work."""
+        if job.plan.encode is None or job.plan.lane != "point":
             return None
         try:
-            return job.plan.begin()
+            return job.plan.encode()
         except RtaskError:
             return None  # the thread meets it again and answers it
-
-    @property
-    def may_begin(self) -> bool:
-        """Whether a point query may find a reader soon; if not, a thread has work to do first."""
-        return self.context.kb.readers.may_ask_now
 
     def start_reader(self) -> None:
         """Start a reader in the background, if none is being started yet."""
@@ -156,19 +149,24 @@ class Application:
             return
         self._starting = self.pool.submit(readers.start, False)
 
-    def resume(self, job: Job, stream: ReaderStream) -> Response:
-        """Answer from a stream that is whole; does not wait.
+    def arrived(self, job: Job, found: Answer | ReaderStream | Instead) -> Response | None:
+        """Return the response to a point query that was asked on the event loop; does not wait.
 
-        Raises
-        ------
-        SlowerThanItLooksError
-            The query is to be submitted again, among the long ones.
+        Returns
+        -------
+        None if it is to be submitted to a thread, together with the stream if that was found.
         """
-        assert job.plan.resume is not None
-        job.plan.run = partial(job.plan.resume, stream)
-        return self.run(job)
+        if isinstance(found, Answer):
+            assert job.plan.whole is not None
+            job.plan.run = partial(job.plan.whole, found)
+            return self.run(job)
+        if found is Instead.ASK_AMONG_LONG:
+            self.slower(job)
+        elif found is Instead.ASK_IN_THREAD:
+            return self._look_up(job)
+        return None
 
-    def look_up(self, job: Job) -> Response | None:
+    def _look_up(self, job: Job) -> Response | None:
         """Answer a look-up at once from the store; none if it is not one, or not a small one."""
         found = job.plan.look_up() if job.plan.look_up else None
         if found is None:
@@ -182,7 +180,7 @@ class Application:
         Parameters
         ----------
         stream
-            An answer that has begun to arrive, by :meth:`begin`.
+            A long answer that has begun to arrive.
         """
         if stream is not None:
             assert job.plan.resume is not None

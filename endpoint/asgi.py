@@ -27,14 +27,15 @@ from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.http.response_stream import SEND_IDLE_S, Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
-from endpoint.point_queue import PointQueue
+from endpoint.point_lines import Instead, PointLines, PointQuery
 from endpoint.rosbridge.connections import Connections
 from endpoint.rosbridge.session import Bridge
 from endpoint.router import serves
-from endpoint.sparql.answers import SlowerThanItLooksError
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
+from rtask.knowledge_base import KnowledgeBase
 
 _log = logging.getLogger(__name__)
 SMALL_BODY = 16 << 10
@@ -62,7 +63,9 @@ class AsgiApplication:
         self._application = application
         self._context = application.context
         self._held = 0
-        self.points = PointQueue(application)
+        kb = self._context.kb
+        readers = kb.readers if isinstance(kb, KnowledgeBase) and kb.readers.possible else None
+        self.points = PointLines(readers, application.start_reader)
         following = self._context.following
         self.connections = Connections(
             bridge,
@@ -195,30 +198,27 @@ class AsgiApplication:
         application.report(job, response, sent, whole=whole)
 
     async def _answer(self, job: Job, wire: Wire) -> Response:
-        """Answer a point query from a reader's pipe if one is free; leave the rest to threads."""
+        """Answer a point query from a reader's pipe; leave the rest to threads."""
         application = self._application
-        if job.plan.lane != "point":
+        payload = application.encoded(job)
+        if payload is None:
             return await self._work(job, wire)
         loop = asyncio.get_running_loop()
-        come: asyncio.Future[ReaderStream | None] = loop.create_future()
-        self.points.ask(job, lambda found: None if come.done() else come.set_result(found))
+        come: asyncio.Future[Answer | ReaderStream | Instead] = loop.create_future()
+        query = PointQuery(payload, job.plan.text, come.set_result)
+        self.points.ask(query)
         assert job.plan.running is not None
         watch = loop.call_later(WATCH_AFTER_S, wire.watch, job.plan.running.stop)
+        job.plan.running.on_stop(lambda: call_soon(loop, query.give_up))
         try:
-            stream = await come
+            found = await come
         finally:
             watch.cancel()
-        if stream is None:
-            found = application.look_up(job)
-            if found is not None:
-                return found
-        elif stream.is_whole:
-            try:
-                return application.resume(job, stream)
-            except SlowerThanItLooksError:
-                application.slower(job)
-                stream = None
-        return await self._work(job, wire, stream)
+            self.points.forget(query)
+        response = application.arrived(job, found)
+        if response is not None:
+            return response
+        return await self._work(job, wire, found if isinstance(found, ReaderStream) else None)
 
     async def _work(self, job: Job, wire: Wire, stream: ReaderStream | None = None) -> Response:
         """Wait for a thread to do the work, for its deadline, or for the client to leave."""
@@ -239,7 +239,7 @@ class AsgiApplication:
             if not answer.done():
                 answer.set_result(application.give_up(work, job))
 
-        work.add_done_callback(lambda _: _call_soon(loop, deliver))
+        work.add_done_callback(lambda _: call_soon(loop, deliver))
         timers = []
         if plan.timeout_s is not None:
             timers.append(loop.call_later(plan.timeout_s, expire))
@@ -371,7 +371,7 @@ def _is_large(request: Request) -> bool:
     return length.isdigit() and int(length) > SMALL_BODY
 
 
-def _call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+def call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
     """Call back on the loop from a thread; the loop may be gone if work ends late."""
     with contextlib.suppress(RuntimeError):
         loop.call_soon_threadsafe(callback)

@@ -17,12 +17,13 @@ from typing import Any
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, RequestResponseCycle
 
 from endpoint.application import Job
-from endpoint.asgi import AsgiApplication
+from endpoint.asgi import AsgiApplication, call_soon
 from endpoint.http.messages import Response
 from endpoint.http.response_stream import UNHURRIED_BYTES, Wire
 from endpoint.http.server_protocol import GuardedProtocol
 from endpoint.http.websocket import Message, Receive, Transmit
-from endpoint.sparql.answers import SlowerThanItLooksError
+from endpoint.point_lines import Instead, PointQuery
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 
 __all__ = ["DirectProtocol"]
@@ -117,30 +118,24 @@ class DirectProtocol(GuardedProtocol):
         if job.plan.lane == "loop":
             self._reply(exchange, job, self._application.run(job))
             return
-        if job.plan.lane == "point":
-            self._asgi.points.ask(job, partial(self._resume, exchange, job))
-        else:
+        payload = self._application.encoded(job)
+        if payload is None:
             self._hand_over(exchange, job)
+            return
+        query = PointQuery(payload, job.plan.text, partial(self._arrive, exchange, job))
+        assert job.plan.running is not None
+        job.plan.running.on_stop(lambda: call_soon(self.loop, query.give_up))
+        self._asgi.points.ask(query)
 
-    def _resume(self, exchange: _Exchange, job: Job, stream: ReaderStream | None) -> None:
+    def _arrive(
+        self, exchange: _Exchange, job: Job, found: Answer | ReaderStream | Instead
+    ) -> None:
         """Send an answer that has come; pass on one that is long or late."""
-        if stream is None:
-            found = self._application.look_up(job)
-            if found is None:
-                self._hand_over(exchange, job)
-            else:
-                self._reply(exchange, job, found)
-            return
-        if not stream.is_whole:
-            self._hand_over(exchange, job, stream)
-            return
-        try:
-            response = self._application.resume(job, stream)
-        except SlowerThanItLooksError:
-            self._application.slower(job)
-            self._hand_over(exchange, job)
-        else:
+        response = self._application.arrived(job, found)
+        if response is not None:
             self._reply(exchange, job, response)
+        else:
+            self._hand_over(exchange, job, found if isinstance(found, ReaderStream) else None)
 
     def _reply(self, exchange: _Exchange, job: Job, response: Response) -> None:
         """Write a whole response at once."""

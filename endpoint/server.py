@@ -188,6 +188,7 @@ async def _run(
         await _drain(server, asgi)
         server.should_exit = True
         await serving
+        asgi.points.close()
         waiting.cancel()
 
 

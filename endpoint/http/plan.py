@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from endpoint.http.messages import Response
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 
 MAX_SHOWN_TEXT = 2_000
@@ -108,10 +109,12 @@ class Plan:
         The query to list, and to stop on request, while it runs.
     again
         Does the work in the lane ``query`` if it turns out not to be quick.
-    begin, resume
-        For the lane ``point`` on an event loop: send the query to a reader without waiting, or
-        return none if that is not possible at once; and return the answer once its first piece has
-        come. It waits unless the stream is whole.
+    encode
+        For the lane ``point`` on an event loop: returns the query as it is sent to a reader, or
+        none if a thread is to do the work.
+    whole, resume
+        Return the response for an answer that came as a whole, and for a long one that has begun
+        to arrive; the latter waits.
     look_up
         Answers a look-up in the calling thread, if no reader is free at once; or returns none.
     keep
@@ -127,7 +130,8 @@ class Plan:
     text: str = ""
     running: RunningQuery | None = None
     again: Callable[[], Response] | None = None
-    begin: Callable[[], ReaderStream | None] | None = None
+    encode: Callable[[], bytes | None] | None = None
+    whole: Callable[[Answer], Response] | None = None
     resume: Callable[[ReaderStream], Response] | None = None
     look_up: Callable[[], Response | None] | None = None
     keep: Callable[[Response], None] | None = None

@@ -22,6 +22,7 @@ from endpoint.sparql import negotiation
 from endpoint.sparql.request import QueryRequest
 from rtask.errors import ClosedError, QueryTimeout
 from rtask.kb.readers.keeper import ReaderGone
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream, Stream
 from rtask.knowledge_base import KnowledgeBase
 
@@ -126,12 +127,12 @@ class Answers:
         """
         return self._read_quick(question, *self._begin(question, timeout_s, None))
 
-    def begin(self, question: Question) -> ReaderStream | None:
-        """Send a point query to a reader without waiting; none if no reader is free at once."""
-        query, running = question.query, question.running
-        if not isinstance(self._kb, KnowledgeBase) or running.stopped:
+    def encode(self, question: Question) -> bytes | None:
+        """Return a point query as it is sent to a reader; none if a thread is to do the work."""
+        query = question.query
+        if not isinstance(self._kb, KnowledgeBase) or question.running.stopped:
             return None
-        stream = self._kb.stream_now(
+        return self._kb.encode_query(
             query.text,
             question.media_type,
             inferred=query.inferred,
@@ -142,12 +143,14 @@ class Answers:
             max_rows=self._config.max_rows,
             max_bytes=self._config.max_result_bytes,
         )
-        if stream is not None:
-            running.on_stop(stream.stop)
-        return stream
+
+    @staticmethod
+    def whole(question: Question, answer: Answer) -> Response:
+        """Return the response for an answer that came as a whole."""
+        return _response(question, xml_safe(answer.body, question.media_type), None, answer.gzip)
 
     def resume(self, question: Question, stream: ReaderStream) -> Response:
-        """Return the answer from a stream that has begun to arrive; waits unless it is whole.
+        """Return a long answer from a stream that has begun to arrive.
 
         Raises
         ------
@@ -155,14 +158,12 @@ class Answers:
             As :meth:`open`.
         """
         pieces = Pieces(stream, None, question.media_type in _XML_TYPES)
+        question.running.on_stop(stream.close)
         left = question.deadline - time.monotonic()
         try:
-            stream.start()
-            if stream.is_whole:
-                return self._response(question, b"".join(pieces), None, stream)
-            question.running.on_stop(stream.close)
             if not stream.extend(max(0.001, min(QUICK_S, left))):
                 raise SlowerThanItLooksError
+            stream.start()
         except ReaderGone:  # killed from outside, or by this query: another reader will tell
             return self._open_quick(question, max(0.001, min(QUICK_S, left)))
         except QueryTimeout:
@@ -183,13 +184,13 @@ class Answers:
                     break
             else:
                 pieces.close()
-                return self._response(question, first, None, stream)
+                return _response(question, first, None, stream.gzip)
             if not self._slow.acquire(blocking=False):
                 raise SlowerThanItLooksError
             pieces.take_slot(self._slow)
             if not stream.extend(max(0.001, question.deadline - time.monotonic())):
                 raise SlowerThanItLooksError
-            return self._response(question, first, pieces, stream)
+            return _response(question, first, pieces, stream.gzip)
         except BaseException:
             pieces.close()
             raise
@@ -202,11 +203,11 @@ class Answers:
             if len(first) < LAST_PIECE and not stream.gzip:
                 first += b"".join(pieces)
                 pieces.close()
-                return self._response(question, first, None, stream)
+                return _response(question, first, None, stream.gzip)
         except BaseException:
             pieces.close(keep_slot=True)
             raise
-        return self._response(question, first, pieces, stream)
+        return _response(question, first, pieces, stream.gzip)
 
     def _begin(
         self, question: Question, timeout_s: float, slot: threading.BoundedSemaphore | None
@@ -231,15 +232,13 @@ class Answers:
         )
         return stream, Pieces(stream, slot, is_xml)
 
-    @staticmethod
-    def _response(
-        question: Question, body: bytes, chunks: Pieces | None, stream: Stream
-    ) -> Response:
-        headers = question.headers
-        if stream.gzip:
-            headers = (*headers, ("Content-Encoding", "gzip"))
-        content_type = negotiation.content_type(question.media_type)
-        return Response(200, body, content_type, headers, chunks)
+
+def _response(question: Question, body: bytes, chunks: Pieces | None, gzip: bool) -> Response:
+    headers = question.headers
+    if gzip:
+        headers = (*headers, ("Content-Encoding", "gzip"))
+    content_type = negotiation.content_type(question.media_type)
+    return Response(200, body, content_type, headers, chunks)
 
 
 class FilePieces(Iterator[bytes]):

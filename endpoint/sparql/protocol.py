@@ -27,6 +27,7 @@ from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, ForbiddenError, QuerySyntaxError, QueryTimeout, RtaskError
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
+from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services
@@ -118,7 +119,8 @@ def plan_query(
         query.text,
         running,
         planned.run,
-        planned.begin,
+        planned.encode,
+        planned.whole,
         planned.resume,
         planned.look_up,
         keep,
@@ -150,14 +152,18 @@ class _PlannedQuery:
     def _open(self, point: bool) -> Response:
         return self._asked.answers.open(_federated(self._question, self._config), point=point)
 
-    def begin(self) -> ReaderStream | None:
-        """Send the query to a reader, without waiting."""
+    def encode(self) -> bytes | None:
+        """Return the query as it is sent to a reader; none if a thread is to do the work."""
         if _calls_out(self._question.query.text, self._config):
             return None
-        return self._asked.answers.begin(self._question)
+        return self._asked.answers.encode(self._question)
+
+    def whole(self, answer: Answer) -> Response:
+        """Return the response for a whole answer from a reader."""
+        return self._asked.answers.whole(self._question, answer)
 
     def resume(self, stream: ReaderStream) -> Response:
-        """Answer from what a reader has sent."""
+        """Answer from what a reader has begun to send."""
         return self._guarded(lambda: self._asked.answers.resume(self._question, stream))
 
     def look_up(self) -> Response | None:

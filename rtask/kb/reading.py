@@ -12,7 +12,7 @@ from rtask.errors import TooLargeError, UnsupportedError
 from rtask.kb.readers import evaluation
 from rtask.kb.readers.evaluation import QueryDataset
 from rtask.kb.readers.request import Question
-from rtask.kb.readers.streams import ReaderStream, Stream, WholeStream
+from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.kb.searching import Searching
 from rtask.rdf.terms import GraphName, NamedNode, Subject, Value, iri, object_term, subject_term
 from rtask.sparql.bindings import Bindings, bind
@@ -162,7 +162,7 @@ class Reading(Searching):
         )
         return self._ask(text, dataset, question, timeout_s, on_start, quick)
 
-    def stream_now(
+    def encode_query(
         self,
         text: str,
         media_type: str | None = None,
@@ -174,27 +174,26 @@ class Reading(Searching):
         gzip: bool = False,
         max_rows: int | None = None,
         max_bytes: int | None = None,
-    ) -> ReaderStream | None:
-        """Send a quick query to a reader without waiting for it, for event loops.
+    ) -> bytes | None:
+        """Return a query as it is sent to a reader, for event loops.
 
         Returns
         -------
-        The stream, of which nothing has come yet; see
-        :meth:`rtask.kb.readers.pool.Readers.ask_now`. ``None`` if no reader is free at once, or the
-        text searches for words: use :meth:`stream` in a thread.
+        The payload for :meth:`rtask.kb.readers.pool.Readers.send`, which ends with the text of the
+        query, in UTF-8. ``None`` if the text searches for words: use :meth:`stream` in a thread.
 
         Raises
         ------
-        ForbiddenError, TooLargeError, QueryTooExpensive
+        ForbiddenError, TooLargeError
             As :meth:`stream`; the parameters are the same.
         """
-        if not self.readers.has_idle or TEXT_SERVICE in text:
+        if TEXT_SERVICE in text:
             return None
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
         question = Question(
             "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
         )
-        return self.readers.ask_now(self._question(text, dataset, question))
+        return self._question(text, dataset, question).encode()
 
     def _ask(
         self,

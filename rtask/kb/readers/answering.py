@@ -10,7 +10,7 @@ import os
 import zlib
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyoxigraph as ox
 
@@ -42,18 +42,18 @@ class _Answer:
     A small first piece arrives early; large later pieces give throughput.
     """
 
-    def __init__(self, pipe: int, question: dict[str, Any], facts: dict[str, Any]) -> None:
+    def __init__(self, pipe: int, options: _Options, kind: str, media_type: str) -> None:
         self._pipe = pipe
-        self._facts = facts
+        self._kind, self._type = kind, media_type
         self._parts: list[bytes] = []
         self._size = self._total = self._sent = 0
-        self._max_rows, self._max_bytes = question["rows"], question["bytes"]
+        self._max_rows, self._max_bytes = options.max_rows, options.max_bytes
         self._mark, self._rows = b"", 0
         if self._max_rows is not None:
-            self._mark, self._rows = _row_mark(facts["type"])
+            self._mark, self._rows = _row_mark(media_type)
         self._overlap = b""
         self._packer: Any = None
-        self._wants_gzip = question["gzip"]
+        self._wants_gzip = options.gzip
         self.error: _LimitExceeded | None = None
 
     def write(self, data: bytes) -> int:
@@ -81,7 +81,7 @@ class _Answer:
             packed = self._wants_gzip and not (last and len(data) < _MIN_GZIP)
             if packed:
                 self._packer = zlib.compressobj(1, zlib.DEFLATED, 31)
-            head = _head(self._facts["kind"], self._facts["type"], packed)
+            head = _head(self._kind, self._type, packed)
         if self._packer is not None:
             data = self._packer.compress(data)
             mode = zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH
@@ -91,8 +91,8 @@ class _Answer:
         if data:
             head += HEADER.pack(b"C", len(data))
         if last:
-            tail = message(b"E", b'{"rss":%d}' % _memory.recent())
-        send_all(self._pipe, b"".join((head, data, tail)))
+            tail = _end(_memory.recent())
+        send_all(self._pipe, head + data + tail)
 
     def _check(self, data: bytes) -> None:
         if self._max_bytes is not None and self._total > self._max_bytes:
@@ -101,7 +101,7 @@ class _Answer:
             seen = self._overlap + data
             self._rows += seen.count(self._mark)
             self._overlap = seen[len(seen) - len(self._mark) + 1 :] if len(self._mark) > 1 else b""
-            if self._rows > self._max_rows:
+            if self._max_rows is not None and self._rows > self._max_rows:
                 self.error = _LimitExceeded("rows", self._rows, self._max_rows)
         if self.error is not None:
             raise self.error
@@ -113,6 +113,12 @@ def _head(kind: str, media_type: str, packed: bool) -> bytes:
     return message(b"M", json.dumps(facts).encode())
 
 
+@lru_cache(maxsize=16)
+def _end(resident: int) -> bytes:
+    return message(b"E", b'{"rss":%d}' % resident)
+
+
+@lru_cache(maxsize=64)
 def _row_mark(media_type: str) -> tuple[bytes, int]:
     """Return the byte string that separates rows of a format, and the initial row count.
 
@@ -125,14 +131,54 @@ def _row_mark(media_type: str) -> tuple[bytes, int]:
     return b"\n", -1 if media_type.endswith("values") or media_type == "text/csv" else 0
 
 
-def answer_query(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
-    """Evaluate a query; send its answer or an error."""
+class _Options(NamedTuple):
+    """How a query is evaluated and its answer written.
+
+    Attributes
+    ----------
+    dataset
+        Options of ``pyoxigraph.Store.query``.
+    media_type
+        Of the answer; ``None`` for the type that is fastest to parse.
+    """
+
+    dataset: dict[str, Any]
+    media_type: str | None
+    gzip: bool
+    max_rows: int | None
+    max_bytes: int | None
+
+
+@lru_cache(maxsize=256)
+def _options(line: bytes) -> _Options:
+    """Return what the first line of a query's message says; clients repeat it."""
+    given = json.loads(line)
+    dataset: dict[str, Any] = {"base_iri": given["base"]}
+    if given["default"] is not None:
+        dataset["default_graph"] = [ox.NamedNode(name) for name in given["default"]]
+    if given["named"] is not None:
+        dataset["named_graphs"] = [ox.NamedNode(name) for name in given["named"]]
+    if given["union"]:
+        dataset["use_default_graph_as_union"] = True
+    return _Options(dataset, given["type"], given["gzip"], given["rows"], given["bytes"])
+
+
+def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
+    """Evaluate a query; send its answer or an error.
+
+    Parameters
+    ----------
+    payload
+        From :meth:`rtask.kb.readers.request.Question.encode`.
+    """
     answer: _Answer | None = None
     try:
-        source, dataset = with_merged_graphs(store, question["text"], _dataset(question))
-        result: Any = source.query(question["text"], **dataset)
-        facts, form = _form(result, question["type"])
-        answer = _Answer(pipe, question, facts)
+        line, _, encoded = payload.partition(b"\n")
+        options, text = _options(line), encoded.decode("utf-8", "surrogatepass")
+        source, dataset = with_merged_graphs(store, text, options.dataset)
+        result: Any = source.query(text, **dataset)
+        kind, media_type, form = _form(_kind(result), options.media_type)
+        answer = _Answer(pipe, options, kind, media_type)
         sink: Any = answer
         result.serialize(sink, form)
         del result
@@ -153,30 +199,25 @@ def answer_query(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
             refuse(pipe, "evaluation", str(error))
 
 
-def _dataset(question: dict[str, Any]) -> dict[str, Any]:
-    options: dict[str, Any] = {"base_iri": question["base"]}
-    if question["default"] is not None:
-        options["default_graph"] = [ox.NamedNode(name) for name in question["default"]]
-    if question["named"] is not None:
-        options["named_graphs"] = [ox.NamedNode(name) for name in question["named"]]
-    if question["union"]:
-        options["use_default_graph_as_union"] = True
-    return options
+def _kind(result: Any) -> str:
+    if isinstance(result, ox.QuerySolutions):
+        return "rows"
+    return "boolean" if isinstance(result, ox.QueryBoolean) else "triples"
 
 
-def _form(result: Any, media_type: str | None) -> tuple[dict[str, Any], Any]:
-    """Return the kind and media type of the answer, and its serialization format."""
+@lru_cache(maxsize=64)
+def _form(kind: str, media_type: str | None) -> tuple[str, str, Any]:
+    """Return the kind and media type of an answer, and its serialization format."""
     known: Callable[[str], Any]
-    if isinstance(result, ox.QueryTriples):
-        kind, known, own = "triples", ox.RdfFormat.from_media_type, _ANSWERS[1]
+    if kind == "triples":
+        known, own = ox.RdfFormat.from_media_type, _ANSWERS[1]
     else:
-        kind = "boolean" if isinstance(result, ox.QueryBoolean) else "rows"
         known, own = ox.QueryResultsFormat.from_media_type, _ANSWERS[0]
     form = known(media_type or own)
     if form is None:
         carried = "triples" if kind == "triples" else "rows or a truth value"
         raise LookupError(f"{media_type!r} cannot represent {carried}")
-    return {"kind": kind, "type": media_type or own}, form
+    return kind, media_type or own, form
 
 
 def refuse(pipe: int, reason: str, text: str, **facts: Any) -> None:
@@ -186,6 +227,8 @@ def refuse(pipe: int, reason: str, text: str, **facts: Any) -> None:
 
 def send_all(pipe: int, data: bytes) -> None:
     """Write all of ``data``, waiting for the other side to read."""
-    view = memoryview(data)
-    while view:
-        view = view[os.write(pipe, view) :]
+    sent = os.write(pipe, data)
+    if sent < len(data):
+        view = memoryview(data)[sent:]
+        while view:
+            view = view[os.write(pipe, view) :]

@@ -10,7 +10,8 @@ pipe: ``M`` the kind and media type of the answer; ``C`` a piece of it; ``E`` it
 error.
 
 A change, whether it comes from a commit or from an update that a reader evaluated, is a line of
-JSON followed by the removed and the added statements as N-Quads.
+JSON followed by the removed and the added statements as N-Quads. A query is a line of JSON with
+options followed by its text; queries of one client have the same options.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ class Places:
         self.waiting = 0
         self._changed = threading.Condition()
         self._taken = self._heavy = self._updating = 0
+        self._waiting_quick = self._waiting_updates = 0
         self._closed = False
 
     def enter(
@@ -57,20 +58,36 @@ class Places:
             if not self._is_room(heavy, update) and self.waiting >= self.limits.queue:
                 raise BusyError(f"too many queries are waiting ({self.waiting}); try again later")
             self.waiting += 1
+            self._waiting_quick += not heavy
+            self._waiting_updates += update
             try:
                 while not self._is_room(heavy, update) and not self._closed:
                     require_time(at, timeout_s)
                     self._changed.wait(None if at is None else at - time.monotonic())
             finally:
                 self.waiting -= 1
+                self._waiting_quick -= not heavy
+                self._waiting_updates -= update
             self._require_open()
             return self._take(heavy, update)
 
     def enter_now(self) -> Callable[[], None] | None:
-        """Take a place for a quick query; return a function that releases it, or none if full."""
+        """Take a place for quick queries; return a function that releases it, or none if full."""
         with self._changed:
             self._require_open()
-            return self._take(False, False) if self._is_room(False, False) else None
+            if self.is_wanted or not self._is_room(False, False):
+                return None
+            return self._take(False, False)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody waits who may have the next place that is released."""
+        limits, updates = self.limits, self._waiting_updates
+        if self._waiting_quick > 0:
+            return True
+        waits_long = self.waiting > updates
+        waits_update = updates > 0 and self._updating < limits.updates
+        return (waits_long or waits_update) and self._heavy < limits.long
 
     def _take(self, heavy: bool, update: bool) -> Callable[[], None]:
         self._taken += 1

@@ -16,6 +16,7 @@ from typing import Any
 
 from rtask.errors import QueryTooExpensive
 from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
+from rtask.kb.readers.line import ReaderLine
 from rtask.kb.readers.places import Places, RefusedTexts, require_time
 from rtask.kb.readers.request import Question, ReaderLimits
 from rtask.kb.readers.streams import Deadlines, ReaderStream
@@ -69,6 +70,7 @@ class Readers:
         self._deadlines = Deadlines()
         self._lock = threading.RLock()  # a forgotten answer may be collected inside a block
         self._running: weakref.WeakSet[ReaderStream] = weakref.WeakSet()
+        self._lines: set[ReaderLine] = set()
 
     @property
     def limits(self) -> ReaderLimits:
@@ -137,29 +139,11 @@ class Readers:
         stream.hold(leave)
         return stream
 
-    def ask_now(self, question: Question) -> ReaderStream | None:
-        """Send a quick query without waiting; return its answer, of which nothing has come yet.
+    def open_line(self) -> ReaderLine | None:
+        """Take an idle reader for an event loop; ``None`` if there is none, or no place for one.
 
-        For event loops: call :meth:`ReaderStream.receive` when the answer's descriptor is readable,
-        then :meth:`ReaderStream.start`. The caller keeps the deadline by :meth:`ReaderStream.end`.
-
-        Returns
-        -------
-        ``None`` if that is not possible at once; use :meth:`ask`, in a thread.
-
-        Raises
-        ------
-        QueryTooExpensive
-            The same text ended a reader lately.
+        The line counts as one query that runs, until it is closed.
         """
-        if not self._supply.has_idle:
-            return None
-        asked = _Asked(question.encode(), question.text)
-        self._refused.check(asked.kind, asked.text)
-        with self._store.complete_now() as is_complete:
-            return self._send_now(asked) if is_complete else None
-
-    def _send_now(self, asked: _Asked) -> ReaderStream | None:
         leave = self._places.enter_now()
         if leave is None:
             return None
@@ -167,26 +151,73 @@ class Readers:
         if reader is None:
             leave()
             return None
-        crash = functools.partial(self._too_expensive, asked)
-        give_back = self._supply.give_back
-        stream = ReaderStream(reader, asked.text, None, give_back, crash, self._deadlines)
-        stream.hold(leave)
-        if not reader.ask_now(asked.payload):
-            stream.abandon()
-            return None
+        line: ReaderLine
+
+        def close(is_reusable: bool) -> None:
+            with self._lock:
+                self._lines.discard(line)
+            self._supply.give_back(reader, is_reusable)
+            leave()
+
+        line = ReaderLine(reader, close, leave)
         with self._lock:
+            self._lines.add(line)
+        return line
+
+    def may_use(self, line: ReaderLine) -> bool:
+        """Whether the reader of a line has every commit, and is fit for another query."""
+        return line.is_sound and self._supply.is_current(line.reader)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether threads wait for a place like that of a line, which is to be closed soon."""
+        return self._places.is_wanted
+
+    def send(self, line: ReaderLine, payload: bytes, text: str) -> bool:
+        """Send a query on a line without waiting; tell whether it was sent.
+
+        The caller keeps the deadline, by :meth:`ReaderLine.kill`.
+
+        Parameters
+        ----------
+        payload
+            From :meth:`Question.encode`.
+
+        Raises
+        ------
+        QueryTooExpensive
+            The same text ended a reader lately.
+        """
+        self._refused.check(b"Q", text)
+        with self._store.complete_now() as is_complete:
+            return is_complete and line.reader.ask_now(payload)
+
+    def continue_line(self, line: ReaderLine, text: str, is_last: bool) -> ReaderStream:
+        """Return the answer in front of a line, which has turned out to be long, as a stream.
+
+        Parameters
+        ----------
+        is_last
+            Whether nothing else was asked on the line, so that the reader can be reused.
+        """
+        asked = _Asked(b"", text)
+        crash = functools.partial(self._too_expensive, asked)
+        come = line.detach()
+
+        def done(reader: ReaderProcess, is_reusable: bool) -> None:
+            self._supply.give_back(reader, is_reusable and is_last)
+
+        stream = ReaderStream(line.reader, text, None, done, crash, self._deadlines, come=come)
+        stream.hold(line.leave)
+        with self._lock:
+            self._lines.discard(line)
             self._running.add(stream)
         return stream
 
     @property
     def may_ask_now(self) -> bool:
-        """Whether waiting for a reader is all that :meth:`ask_now` may need."""
+        """Whether a query can be sent without completing the store first."""
         return self._store.is_complete
-
-    @property
-    def has_idle(self) -> bool:
-        """Whether :meth:`ask_now` has a chance."""
-        return self._supply.has_idle
 
     @property
     def changes(self) -> int:
@@ -313,7 +344,7 @@ class Readers:
         """Return the kind, number and state of the readers, and counts of their queries."""
         kind, processes, idle = self._supply.processes()
         with self._lock:
-            running = sum(not stream.is_over for stream in self._running)
+            running = sum(not stream.is_over for stream in self._running) + len(self._lines)
         return {
             "kind": kind,
             "processes": processes,
@@ -329,8 +360,10 @@ class Readers:
         self._supply.refuse()
         self._places.close()
         with self._lock:
-            running = list(self._running)
+            running, lines = list(self._running), list(self._lines)
         for stream in running:
             stream.close()
+        for line in lines:
+            line.close(is_reusable=False)
         self._deadlines.close()
         self._supply.close()

@@ -34,8 +34,6 @@ from rtask.sparql.syntax import syntax_error
 __all__ = ["Deadlines", "ReaderStream", "Stream", "WholeStream"]
 
 _READ_AHEAD = 8 << 10
-_AT_ONCE = 64 << 10
-_LONG = 128 << 10
 
 
 class Stream(Iterator[bytes]):
@@ -112,6 +110,8 @@ class ReaderStream(Stream):
         Kind of request, for errors.
     deadlines
         End the query in time.
+    come
+        What the reader has sent already.
     """
 
     def __init__(
@@ -123,12 +123,12 @@ class ReaderStream(Stream):
         crash: Callable[[ReaderProcess], RtaskError],
         deadlines: Deadlines,
         what: str = "query",
+        come: bytes = b"",
     ) -> None:
         self.reader = reader
         self.deadline: float | None = None
         self.expired = False
         self.closed = False
-        self.is_whole = False
         self._text = text
         self._timeout_s = timeout_s
         self._done: Callable[[ReaderProcess, bool], None] | None = done
@@ -137,7 +137,7 @@ class ReaderStream(Stream):
         self._what = what
         self._release: Callable[[], None] | None = None
         self._first: bytes | None = None
-        self._read_ahead = b""
+        self._read_ahead = come
         self._reading = threading.Lock()
 
     @property
@@ -152,47 +152,6 @@ class ReaderStream(Stream):
                 self._release = release
                 return
         release()
-
-    @property
-    def descriptor(self) -> int:
-        """The pipe that becomes readable when more of the answer has come."""
-        return self.reader.answers
-
-    def receive(self) -> bool:
-        """Read what has come; call this when the pipe is readable, and it does not wait.
-
-        Returns
-        -------
-        Whether :meth:`start` does not wait: the answer has come as a whole, its first piece has,
-        or the reader has ended.
-        """
-        data = os.read(self.reader.answers, _AT_ONCE)
-        self._read_ahead += data
-        ahead, at, pieces = self._read_ahead, 0, 0
-        while len(ahead) >= at + HEADER.size:
-            kind, length = HEADER.unpack_from(ahead, at)
-            at += HEADER.size + length
-            if at > len(ahead):
-                return not data
-            if kind in (b"E", b"X"):
-                self.is_whole = True
-                return True
-            pieces += kind == b"C"
-            if pieces and len(ahead) > _LONG:
-                return True
-        return not data or (pieces > 0 and at == len(ahead))
-
-    def end(self, timeout_s: float) -> None:
-        """Stop the query because its time is up; the pipe becomes readable."""
-        self._timeout_s = timeout_s
-        self.expired = True
-        self.expire()
-
-    def stop(self) -> None:
-        """Stop the query on request, from any thread; the pipe becomes readable."""
-        if self._done is not None:
-            self.closed = True
-            self.reader.kill()
 
     def start(self) -> None:
         """Wait for the first piece.

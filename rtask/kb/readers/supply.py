@@ -130,8 +130,7 @@ class ReaderSupply:
                 and not reader.killed
                 and not reader.keeper.retired
                 and not reader.keeper.failed
-                and reader.grown_bytes < _MAX_GROWTH
-                and reader.waiting_bytes < _MAX_WAITING
+                and self._is_small(reader)
             )
             reader.busy = False
             if keep:
@@ -171,25 +170,27 @@ class ReaderSupply:
             raise
         return reader
 
-    @property
-    def has_idle(self) -> bool:
-        """Whether there is an idle reader, which may yet turn out to be unusable."""
-        return bool(self._idle)
-
     def take_now(self) -> ReaderProcess | None:
         """Return an idle reader that has every commit stored so far; ``None`` if there is none."""
         with self._lock:
-            replica = self._replica
-            if replica is not None and not replica.ready.is_set():
-                replica = None
             for at in reversed(range(len(self._idle))):
                 reader = self._idle[at]
-                fits = reader.keeper is replica or reader.snapshot_seq == self._last_seq()
-                if fits and reader.pid > 0 and not (reader.keeper.failed or reader.killed):
+                if reader.pid > 0 and self.is_current(reader):
                     del self._idle[at]
                     reader.busy = True
                     return reader
         return None
+
+    def is_current(self, reader: ReaderProcess) -> bool:
+        """Whether a reader has every commit stored so far, and is worth using again."""
+        keeper = reader.keeper
+        if keeper is not self._replica and reader.snapshot_seq != self._last_seq():
+            return False
+        return not (reader.killed or keeper.failed) and self._is_small(reader)
+
+    @staticmethod
+    def _is_small(reader: ReaderProcess) -> bool:
+        return reader.grown_bytes < _MAX_GROWTH and reader.waiting_bytes < _MAX_WAITING
 
     def _idle_reader(self, replica: KeeperProcess | None) -> ReaderProcess | None:
         stale: list[ReaderProcess] = []

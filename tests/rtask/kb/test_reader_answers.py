@@ -265,14 +265,19 @@ def test_where_no_process_can_be_started_queries_run_here(
 
 def _now(kb: KnowledgeBase, text: str) -> bytes | None:
     """Return an answer that is asked for without waiting, as an event loop would."""
-    stream = kb.stream_now(text, _JSON)
-    if stream is None:
+    payload = kb.encode_query(text, _JSON)
+    assert payload is not None
+    line = kb.readers.open_line()
+    if line is None:
         return None
-    with stream:
-        while not stream.receive():
-            pass
-        stream.start()
-        return stream.read()
+    try:
+        if not kb.readers.send(line, payload, text):
+            return None
+        while (answer := line.take()) is None:
+            line.receive()
+        return answer.body
+    finally:
+        line.close(is_reusable=True)
 
 
 def test_what_is_asked_without_waiting_sees_every_commit_with_its_notes(tmp_path: Path) -> None:
