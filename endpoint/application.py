@@ -69,7 +69,7 @@ class Application:
 
     def __init__(self, context: ServerContext) -> None:
         self.context = context
-        self._router = Router(context)
+        self.router = Router(context)
         # Long work has threads of its own, so that neither writes nor health checks ever wait
         # behind queries.
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
@@ -123,6 +123,22 @@ class Application:
         job = Job(request, Plan.ready(Response()), version=self.context.versions.current())
         try:
             self._route(job)
+        except Exception as error:  # noqa: BLE001 - every error is an answer
+            job.plan = Plan.ready(self._problem(error, job))
+        return job
+
+    def admit_known(self, request: Request, caller: Caller, leave: Callable[[], None]) -> Job:
+        """Plan the answer to a query whose caller has been identified and admitted already.
+
+        Parameters
+        ----------
+        leave
+            Called when the request has ended.
+        """
+        job = Job(request, Plan.ready(Response()), caller, [leave])
+        job.version = self.context.versions.current()
+        try:
+            self._plan(job, request, caller, request.raw_path.rstrip("/"))
         except Exception as error:  # noqa: BLE001 - every error is an answer
             job.plan = Plan.ready(self._problem(error, job))
         return job
@@ -304,29 +320,32 @@ class Application:
         return response
 
     def _finish(self, response: Response, job: Job) -> Response:
-        request = job.request
         # A query has at least what had been committed when it came; a write has its own commit.
         is_query = job.plan.form not in ("", "UPDATE")
         version = job.version if is_query else self.context.versions.current()
-        headers = [
-            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
-            ("RTASK-Request-Id", request.id),
-            *cors_headers(request, self.context.config),
-        ]
+        headers = [*self.steady_fields(job.request), ("RTASK-Request-Id", job.request.id)]
         if not any(name.lower() == "rtask-version" for name, _ in response.headers):
             headers.append(("RTASK-Version", version))
         if self.context.following is not None:
             headers += staleness_headers(self.context.following)
+        return response.with_headers(*headers)
+
+    def steady_fields(self, request: Request) -> list[tuple[str, str]]:
+        """Return the header fields of a response that depend on the header of the request only."""
+        fields = [
+            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
+            *cors_headers(request, self.context.config),
+        ]
         if request.method in ("GET", "HEAD"):
             private = "authorization" in request.headers or "cookie" in request.headers
-            headers.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
-        return response.with_headers(*headers)
+            fields.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
+        return fields
 
     def _route(self, job: Job) -> None:
         context, request = self.context, job.request
         address = request.raw_path.rstrip("/") or "/"
         if request.method == "OPTIONS":
-            job.plan = self._router.options(request, address)
+            job.plan = self.router.options(request, address)
             return
         if address == "/health" or request.raw_path.startswith("/health/"):
             job.plan = context.health.plan(address)
@@ -348,9 +367,12 @@ class Application:
         minimum = request.header("rtask-min-version")
         if minimum:
             wait_for = minimum_version(context.kb, minimum)
-            job.plan = Plan(lambda: wait_for(self._router.plan(request, caller, address).run))
+            job.plan = Plan(lambda: wait_for(self.router.plan(request, caller, address).run))
             return
-        job.plan = self._router.plan(request, caller, address)
+        self._plan(job, request, caller, address)
+
+    def _plan(self, job: Job, request: Request, caller: Caller, address: str) -> None:
+        job.plan = self.router.plan(request, caller, address)
         if job.plan.running is not None:
             # Registered, so that it can be listed and stopped.
-            job.leave.append(context.queries.begin(job.plan.running))
+            job.leave.append(self.context.queries.begin(job.plan.running))

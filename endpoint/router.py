@@ -87,6 +87,11 @@ class Router:
     ----------
     context
         The parts of the server.
+
+    Attributes
+    ----------
+    asked
+        The parts that answer queries.
     """
 
     def __init__(self, context: ServerContext) -> None:
@@ -96,7 +101,7 @@ class Router:
         self._store = graph_store.GraphStore(kb, context.auth, config, context.versions, answers)
         cache = AnswerCache(kb, context.metrics, config.cache)
         context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
-        self._asked = protocol.Asked(answers, Lookups(kb), cache, context.versions)
+        self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions)
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
 
@@ -172,7 +177,7 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
         context = self._context
-        kept = self._asked.cache.find(request, caller.access)
+        kept = self.asked.cache.find(request, caller.access)
         if kept is not None:
             return kept
         operation = parse_operation(request, kinds)
@@ -188,7 +193,7 @@ class Router:
             return protocol.plan_update(context.kb, operation, request, caller, context.config)
         context.queries.check_room()
         operation = limit_query(operation, caller.access, context.kb)
-        return protocol.plan_query(operation, request, caller, context.config, self._asked)
+        return protocol.plan_query(operation, request, caller, context.config, self.asked)
 
 
 def _is_graph_store(address: str) -> bool:

@@ -21,7 +21,7 @@ from endpoint.activity.watch import watch
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
-from endpoint.direct import DirectProtocol
+from endpoint.direct import DirectProtocol, KnownQueries
 from endpoint.rosbridge.activity_topic import announce_activity
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
@@ -143,9 +143,10 @@ def _allow_open_files() -> None:
 
 
 def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
+    known = KnownQueries(asgi.application, asgi.points)
     return uvicorn.Config(
         asgi,
-        http=partial(DirectProtocol, asgi=asgi),  # type: ignore[arg-type]
+        http=partial(DirectProtocol, asgi=asgi, known=known),  # type: ignore[arg-type]
         log_config=None,
         access_log=False,
         server_header=False,

@@ -88,11 +88,16 @@ class Token:
         """The rights that the token grants."""
         return Access(self.agent, cast(Role, self.role), frozenset(self.rights))
 
-    def is_valid(self, now: datetime) -> bool:
-        """Tell whether the token is neither revoked nor expired."""
-        if self.revoked:
-            return False
-        return self.expires is None or datetime.fromisoformat(self.expires) > now
+    @cached_property
+    def expires_at(self) -> float:
+        """When it expires, in seconds since 1970."""
+        if self.expires is None:
+            return math.inf
+        return datetime.fromisoformat(self.expires).timestamp()
+
+    def is_valid(self, now: float) -> bool:
+        """Tell whether the token is neither revoked nor expired at a time since 1970 (s)."""
+        return not self.revoked and self.expires_at > now
 
 
 class TokenStore:
@@ -219,7 +224,7 @@ class TokenStore:
         # The dictionary of this version: another thread may begin a newer one meanwhile.
         known = self._known
         found = known.get(shown)
-        if found is not None and found.is_valid(datetime.now(UTC)):
+        if found is not None and found.is_valid(time.time()):
             return found
         token = self._look_up(text)
         if len(known) < _MAX_KNOWN:
@@ -238,7 +243,7 @@ class TokenStore:
             raise AuthenticationError(
                 f"token {token.id} was revoked; ask for a new one", token_sent=True
             )
-        if not token.is_valid(datetime.now(UTC)):
+        if not token.is_valid(time.time()):
             raise AuthenticationError(
                 f"token {token.id} expired at {token.expires}; ask for a new one", token_sent=True
             )
@@ -252,7 +257,7 @@ class TokenStore:
         """Return a valid token by its id, without checking a secret; none if it is not valid."""
         row = self._row(token_id)
         token = _token(row) if row is not None else None
-        if token is not None and token.is_valid(datetime.now(UTC)):
+        if token is not None and token.is_valid(time.time()):
             return token
         # Whoever has learnt here that a token is void must not be let in by what is remembered.
         self._check_again = -math.inf
@@ -271,6 +276,15 @@ class TokenStore:
             self._check_again = now + CHECK_EVERY_S
             self._file_version = os.pread(self._handle, 4, 24)
         return self._file_version
+
+    def standing(self) -> tuple[bytes, bool, bool]:
+        """Return a value that differs once any token was created, revoked or changed.
+
+        Whoever was identified while it was the same is identified likewise, until the token
+        expires.
+        """
+        self._look()
+        return self._version(), self._ever_issued, self._ever_limited
 
     def ever_issued(self) -> bool:
         """Tell whether any token was ever issued; from then on, nobody writes without one.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import re
 import threading
+from functools import lru_cache
 
 from endpoint.http.messages import Request
 from endpoint.served import ServedGraph
 from rtask.kb.commit.commit import Change
 from rtask.rdf.terms import GraphName
+from rtask.sparql.tokens import shape
 
 _UNSTEADY = re.compile(r"\b(?:NOW|RAND|UUID|STRUUID|BNODE|SERVICE)\b", re.I)
 
@@ -56,8 +58,9 @@ class Versions:
         """
         if is_unsteady(text):
             return ""
-        digest = hashlib.blake2b(repr((text, *parts)).encode("utf-8", "replace"), digest_size=8)
-        return f'W/"{self._epoch}-{self._kb.seq}-{digest.hexdigest()}"'
+        asked = text.encode("utf-8", "replace") + _described(parts)
+        digest = hashlib.blake2b(asked, digest_size=8).hexdigest()
+        return f'W/"{self._epoch}-{self._kb.seq}-{digest}"'
 
     def of_graph(self, graph: GraphName | None, media_type: str) -> str:
         """Return the strong entity tag of a graph, or of the whole dataset, in a media type.
@@ -77,9 +80,19 @@ class Versions:
         self._stop()
 
 
+@lru_cache(maxsize=1_024)
+def _described(parts: tuple[object, ...]) -> bytes:
+    return repr(parts).encode("utf-8", "replace")
+
+
 def is_unsteady(text: str) -> bool:
     """Tell whether a query may have another answer each time, though nothing was written."""
-    return _UNSTEADY.search(text) is not None
+    return _is_unsteady(shape(text))
+
+
+@lru_cache(maxsize=2_048)
+def _is_unsteady(masked: str) -> bool:
+    return _UNSTEADY.search(masked) is not None
 
 
 def is_known(request: Request, etag: str) -> bool:

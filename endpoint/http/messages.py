@@ -28,6 +28,11 @@ CBOR_TYPE = "application/cbor"
 FORM_TYPE = "application/x-www-form-urlencoded"
 
 
+def new_request_id() -> str:
+    """Return an id for a request whose client sent none."""
+    return f"{_RUN}-{next(_NUMBERS)}"
+
+
 class RefusedError(RtaskError):
     """A request refused for a reason of HTTP.
 
@@ -153,7 +158,7 @@ class Request:
     def id(self) -> str:
         """Request id for logs, problems and provenance; the client's own if it sent a valid one."""
         sent = self.headers.get("rtask-request-id", "")
-        return sent if _REQUEST_ID.fullmatch(sent) else f"{_RUN}-{next(_NUMBERS)}"
+        return sent if _REQUEST_ID.fullmatch(sent) else new_request_id()
 
     @cached_property
     def path(self) -> str:

@@ -22,6 +22,10 @@ _MAX_LINES = 20_000
 _SECRET = re.compile(r"(token=|rtk_[0-9a-f]{12}_|ticket=)[^&\s\"']*")
 
 
+# Always the same encoder: `json.dumps` with options makes one for each line.
+as_json = json.JSONEncoder(ensure_ascii=False, default=str).encode
+
+
 def redacted(text: str) -> str:
     """Replace the secrets of tokens in a text.
 
@@ -46,15 +50,15 @@ class LineWriter:
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream
-        self._lines: deque[Mapping[str, Any]] = deque()
+        self._lines: deque[Mapping[str, Any] | str] = deque()
         self._wake = threading.Event()
         self._closed = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
-    def put(self, line: Mapping[str, Any]) -> None:
-        """Queue a line without waiting."""
+    def put(self, line: Mapping[str, Any] | str) -> None:
+        """Queue a line, or its JSON, without waiting."""
         if len(self._lines) >= _MAX_LINES:
             self.dropped += 1
             return
@@ -69,7 +73,8 @@ class LineWriter:
     def _flush(self) -> None:
         texts = []
         while self._lines:
-            texts.append(json.dumps(self._lines.popleft(), ensure_ascii=False, default=str))
+            line = self._lines.popleft()
+            texts.append(line if isinstance(line, str) else as_json(line))
         if not texts:
             return
         stream = self._stream or sys.stderr

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import time
+from typing import NamedTuple
 
 from endpoint.access.auth import Caller
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
-from endpoint.monitoring.log import LineWriter, redacted, timestamp
+from endpoint.monitoring.log import LineWriter, as_json, redacted, timestamp
 from endpoint.monitoring.metrics import Metrics
 from endpoint.served import ServedGraph
 from endpoint.settings import Config
@@ -17,6 +18,57 @@ from rtask.kb.commit.commit import Change
 
 SLOW_S = 1.0
 _MAX_TEXT = 10_000
+
+
+class Sender(NamedTuple):
+    """What the log says of a request before it is answered; equal for many requests of a client.
+
+    Attributes
+    ----------
+    method, path
+        Labels of metrics.
+    asked, who
+        Members of the log line, as JSON.
+    """
+
+    method: str
+    path: str
+    asked: str
+    who: str
+
+    @classmethod
+    def of(cls, request: Request, caller: Caller | None) -> Sender:
+        """Return what is said of a request, whose caller may be unknown."""
+        path = redacted(request.raw_path)
+        asked = f'"method": {as_json(request.method)}, "path": {as_json(path)}'
+        who = f'"client": {as_json(request.client)}'
+        if caller is not None:
+            who += f', "role": "{caller.access.role}"'
+            if caller.access.agent:
+                who += f', "agent": {as_json(caller.access.agent)}'
+            if caller.token:
+                who += f', "token": "{caller.token.id}"'
+        return cls(request.method, request.raw_path, asked, who)
+
+
+class Outcome(NamedTuple):
+    """How a request ended.
+
+    Attributes
+    ----------
+    id
+        Request id.
+    received, sent
+        Bytes of the bodies.
+    whole
+        Whether the client received the whole answer.
+    """
+
+    id: str
+    status: int
+    received: int
+    sent: int
+    whole: bool = True
 
 
 class RequestLog:
@@ -69,39 +121,45 @@ class RequestLog:
         whole
             Whether the client received the whole answer.
         """
+        self.answered(
+            Sender.of(request, caller),
+            Outcome(request.id, response.status, len(request.body), sent, whole),
+            plan.form,
+            plan.text,
+            started,
+        )
+
+    def answered(
+        self, sender: Sender, outcome: Outcome, form: str, text: str, started: float
+    ) -> None:
+        """Record a request that has ended, given by its parts; see :meth:`request`.
+
+        Parameters
+        ----------
+        form, text
+            Of SPARQL requests; else empty.
+        """
         seconds = time.perf_counter() - started
-        self._metrics.request(request.raw_path, request.method, response.status, seconds)
-        if plan.form not in ("", "UPDATE") and response.status < 400:
-            outcome = "ok" if whole else "broken-off"
-            self._metrics.count("rtask_query_total", form=plan.form, outcome=outcome)
+        self._metrics.request(sender.path, sender.method, outcome.status, seconds)
+        is_query = form not in ("", "UPDATE")
+        if is_query and outcome.status < 400:
+            how = "ok" if outcome.whole else "broken-off"
+            self._metrics.count("rtask_query_total", form=form, outcome=how)
         if self._writer is None:
             return
-        line: dict[str, object] = {
-            "time": timestamp(time.time()),
-            "level": "info",
-            "id": request.id,
-            "method": request.method,
-            "path": redacted(request.raw_path),
-            "status": response.status,
-            "ms": round(seconds * 1e3, 2),
-            "in": len(request.body),
-            "out": sent,
-            "client": request.client,
-        }
-        if caller is not None:
-            line["role"] = caller.access.role
-            if caller.access.agent:
-                line["agent"] = caller.access.agent
-            if caller.token:
-                line["token"] = caller.token.id
-        if plan.form:
-            line["form"], line["seq"] = plan.form, self._kb.seq
-            line["text_sha256"] = hashlib.sha256(plan.text.encode()).hexdigest()[:16]
+        line = (
+            f'{{"time": "{timestamp(time.time())}", "level": "info", "id": "{outcome.id}", '
+            f'{sender.asked}, "status": {outcome.status}, "ms": {seconds * 1e3:.2f}, '
+            f'"in": {outcome.received}, "out": {outcome.sent}, {sender.who}'
+        )
+        if form:
+            digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+            line += f', "form": "{form}", "seq": {self._kb.seq}, "text_sha256": "{digest}"'
             if seconds >= SLOW_S or self._config.log_queries:
-                line["text"] = redacted(plan.text[:_MAX_TEXT])
-        if not whole:
-            line["broken_off"] = True
-        self._writer.put(line)
+                line += f', "text": {as_json(redacted(text[:_MAX_TEXT]))}'
+        if not outcome.whole:
+            line += ', "broken_off": true'
+        self._writer.put(line + "}")
 
     def denied(self, request: Request, caller: Caller | None, status: int, detail: str) -> None:
         """Record a request that was refused for lack of rights."""

@@ -36,22 +36,27 @@ class RunningQueries:
         RefusedError
             503 if as many queries run and wait as may.
         """
-        key = id(query)
+        if not self.try_begin(query):
+            raise RefusedError(
+                503,
+                "busy",
+                f"{self.allowed} queries are running and as many are waiting; try again",
+                headers=(("Retry-After", "1"),),
+            )
+        return lambda: self.end(query)
+
+    def try_begin(self, query: RunningQuery) -> bool:
+        """Register a query if there is room; call :meth:`end` when it has ended."""
         with self._lock:
             if len(self._running) >= 2 * self.allowed:
-                raise RefusedError(
-                    503,
-                    "busy",
-                    f"{self.allowed} queries are running and as many are waiting; try again",
-                    headers=(("Retry-After", "1"),),
-                )
-            self._running[key] = query
+                return False
+            self._running[id(query)] = query
+            return True
 
-        def end() -> None:
-            with self._lock:
-                self._running.pop(key, None)
-
-        return end
+    def end(self, query: RunningQuery) -> None:
+        """Forget a query that has ended."""
+        with self._lock:
+            self._running.pop(id(query), None)
 
     def visible_to(self, caller: Caller) -> list[RunningQuery]:
         """Return the queries that a caller may see and stop: all for an admin, else its own."""
@@ -87,6 +92,11 @@ class RunningQueries:
         """Tell whether threads of abandoned queries are still running."""
         return any(not work.done() for work in self._abandoned)
 
+    @property
+    def has_room(self) -> bool:
+        """Whether few enough abandoned queries are still running."""
+        return len(self._abandoned) < MAX_ABANDONED
+
     def check_room(self) -> None:
         """Refuse a query while too many abandoned ones are still running.
 
@@ -95,7 +105,7 @@ class RunningQueries:
         RefusedError
             503, with the time to wait.
         """
-        if len(self._abandoned) >= MAX_ABANDONED:
+        if not self.has_room:
             raise RefusedError(
                 503,
                 "busy",

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from endpoint.http.conditional import is_known, is_unsteady
+from endpoint.http.encoding import encode_fields
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import Metrics
@@ -21,7 +22,7 @@ from endpoint.served import ServedGraph
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["AnswerCache"]
+__all__ = ["AnswerCache", "Kept", "key_part"]
 
 MAX_BYTES = 32 << 20
 MAX_ANSWER_BYTES = 64 << 10
@@ -29,15 +30,24 @@ _MAX_ASKED = 10_000
 _OVERHEAD_BYTES = 1_000
 _HEADERS = ("content-type", "accept", "accept-encoding")
 
-Key = tuple[str | bytes, ...]
+Part = tuple[str, ...]
+Key = tuple[str, str, bytes, Part]
 Version = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """One answer, ready to be sent."""
+class Kept:
+    """One answer, ready to be sent.
+
+    Parameters
+    ----------
+    fields
+        The header fields of the response, as sent.
+    """
 
     plan: Plan
+    response: Response
+    fields: bytes
     etag: str
     size: int
 
@@ -65,7 +75,7 @@ class AnswerCache:
         self._metrics = metrics
         self._lock = threading.Lock()
         self._version: Version = (-1, -1)
-        self._kept: OrderedDict[Key, _Kept] = OrderedDict()
+        self._kept: OrderedDict[Key, Kept] = OrderedDict()
         self._asked: OrderedDict[Key, None] = OrderedDict()
         self.bytes = 0
 
@@ -79,21 +89,29 @@ class AnswerCache:
 
     def find(self, request: Request, access: Access) -> Plan | None:
         """Return the plan of a request whose answer is kept for callers of these rights."""
+        if self._kb is None or request.method == "HEAD":
+            return None
+        kept = self.find_kept(_key(request, access))
+        if kept is None:
+            return None
+        if is_known(request, kept.etag):
+            return Plan.ready(Response(304, headers=(("ETag", kept.etag),)))
+        return kept.plan
+
+    def find_kept(self, key: Key) -> Kept | None:
+        """Return the answer that is kept for requests of a key."""
         kb = self._kb
-        if kb is None or request.method == "HEAD":
+        if kb is None:
             return None
         with self._lock:
             if self._version != (version := self._current(kb)):
                 self._kept.clear()
                 self.bytes = 0
                 self._version = version
-            kept = self._kept.get(_key(request, access))
-        if kept is None:
-            return None
-        self._metrics.count("rtask_answer_cache_total", outcome="hit")
-        if is_known(request, kept.etag):
-            return Plan.ready(Response(304, headers=(("ETag", kept.etag),)))
-        return kept.plan
+            kept = self._kept.get(key)
+        if kept is not None:
+            self._metrics.count("rtask_answer_cache_total", outcome="hit")
+        return kept
 
     def keeper(
         self, request: Request, access: Access, form: str, text: str, etag: str
@@ -102,10 +120,17 @@ class AnswerCache:
 
         Call it before the query is evaluated.
         """
-        kb = self._kb
-        if kb is None or request.method == "HEAD" or is_unsteady(text):
+        if self._kb is None or request.method == "HEAD" or is_unsteady(text):
             return None
-        key = _key(request, access)
+        return self.keeper_of(_key(request, access), form, text, etag)
+
+    def keeper_of(
+        self, key: Key, form: str, text: str, etag: str
+    ) -> Callable[[Response], None] | None:
+        """Do what :meth:`keeper` does, for a query whose answer is not different each time."""
+        kb = self._kb
+        if kb is None:
+            return None
         self._metrics.count("rtask_answer_cache_total", outcome="miss")
         with self._lock:
             if key not in self._asked:
@@ -121,11 +146,12 @@ class AnswerCache:
                 return
             if len(response.body) <= MAX_ANSWER_BYTES and self._current(kb) == version:
                 plan = Plan(lambda: response, None, "loop", form, text)
-                self._keep(key, version, _Kept(plan, etag, _size(key, response)))
+                fields = encode_fields(response.header_list())
+                self._keep(key, version, Kept(plan, response, fields, etag, _size(key, response)))
 
         return keep
 
-    def _keep(self, key: Key, version: Version, kept: _Kept) -> None:
+    def _keep(self, key: Key, version: Version, kept: Kept) -> None:
         with self._lock:
             if self._version != version or key in self._kept:
                 return
@@ -140,13 +166,17 @@ class AnswerCache:
 
 
 def _key(request: Request, access: Access) -> Key:
+    return request.raw_path, request.query_string, request.body, key_part(request, access)
+
+
+def key_part(request: Request, access: Access) -> Part:
+    """Return the part of a key that does not depend on the question."""
     headers = request.headers
     given = (headers.get(name, "") for name in _HEADERS)
-    sent = (request.method, request.site, request.raw_path, request.query_string, request.body)
     if access.reads is None:
-        return (*sent, *given)
-    return (*sent, *given, *sorted(access.reads))
+        return (request.method, request.site, *given)
+    return (request.method, request.site, *given, *sorted(access.reads))
 
 
 def _size(key: Key, response: Response) -> int:
-    return len(response.body) + sum(map(len, key)) + _OVERHEAD_BYTES
+    return len(response.body) + sum(map(len, key[:3])) + sum(map(len, key[3])) + _OVERHEAD_BYTES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from rtask.errors import QuerySyntaxError
@@ -75,6 +76,7 @@ def scan(text: str) -> Iterator[Token]:
         position = found.end()
 
 
+@lru_cache(maxsize=16)
 def shape(text: str) -> str:
     """Return a text with its IRIs masked; texts of one shape have the same tokens but for IRIs.
 

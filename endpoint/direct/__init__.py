@@ -1,0 +1,6 @@
+"""Answers to small queries by GET, written by the server's protocol itself."""
+
+from endpoint.direct.known import KnownQueries
+from endpoint.direct.protocol import DirectProtocol
+
+__all__ = ["DirectProtocol", "KnownQueries"]
