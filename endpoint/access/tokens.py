@@ -36,6 +36,7 @@ _LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 CHECK_EVERY_S = 0.5
+_STANDS_S = 0.05
 _MAX_KNOWN = 10_000
 Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
@@ -137,8 +138,9 @@ class TokenStore:
         self._memory_version = 0
         self._handle = -1
         self._clock = clock
-        self._check_again = -math.inf
         self._file_version = b""
+        self._standing = (b"", False, False)
+        self._check_again = self._stands_until = -math.inf
         if self._path:
             # Created with the right mode before SQLite opens it, so it is never readable by others.
             self._path.touch(mode=0o600, exist_ok=True)
@@ -208,6 +210,7 @@ class TokenStore:
             )
         self._ever_issued = True
         self._ever_limited |= token.access.reads is not None
+        self._stands_until = -math.inf
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
@@ -260,7 +263,7 @@ class TokenStore:
         if token is not None and token.is_valid(time.time()):
             return token
         # Whoever has learnt here that a token is void must not be let in by what is remembered.
-        self._check_again = -math.inf
+        self._check_again = self._stands_until = -math.inf
         return None
 
     def _version(self) -> bytes:
@@ -283,8 +286,12 @@ class TokenStore:
         Whoever was identified while it was the same is identified likewise, until the token
         expires.
         """
-        self._look()
-        return self._version(), self._ever_issued, self._ever_limited
+        now = self._clock()
+        if now >= self._stands_until:
+            self._look()
+            self._standing = (self._version(), self._ever_issued, self._ever_limited)
+            self._stands_until = min(now + _STANDS_S, self._check_again)
+        return self._standing
 
     def ever_issued(self) -> bool:
         """Tell whether any token was ever issued; from then on, nobody writes without one.
@@ -393,7 +400,7 @@ class TokenStore:
                 yield connection
         finally:
             connection.close()
-            self._check_again = -math.inf
+            self._check_again = self._stands_until = -math.inf
 
 
 def parse_lifetime(text: str, what: str = "") -> timedelta:

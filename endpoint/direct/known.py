@@ -22,7 +22,7 @@ from endpoint.asgi import call_soon
 from endpoint.direct.exchange import Exchange
 from endpoint.direct.heads import KnownHead
 from endpoint.http.conditional import is_unsteady
-from endpoint.http.messages import RefusedError, Response, new_request_id, parse_fields
+from endpoint.http.messages import Response, decoded, new_request_id
 from endpoint.http.plan import RunningQuery
 from endpoint.http.response_stream import UNHURRIED_BYTES
 from endpoint.monitoring.request_log import Outcome
@@ -128,10 +128,10 @@ class KnownQueries:
         started = time.perf_counter()
         if len(value) > _MAX_VALUE or not _VALUE.fullmatch(value):
             return None
-        asked = "query=" + value.decode("ascii")
+        escaped = value.decode("ascii")
         try:
-            text = parse_fields(asked, "query string")[0][1]
-        except RefusedError:
+            text = decoded(escaped)
+        except UnicodeDecodeError:
             return None
         if "\x00" in text:
             return None
@@ -141,7 +141,7 @@ class KnownQueries:
             return None
         if not context.queries.has_room or not context.limiter.try_admit(head.caller):
             return None
-        return KnownQuery(head, asked, text, form, is_steady, started)
+        return KnownQuery(head, "query=" + escaped, text, form, is_steady, started)
 
     def _form(self, text: str) -> tuple[str, bool]:
         """Return the form of a query that may be answered here; else an empty one."""

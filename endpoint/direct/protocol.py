@@ -20,7 +20,7 @@ from endpoint.asgi import AsgiApplication, call_soon
 from endpoint.direct.exchange import Exchange
 from endpoint.direct.heads import KnownHead, learn
 from endpoint.direct.known import KnownQueries, KnownQuery
-from endpoint.http.encoding import encode_fields
+from endpoint.http.encoding import SharedFields, encode_fields
 from endpoint.http.messages import Request, Response
 from endpoint.http.response_stream import UNHURRIED_BYTES, Wire
 from endpoint.http.server_protocol import GuardedProtocol
@@ -33,6 +33,7 @@ __all__ = ["DirectProtocol"]
 
 _ADDRESSES = frozenset((b"/query", b"/query/", b"/sparql", b"/sparql/"))
 _END = b"\r\n\r\n"
+_SHARED = SharedFields()
 
 
 class DirectProtocol(GuardedProtocol):
@@ -191,8 +192,7 @@ class DirectProtocol(GuardedProtocol):
     @property
     def date(self) -> bytes:
         """The header fields that all responses of the server share; they change each second."""
-        fields = self.server_state.default_headers
-        return b"".join([b"%b: %b\r\n" % field for field in fields])
+        return _SHARED.of(self.server_state.default_headers)
 
     def send(self, exchange: Exchange, data: bytes) -> bool:
         """Send a whole response and end the request; tell whether the client is still there."""

@@ -92,12 +92,19 @@ def parse_fields(text: str, where: str) -> list[tuple[str, str]]:
         raise RefusedError(400, "usage", f"more than {_MAX_FIELDS} fields in the {where}")
     try:
         pairs = (field.partition("=") for field in text.split("&") if field)
-        return [(_decoded(name), _decoded(value)) for name, _, value in pairs]
+        return [(decoded(name), decoded(value)) for name, _, value in pairs]
     except UnicodeDecodeError:
         raise RefusedError(400, "usage", f"the {where} is not UTF-8") from None
 
 
-def _decoded(text: str) -> str:
+def decoded(text: str) -> str:
+    """Return a name or value of a field whose escapes are complete.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        It is not UTF-8.
+    """
     text = text.replace("+", " ")
     if "%" not in text:
         return text

@@ -16,7 +16,7 @@ from rtask.kb.readers.streams import ReaderStream
 MAX_SHOWN_TEXT = 2_000
 
 
-@dataclass
+@dataclass(slots=True)
 class RunningQuery:
     """One query in progress.
 

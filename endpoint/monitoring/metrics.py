@@ -112,20 +112,38 @@ class Metrics:
         }
         ProcessCollector(registry=self._registry)
         # Finding the series of some labels takes longer than adding to it.
-        self._known_requests: dict[tuple[str, str, int], Counter] = {}
-        self._known_times: dict[str, Histogram] = {}
+        self._known_requests: dict[
+            tuple[str, str, int, str, str], tuple[Counter, Histogram, Counter | None]
+        ] = {}
         self._known_counters: dict[tuple[str, ...], Counter] = {}
 
-    def request(self, path: str, method: str, status: int, seconds: float) -> None:
-        """Count a request and the time it took."""
-        route = route_of(path)
-        key = (route, method if method in _METHODS else "other", status)
-        if (requests := self._known_requests.get(key)) is None:
-            requests = self._known_requests[key] = self._requests.labels(*map(str, key))
-        if (times := self._known_times.get(route)) is None:
-            times = self._known_times[route] = self._seconds.labels(route)
+    def request(
+        self, path: str, method: str, status: int, seconds: float, form: str = "", how: str = ""
+    ) -> None:
+        """Count a request and the time it took.
+
+        Parameters
+        ----------
+        form, how
+            Of a query that succeeded: its form and outcome.
+        """
+        key = (route_of(path), method if method in _METHODS else "other", status, form, how)
+        known = self._known_requests.get(key)
+        if known is None:
+            known = self._known_requests[key] = self._series(*key)
+        requests, times, queries = known
         requests.inc()
         times.observe(seconds)
+        if queries is not None:
+            queries.inc()
+
+    def _series(
+        self, route: str, method: str, status: int, form: str, how: str
+    ) -> tuple[Counter, Histogram, Counter | None]:
+        queries = None
+        if form:
+            queries = self._counters["rtask_query_total"].labels(form=form, outcome=how)
+        return self._requests.labels(route, method, status), self._seconds.labels(route), queries
 
     def count(self, name: str, amount: int = 1, **labels: str) -> None:
         """Add to a counter; all its labels must be given."""

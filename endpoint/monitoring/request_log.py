@@ -140,11 +140,10 @@ class RequestLog:
             Of SPARQL requests; else empty.
         """
         seconds = time.perf_counter() - started
-        self._metrics.request(sender.path, sender.method, outcome.status, seconds)
-        is_query = form not in ("", "UPDATE")
-        if is_query and outcome.status < 400:
-            how = "ok" if outcome.whole else "broken-off"
-            self._metrics.count("rtask_query_total", form=form, outcome=how)
+        query, how = "", ""
+        if form and form != "UPDATE" and outcome.status < 400:
+            query, how = form, "ok" if outcome.whole else "broken-off"
+        self._metrics.request(sender.path, sender.method, outcome.status, seconds, query, how)
         if self._writer is None:
             return
         line = (

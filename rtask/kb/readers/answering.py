@@ -6,6 +6,7 @@ This file is part of the keeper's script and needs only the standard library and
 from __future__ import annotations
 
 import json
+import math
 import os
 import zlib
 from collections.abc import Callable
@@ -42,19 +43,18 @@ class _Answer:
     A small first piece arrives early; large later pieces give throughput.
     """
 
+    error: _LimitExceeded | None = None
+    _total = _sent = _rows = 0
+    _mark: bytes | None = None
+    _overlap = b""
+    _packer: Any = None
+
     def __init__(self, pipe: int, options: _Options, kind: str, media_type: str) -> None:
         self._pipe = pipe
+        self._options = options
         self._kind, self._type = kind, media_type
         self._parts: list[bytes] = []
-        self._size = self._total = self._sent = 0
-        self._max_rows, self._max_bytes = options.max_rows, options.max_bytes
-        self._mark, self._rows = b"", 0
-        if self._max_rows is not None:
-            self._mark, self._rows = _row_mark(media_type)
-        self._overlap = b""
-        self._packer: Any = None
-        self._wants_gzip = options.gzip
-        self.error: _LimitExceeded | None = None
+        self._size = 0
 
     def write(self, data: bytes) -> int:
         self._parts.append(data)
@@ -68,7 +68,12 @@ class _Answer:
 
     def finish(self) -> None:
         """Send the remaining data and the end message."""
-        self._send(last=True)
+        size = self._size
+        if self._sent or not 0 < size < _MIN_GZIP or size > self._options.least_limit:
+            self._send(last=True)
+            return
+        head = _head(self._kind, self._type, False) + HEADER.pack(b"C", size)
+        send_all(self._pipe, b"".join((head, *self._parts, _end(_memory.recent()))))
 
     def _send(self, last: bool) -> None:
         data = b"".join(self._parts)
@@ -78,7 +83,7 @@ class _Answer:
         self._check(data)
         head = tail = b""
         if self._sent == 0:
-            packed = self._wants_gzip and not (last and len(data) < _MIN_GZIP)
+            packed = self._options.gzip and not (last and len(data) < _MIN_GZIP)
             if packed:
                 self._packer = zlib.compressobj(1, zlib.DEFLATED, 31)
             head = _head(self._kind, self._type, packed)
@@ -95,14 +100,17 @@ class _Answer:
         send_all(self._pipe, head + data + tail)
 
     def _check(self, data: bytes) -> None:
-        if self._max_bytes is not None and self._total > self._max_bytes:
-            self.error = _LimitExceeded("bytes", self._total, self._max_bytes)
-        if self._mark:
+        max_rows, max_bytes = self._options.max_rows, self._options.max_bytes
+        if max_bytes is not None and self._total > max_bytes:
+            self.error = _LimitExceeded("bytes", self._total, max_bytes)
+        if max_rows is not None:
+            if self._mark is None:
+                self._mark, self._rows = _row_mark(self._type)
             seen = self._overlap + data
             self._rows += seen.count(self._mark)
             self._overlap = seen[len(seen) - len(self._mark) + 1 :] if len(self._mark) > 1 else b""
-            if self._max_rows is not None and self._rows > self._max_rows:
-                self.error = _LimitExceeded("rows", self._rows, self._max_rows)
+            if self._rows > max_rows:
+                self.error = _LimitExceeded("rows", self._rows, max_rows)
         if self.error is not None:
             raise self.error
 
@@ -140,6 +148,8 @@ class _Options(NamedTuple):
         Options of ``pyoxigraph.Store.query``.
     media_type
         Of the answer; ``None`` for the type that is fastest to parse.
+    least_limit
+        Bytes up to which an answer exceeds neither limit: a row has at least one.
     """
 
     dataset: dict[str, Any]
@@ -147,6 +157,7 @@ class _Options(NamedTuple):
     gzip: bool
     max_rows: int | None
     max_bytes: int | None
+    least_limit: float
 
 
 @lru_cache(maxsize=256)
@@ -160,7 +171,9 @@ def _options(line: bytes) -> _Options:
         dataset["named_graphs"] = [ox.NamedNode(name) for name in given["named"]]
     if given["union"]:
         dataset["use_default_graph_as_union"] = True
-    return _Options(dataset, given["type"], given["gzip"], given["rows"], given["bytes"])
+    rows, most = given["rows"], given["bytes"]
+    least = min((limit for limit in (rows, most) if limit is not None), default=math.inf)
+    return _Options(dataset, given["type"], given["gzip"], rows, most, least)
 
 
 def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
@@ -175,7 +188,9 @@ def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
     try:
         line, _, encoded = payload.partition(b"\n")
         options, text = _options(line), encoded.decode("utf-8", "surrogatepass")
-        source, dataset = with_merged_graphs(store, text, options.dataset)
+        source, dataset = store, options.dataset
+        if "default_graph" in dataset:
+            source, dataset = with_merged_graphs(store, text, dataset)
         result: Any = source.query(text, **dataset)
         kind, media_type, form = _form(_kind(result), options.media_type)
         answer = _Answer(pipe, options, kind, media_type)

@@ -94,6 +94,16 @@ class Questions:
         EOFError
             When the other side has closed.
         """
+        ahead = self._ahead or self._connection.recv(_READ_AHEAD)
+        if len(ahead) >= HEADER.size:
+            kind, length = HEADER.unpack_from(ahead)
+            end = HEADER.size + length
+            if len(ahead) >= end:
+                self._ahead = ahead[end:]
+                return kind, ahead[HEADER.size : end]
+        elif not ahead:
+            raise EOFError
+        self._ahead = ahead
         kind, length = HEADER.unpack(self._exactly(HEADER.size))
         return kind, self._exactly(length)
 

@@ -82,6 +82,8 @@ class Places:
     @property
     def is_wanted(self) -> bool:
         """Whether somebody waits who may have the next place that is released."""
+        if not self.waiting:
+            return False
         limits, updates = self.limits, self._waiting_updates
         if self._waiting_quick > 0:
             return True

@@ -14,6 +14,7 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
 from rtask.errors import RtaskError
 from rtask.kb.store.apply import apply
@@ -87,7 +88,7 @@ class LateNotes:
                 self.try_flush()
             yield
         finally:
-            self._leave()
+            self.leave()
 
     @contextlib.contextmanager
     def excluding(self) -> Iterator[None]:
@@ -102,24 +103,23 @@ class LateNotes:
                 with self._gate:
                     self._is_excluding = False
 
-    @contextlib.contextmanager
-    def reading_now(self) -> Iterator[bool]:
-        """Begin a read in this block if that needs no waiting; yield whether it may begin."""
+    def reading_now(self) -> AbstractContextManager[bool]:
+        """Begin a read in this block if that needs no waiting; give whether it may begin."""
+        return _ReadingNow(self)
+
+    def enter_now(self) -> bool:
+        """Begin a read if that needs no waiting; tell whether it may begin."""
         with self._gate:
             self._was_read = True
             may_begin = not self._is_behind
             self._readers += may_begin
-        try:
-            yield may_begin
-        finally:
-            if may_begin:
-                self._leave()
+            return may_begin
 
-    def _leave(self) -> None:
+    def leave(self) -> None:
         """End the beginning of a read."""
         with self._gate:
             self._readers -= 1
-            if not self._readers:
+            if not self._readers and self._is_excluding:
                 self._gate.notify_all()
 
     @contextlib.contextmanager
@@ -207,6 +207,23 @@ class LateNotes:
                 self.try_flush()
             self._rest = None
             return True
+
+
+class _ReadingNow:
+    """The block of :meth:`LateNotes.reading_now`; queries of event loops enter many."""
+
+    __slots__ = ("_may_begin", "_notes")
+
+    def __init__(self, notes: LateNotes) -> None:
+        self._notes = notes
+
+    def __enter__(self) -> bool:
+        self._may_begin = self._notes.enter_now()
+        return self._may_begin
+
+    def __exit__(self, *_: object) -> None:
+        if self._may_begin:
+            self._notes.leave()
 
 
 def _flush_at_rest(reference: weakref.ref[LateNotes]) -> None:
