@@ -28,6 +28,7 @@ from reasoner.terms.digest import Digest, digest_of
 from reasoner.terms.vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
+_NO_SUBJECTS = (TripleTerm, Literal)
 LISTED_CONTRADICTIONS = 100
 LISTED_TRIPLES = 5_000
 """More triples of a change are made only when somebody looks at them."""
@@ -41,6 +42,8 @@ class Staged:
     inferred_added, inferred_removed : collection of Triple
         Triples that enter and leave the graph of inferred triples; never an asserted triple. Large
         ones are made of ids at each pass.
+    inferred_kept : collection of Triple or None
+        Triples that stay in the graph of inferred triples; None where the change is small.
     contradictions : list of Contradiction
         Contradictions that the change introduces.
     """
@@ -52,7 +55,8 @@ class Staged:
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
-        self.inferred_added, self.inferred_removed = closure._difference(draft)
+        self.inferred_kept: Collection[Triple] | None
+        self.inferred_added, self.inferred_removed, self.inferred_kept = closure._difference(draft)
         known = closure._state.clashes
         self._news = [clash for key, clash in draft.clashes.items() if key not in known]
         self.contradictions = closure._describe(self._news, draft)
@@ -350,10 +354,13 @@ class Closure:
         """Encode triples, without triple terms and statements about their reifiers."""
         batch = list(triples)
         self._reifiers |= {s for s, p, _ in batch if p == _REIFIES and _is_term(s)}
-        plain = [
-            t
-            for t in filter(_is_plain, batch)
-            if t[0] not in self._reifiers and not isinstance(t[0], Literal)
+        reifiers = self._reifiers
+        plain: list[Triple] = [
+            (s, p, o)
+            for s, p, o in batch
+            if not isinstance(s, _NO_SUBJECTS)
+            and not isinstance(o, TripleTerm)
+            and s not in reifiers
         ]
         self._skipped += len(batch) - len(plain)
         return self._terms.encode_all(plain)
@@ -369,15 +376,17 @@ class Closure:
         asserted = Asserted(state.asserted)
         return Reading(state.facts, state.equality, asserted, state.program, terms)
 
-    def _difference(self, draft: Draft) -> tuple[Collection[Triple], Collection[Triple]]:
+    def _difference(
+        self, draft: Draft
+    ) -> tuple[Collection[Triple], Collection[Triple], Collection[Triple] | None]:
         before, after = self._reading(), self._reading(draft)
         if draft.is_rebuilt:
-            parts = difference(before, after)
+            *parts, kept = difference(before, after)
             added, removed = (p if len(p) > LISTED_TRIPLES else list(p) for p in parts)
-            return added, removed
+            return added, removed, kept
         decode = self._terms.decode_fact
         come, gone = small_difference(before, after, draft.asserted)
-        return [*map(decode, come)], [*map(decode, gone)]
+        return [*map(decode, come)], [*map(decode, gone)], None
 
     def _causes(
         self,

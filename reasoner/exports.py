@@ -36,6 +36,26 @@ class Triples(Collection[Triple]):
         for p, column in self._columns.items():
             yield from self._terms.decode_column(p, column)
 
+    def ntriples(self) -> bytes:
+        """Return the triples as N-Triples, in a fraction of the time of making the terms."""
+        write = self._terms.write_column
+        return "".join(line for p, c in self._columns.items() for line in write(p, c)).encode()
+
+    def parts(self, size: int) -> Iterator[Triples]:
+        """Yield the triples in parts of at most so many."""
+        part: dict[int, Keys] = {}
+        count = 0
+        for p, column in self._columns.items():
+            for at in range(0, len(column), size):
+                keys = column.keys[at : at + size]
+                if count + len(keys) > size:
+                    yield Triples(part, self._terms)
+                    part, count = {}, 0
+                part[p] = keys
+                count += len(keys)
+        if part:
+            yield Triples(part, self._terms)
+
     def __contains__(self, triple: object) -> bool:
         if not isinstance(triple, tuple) or len(triple) != 3:
             return False
@@ -45,10 +65,12 @@ class Triples(Collection[Triple]):
         return self._columns[p].has(s, o)
 
 
-def difference(before: Reading, after: Reading) -> tuple[Triples, Triples]:
-    """Return the triples that enter and leave the inferred graph from one state to another."""
+def difference(before: Reading, after: Reading) -> tuple[Triples, Triples, Triples]:
+    """Return the triples that enter, leave and stay in the inferred graph between two states."""
     was, now = before.exported(), after.exported()
-    return Triples(_without(now, was), after.terms), Triples(_without(was, now), after.terms)
+    come, gone = _without(now, was), _without(was, now)
+    stay = _without(now, come)
+    return Triples(come, after.terms), Triples(gone, after.terms), Triples(stay, after.terms)
 
 
 def missing_and_surplus(reading: Reading, found: Iterable[Triple]) -> tuple[Triples, list[Triple]]:

@@ -7,7 +7,8 @@ subject as a slice; the same pairs the other way round give the subjects of an o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +130,23 @@ class Column:
     def subjects(self, o: int) -> Ids:
         """Return the subjects of an object, ascending."""
         return _slice(self.inverse, o)
+
+
+def columns_of(facts: Iterable[tuple[int, int, int]]) -> dict[int, Column]:
+    """Return facts (subject, property, object) in any order as columns, by property.
+
+    >>> columns_of([(1, 7, 2), (1, 8, 2), (0, 7, 5)])[7].keys.tolist() == [5, (1 << 32) + 2]
+    True
+    """
+    flat = np.fromiter(itertools.chain.from_iterable(facts), np.uint64).reshape(-1, 3)
+    order = np.argsort(flat[:, 1], kind="stable")
+    subjects, properties, objects = flat[order].T
+    keys = pack(subjects, objects)
+    distinct_ones, starts = np.unique(properties, return_index=True)
+    parts = np.split(keys, starts[1:])
+    return {
+        p: Column(distinct(part)) for p, part in zip(distinct_ones.tolist(), parts, strict=False)
+    }
 
 
 def _slice(keys: Keys, high: int) -> Ids:

@@ -203,13 +203,9 @@ class Facts:
 
     def replace(self, facts: Iterable[Fact]) -> None:
         """Hold these facts instead, as columns until they are probed."""
-        subjects: dict[int, list[int]] = {}
-        objects: dict[int, list[int]] = {}
-        for s, p, o in facts:
-            subjects.setdefault(p, []).append(s)
-            objects.setdefault(p, []).append(o)
+        columns = arrays.columns_of(facts)
         self._relations = {}
-        self._columns = {p: Column.of(values, objects[p]) for p, values in subjects.items()}
+        self._columns = columns
         self._size = sum(map(len, self._columns.values()))
 
     def _relation(self, p: int) -> Relation | None:

@@ -68,13 +68,8 @@ class Bulk:
 
     def load(self, facts: Iterable[Fact]) -> None:
         """Add facts without deriving; sameAs merges its ends."""
-        subjects: dict[int, list[int]] = defaultdict(list)
-        objects: dict[int, list[int]] = defaultdict(list)
-        for s, p, o in facts:
-            subjects[p].append(s)
-            objects[p].append(o)
-        for p, values in subjects.items():
-            self.columns[p] = Column(_proper(p, Column.of(values, objects[p]).keys))
+        for p, column in arrays.columns_of(facts).items():
+            self.columns[p] = Column(_proper(p, column.keys))
         if SAME in self.columns:
             self._unite(self.columns.pop(SAME).keys)
         if self._equality:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator
 
 from pyoxigraph import BlankNode, Literal, NamedNode
@@ -184,6 +185,16 @@ class Dictionary:
                 predicate,
                 self.decode(o) if value is None else value,
             )
+
+    def write_column(self, p: int, pairs: Iterable[tuple[int, int]]) -> list[str]:
+        """Return the facts of a property as lines of N-Triples."""
+        predicate = f" {self.decode(p)} "
+
+        @functools.cache
+        def write(number: int) -> str:
+            return str(self.decode(number))
+
+        return [f"{write(s)}{predicate}{write(o)} .\n" for s, o in pairs]
 
     def iri(self, number: int) -> str:
         """Return the IRI of an id, or `_:label` of a blank node."""

@@ -157,6 +157,11 @@ class _Loader:
 
     def documents(self, source: Path | str | bytes | IO[bytes]) -> list[Document]:
         """Return the documents of a source, ontologies before data."""
+        if isinstance(source, str) and "\n" in source:
+            raise UsageError(
+                f"a source of {len(source)} characters in several lines is no path; pass "
+                "statements as bytes, text.encode(), with their format"
+            )
         if isinstance(source, str) and ":" in source and not Path(source).exists():
             found = self.catalogue.find(source)
             if found is None:

@@ -223,10 +223,10 @@ def idle_sockets(server: RunningServer, tokens: list[str]) -> tuple[int, list[fl
 
 
 @contextlib.contextmanager
-def process(command: list[str], port: int) -> Iterator[int]:
+def process(command: list[str], port: int, limit_s: float = 60) -> Iterator[int]:
     """Run a server until it listens, and end it at the end; gives its process id."""
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + limit_s
         try:
             while True:
                 with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port)):

@@ -7,7 +7,6 @@ the folder after a crash completes it.
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from rtask.kb.durability.settings import write_durably
 from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.quads import InGraph
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
 __all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
@@ -159,26 +159,23 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
         if inference is not None:
             missing, surplus = inference.difference()
             overlay.removed.update(dict.fromkeys(surplus))
-            overlay.added.update(dict.fromkeys(itertools.islice(missing, MAX_QUADS)))
-            rest = next(missing, None)
-            if rest is not None:
-                graph = writer.committer.graphs.inferred
-                quads = itertools.chain(overlay.added, (rest,), missing)
-                overlay.store.bulk_extend(_with_copies(quads, not overlay.store.is_view))
-                overlay.added.clear()
-                request = replace(request, recount=request.recount | {graph})
+            if len(missing) <= MAX_QUADS:
+                overlay.added.update(dict.fromkeys(missing))
+            else:
+                _add_derived(overlay.store, missing)
+                request = replace(request, recount=request.recount | {missing.graph})
     except BaseException:
         writer.cancel()
         raise
     return writer.finish(overlay, request)
 
 
-def _with_copies(quads: Iterable[Quad], merged: bool) -> Iterator[Quad]:
-    """Yield each statement and its copy for the union; the store ignores duplicates."""
-    for quad in quads:
-        yield quad
-        if merged:
-            yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
+def _add_derived(store: GraphStore, derived: InGraph) -> None:
+    """Store derived statements, and their copies for the union first."""
+    for part in derived.parts(MAX_QUADS):
+        if not store.is_view:
+            store.bulk_extend(InGraph(part.triples, DEFAULT))
+        store.bulk_extend(part)
 
 
 def complete(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:

@@ -36,9 +36,9 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
-from rtask.kb.store.quads import Derived, InGraph, QuadChain
+from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_written
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
-from rtask.kb.store.union import joined_triples, union_change
+from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
 
@@ -306,8 +306,8 @@ class Committer:
                 self.journal.sync(record.seq)
                 replace_contents(self.store, whole)
             else:
-                now = Overlay(self.store) if late is not None else notes
-                self._write(change, derived, now, record.seq)
+                now = whole if late is None else _whole(change, derived, Overlay(self.store))
+                self._write(now, record.seq)
         except ReplacementError:
             raise  # the journal keeps the commit, and opening the folder again completes it
         except Exception as error:
@@ -325,15 +325,15 @@ class Committer:
         self.interrupted = False
         return self._describe(change, derived, record, request)
 
-    def _write(self, change: Overlay, derived: Derived, notes: Overlay, seq: int) -> None:
+    def _write(self, writes: Writes, seq: int) -> None:
         """Change the store, and the union in it."""
-        writes = _whole(change, derived, notes)
         if not (self.plain or self.store.is_view):
-            # The store ignores what it holds: looking up every statement of a file costs more.
-            is_large = len(change.added) > LARGE
-            asserted = joined_triples(change.added) if is_large else ()
-            looked_up = notes.added if is_large else QuadChain(change.added, notes.added)
-            copied = (asserted, derived.added.triples)
+            # What is derived or large is copied as it is: the store ignores what it holds, and
+            # looking up every statement of a file costs more.
+            parts = parts_of(writes.added)
+            whole = [part for part in parts if isinstance(part, InGraph)]
+            looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
+            copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
             fresh = (self.graphs.provenance,)
             union = union_change(self.store, writes.removed, looked_up, fresh, copied)
             copies = (InGraph(triples, DEFAULT) for triples in copied)
@@ -358,10 +358,8 @@ class Committer:
         return False if concerned else None
 
     def _sizes(self, request: Request, change: Overlay, derived: Derived) -> dict[GraphName, int]:
-        added, removed = (
-            QuadChain(change.added, derived.added),
-            (*change.removed, *derived.removed),
-        )
+        added = QuadChain(change.added, derived.added)
+        removed = QuadChain(change.removed, derived.removed)
         return {
             graph: self.store.count(graph)
             + sum(quad.graph_name == graph for quad in added)
@@ -413,8 +411,13 @@ class Committer:
 def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
     """Return all that a commit changes in named graphs."""
     return Writes(
-        QuadChain(change.removed, derived.removed, notes.removed),
-        QuadChain(change.added, derived.added, notes.added),
+        QuadChain(change.removed, *_written_if_large(derived.removed), notes.removed),
+        QuadChain(*_written_if_large(change.added), *_written_if_large(derived.added), notes.added),
         list(change.created),
         list(change.dropped),
+        kept=derived.kept,
     )
+
+
+def _written_if_large(quads: Collection[Quad]) -> list[InGraph] | list[Collection[Quad]]:
+    return quads_written(quads) if len(quads) > LARGE else [quads]

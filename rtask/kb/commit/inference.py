@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
@@ -34,6 +34,7 @@ class Staged(Protocol):
 
     inferred_added: Collection[TripleKey]
     inferred_removed: Collection[TripleKey]
+    inferred_kept: Collection[TripleKey] | None
     contradictions: list[Any]
 
     def causes(self, budget_ms: float) -> list[Any]:
@@ -234,7 +235,9 @@ class Inference:
             for part in (staged.inferred_added, staged.inferred_removed)
         )
         if self._catalogue.revision(graph) is not None:
-            return Derived(gained, lost)  # the graph holds exactly what the closure derived
+            # The graph holds exactly what the closure derived.
+            kept = staged.inferred_kept
+            return Derived(gained, lost, None if kept is None else InGraph(kept, graph))
         return Derived(gained, dict.fromkeys(quad for quad in lost if quad in self._store))
 
     def inconsistent(
@@ -275,16 +278,14 @@ class Inference:
         names = (quad.graph_name for quad in quads if self._graphs.is_input(quad.graph_name))
         return sorted(name.value for name in names if isinstance(name, NamedNode))
 
-    def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
+    def difference(self) -> tuple[InGraph, list[Quad]]:
         """Rebuild the closure; return the missing and the surplus quads of the inferred graph."""
         self._closure = None
         closure = self._closure = self._build()
         graph = self._graphs.inferred
         found = self._store.quads_for_pattern(None, None, None, graph)
         missing, surplus = closure.compare(map(triple_key, found))
-        return (Quad(s, p, o, graph) for s, p, o in missing), [
-            Quad(s, p, o, graph) for s, p, o in surplus
-        ]
+        return InGraph(missing, graph), [Quad(s, p, o, graph) for s, p, o in surplus]
 
     def _stage(self, change: Overlay, rules: Sequence[Rule] | None) -> Staged:
         from reasoner import ClosureTooLargeError, RuleError, StratificationError

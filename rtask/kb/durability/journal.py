@@ -26,8 +26,9 @@ from pyoxigraph import Quad, RdfFormat, parse, serialize
 from rtask.errors import StorageFullError, StoreError
 from rtask.kb.commit.catalogue import CommitRecord
 from rtask.kb.durability.blobs import sync_folder
+from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.writes import Writes
-from rtask.rdf.terms import GraphName, iri
+from rtask.rdf.terms import DefaultGraph, GraphName, iri
 
 __all__ = ["Journal", "JournalFile", "KeptJournal", "NoJournal", "Record", "body_of"]
 
@@ -357,11 +358,18 @@ def _lines(mark: bytes, quads: Collection[Quad]) -> bytes:
     if not quads:
         return b""
     blocks = []
-    rest = iter(quads)
-    while block := list(itertools.islice(rest, _BLOCK)):
-        text = serialize(block, format=RdfFormat.N_QUADS)
-        assert text is not None
-        blocks.append(mark + text[:-1].replace(b"\n", b"\n" + mark) + b"\n")
+    for part in parts_of(quads):
+        written = part.written if isinstance(part, InGraph) else None
+        if written is not None:
+            assert isinstance(part, InGraph)
+            end = b" .\n" if isinstance(part.graph, DefaultGraph) else f" {part.graph} .\n".encode()
+            blocks.append(mark + written.text[:-3].replace(b" .\n", end + mark) + end)
+            continue
+        rest = iter(part)
+        while block := list(itertools.islice(rest, _BLOCK)):
+            text = serialize(block, format=RdfFormat.N_QUADS)
+            assert text is not None
+            blocks.append(mark + text[:-1].replace(b"\n", b"\n" + mark) + b"\n")
     return b"".join(blocks)
 
 

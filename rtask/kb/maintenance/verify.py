@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
@@ -186,9 +187,8 @@ def _closure(
         if damaged and repair:
             inference.saved.discard()
     with writer.exclusive():
-        iterator, surplus = inference.difference()
-        missing = list(iterator)
-    examples = [*missing, *surplus][:_LISTED]
+        missing, surplus = inference.difference()
+    examples = list(itertools.islice(itertools.chain(missing, surplus), _LISTED))
     if not examples:
         return
     yield Finding(

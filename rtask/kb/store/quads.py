@@ -1,15 +1,28 @@
-"""Collections of quads that are put together or made while somebody looks at them."""
+"""Collections of quads that are put together, or made while somebody looks at them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol, runtime_checkable
 
-from pyoxigraph import Quad
+from pyoxigraph import Quad, RdfFormat, serialize
 
-from rtask.rdf.terms import DEFAULT, GraphName, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, TripleKey, triple_key
 
-__all__ = ["Derived", "InGraph", "QuadChain"]
+__all__ = ["Derived", "InGraph", "QuadChain", "WrittenTriples", "parts_of", "quads_written"]
+
+
+@runtime_checkable
+class _Writable(Collection[TripleKey], Protocol):
+    """Triples that can be written faster than their terms are made, like :mod:`reasoner`'s."""
+
+    def ntriples(self) -> bytes:
+        """Return their N-Triples text."""
+
+    def parts(self, size: int) -> Iterator[_Writable]:
+        """Yield them in parts of at most so many."""
 
 
 class InGraph(Collection[Quad]):
@@ -25,6 +38,19 @@ class InGraph(Collection[Quad]):
         self.triples = triples
         self.graph = graph
 
+    @property
+    def written(self) -> WrittenTriples | None:
+        """The triples, if they have their text."""
+        return self.triples if isinstance(self.triples, WrittenTriples) else None
+
+    def parts(self, size: int) -> Iterator[InGraph]:
+        """Yield derived quads in parts of at most so many, with their text."""
+        if not isinstance(self.triples, _Writable):
+            yield self
+            return
+        for part in self.triples.parts(size):
+            yield InGraph(WrittenTriples(part, part.ntriples), self.graph)
+
     def __len__(self) -> int:
         return len(self.triples)
 
@@ -36,6 +62,63 @@ class InGraph(Collection[Quad]):
         if not isinstance(quad, Quad) or quad.graph_name != self.graph:
             return False
         return triple_key(quad) in self.triples
+
+
+class WrittenTriples(Collection[TripleKey]):
+    """Triples with their N-Triples text, which is made when first asked for and then kept.
+
+    Storing and journalling a large change reads its text instead of each term.
+
+    Parameters
+    ----------
+    triples
+        In the form in which the store keeps them.
+    write
+        Returns the text.
+    """
+
+    def __init__(self, triples: Collection[TripleKey], write: Callable[[], bytes]) -> None:
+        self._triples = triples
+        self._write = write
+
+    def __len__(self) -> int:
+        return len(self._triples)
+
+    def __iter__(self) -> Iterator[TripleKey]:
+        return iter(self._triples)
+
+    def __contains__(self, triple: object) -> bool:
+        return triple in self._triples
+
+    @cached_property
+    def text(self) -> bytes:
+        """The triples in N-Triples, a line each."""
+        return self._write()
+
+    @cached_property
+    def is_ground(self) -> bool:
+        """Whether the text holds no blank node, and no literal that looks like one."""
+        return b"_:" not in self.text
+
+
+def quads_written(quads: Collection[Quad]) -> list[InGraph]:
+    """Return quads by graph, as :class:`WrittenTriples`."""
+    if isinstance(quads, InGraph) and isinstance(quads.triples, _Writable):
+        return [InGraph(WrittenTriples(quads.triples, quads.triples.ntriples), quads.graph)]
+    by_graph: dict[GraphName, list[Quad]] = {}
+    for quad in quads:
+        by_graph.setdefault(quad.graph_name, []).append(quad)
+    return [_written(part, graph) for graph, part in by_graph.items()]
+
+
+def _written(quads: list[Quad], graph: GraphName) -> InGraph:
+    def write() -> bytes:
+        text = serialize(quads, format=RdfFormat.N_QUADS)
+        assert text is not None
+        end = b"" if isinstance(graph, DefaultGraph) else b" " + str(graph).encode()
+        return text.replace(end + b" .\n", b" .\n")  # no literal holds the end of a line
+
+    return InGraph(WrittenTriples(dict.fromkeys(map(triple_key, quads)), write), graph)
 
 
 class QuadChain(Collection[Quad]):
@@ -66,6 +149,11 @@ class QuadChain(Collection[Quad]):
         return any(quad in part for part in self.parts)
 
 
+def parts_of(quads: Collection[Quad]) -> tuple[Collection[Quad], ...]:
+    """Return the collections that a chain is made of; any other collection alone."""
+    return quads.parts if isinstance(quads, QuadChain) else (quads,)
+
+
 @dataclass(frozen=True)
 class Derived:
     """Statements that enter and leave the inferred graph.
@@ -74,7 +162,10 @@ class Derived:
     ----------
     removed
         Can be asked for a quad without looking at all of them.
+    kept
+        All that stays in the inferred graph; ``None`` where only the store knows.
     """
 
     added: InGraph = field(default_factory=lambda: InGraph((), DEFAULT))
     removed: Collection[Quad] = ()
+    kept: InGraph | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import chain, islice
 from pathlib import Path
 
@@ -20,9 +20,10 @@ from rtask.errors import StoreError
 from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.union import remaining
 from rtask.kb.store.writes import Writes
-from rtask.rdf.terms import GraphName
+from rtask.rdf.terms import DEFAULT, GraphName
 
 __all__ = [
     "ReplacementError",
@@ -63,15 +64,14 @@ def replace_contents(store: GraphStore, change: Writes) -> None:
         The change will be completed when the folder is opened again.
     """
     graphs = [*(g for g in store.named_graphs() if g not in change.dropped), *change.created]
-    staying = remaining(store, change.removed, store.named_graphs())
+    staying = remaining(store, change.removed, store.named_graphs(), change.kept)
     gate, folder = store.gate, store.folder
     assert gate is not None
     if folder is None:
         text = io.BytesIO()
         serialize(staying, output=text, format=RdfFormat.N_QUADS)
         with gate.excluding():
-            kept = parse(text.getvalue(), format=RdfFormat.N_QUADS)
-            _load(store, chain(kept, change.added), graphs)
+            _load(store, parse(text.getvalue(), format=RdfFormat.N_QUADS), change.added, graphs)
     else:
         temporary = folder / f"{_FILE}.tmp"
         with temporary.open("wb") as out:
@@ -108,19 +108,32 @@ def complete_replacement(store: GraphStore, folder: Path) -> bool:
     return True
 
 
-def _load_file(store: GraphStore, folder: Path, added: Iterable[Quad] = ()) -> None:
+def _load_file(store: GraphStore, folder: Path, added: Collection[Quad] = ()) -> None:
     path = folder / _FILE
     with path.open("rb") as file:
         graphs = [NamedNode(name) for name in json.loads(file.readline()[1:]) if name]
-    _load(store, chain(parse(path=path, format=RdfFormat.N_QUADS), added), graphs)
+    _load(store, parse(path=path, format=RdfFormat.N_QUADS), added, graphs)
     embedded_store(store, "replacing everything").raw.flush()
     path.unlink()
 
 
-def _load(store: GraphStore, quads: Iterable[Quad], graphs: Iterable[GraphName]) -> None:
+def _load(
+    store: GraphStore,
+    staying: Iterable[Quad],
+    added: Collection[Quad],
+    graphs: Iterable[GraphName],
+) -> None:
     raw = embedded_store(store, "replacing everything").raw
     raw.clear()
-    rest = iter(quads)
+    few: list[Collection[Quad]] = []
+    for part in parts_of(added):
+        if not isinstance(part, InGraph):
+            few.append(part)
+            continue
+        if Graphs.is_joined(part.graph):
+            store.bulk_extend(InGraph(part.triples, DEFAULT))
+        store.bulk_extend(part)
+    rest = chain(staying, *few)
     while block := list(islice(rest, _BLOCK)):
         joined = (quad for quad in block if Graphs.is_joined(quad.graph_name))
         raw.bulk_extend(Quad(quad.subject, quad.predicate, quad.object) for quad in joined)

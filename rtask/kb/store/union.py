@@ -14,12 +14,11 @@ from pyoxigraph import Quad
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.kb.store.quads import InGraph, QuadChain
+from rtask.kb.store.quads import InGraph, parts_of
 from rtask.rdf.terms import DEFAULT, GraphName, Subject, TripleKey, triple_key
 
 __all__ = [
     "input_change",
-    "joined_triples",
     "remaining",
     "union_change",
 ]
@@ -96,14 +95,20 @@ def _holder(
 
 
 def remaining(
-    store: GraphStore, gone: Collection[Quad], graphs: Iterable[GraphName]
+    store: GraphStore,
+    gone: Collection[Quad],
+    graphs: Iterable[GraphName],
+    kept: InGraph | None = None,
 ) -> Iterator[Quad]:
     """Yield the quads of some graphs that are not among those that go.
 
-    Graphs that lose everything are not read.
+    Graphs that lose everything are not read, nor is the one whose quads that stay are known.
     """
     losses = _graph_counts(gone)
     for graph in graphs:
+        if kept is not None and graph == kept.graph:
+            yield from kept
+            continue
         lost = losses[graph]
         if lost and lost == store.count(graph):
             continue
@@ -113,7 +118,7 @@ def remaining(
             continue
         going = [
             set(part) if isinstance(part, InGraph) else part
-            for part in _parts(gone)
+            for part in parts_of(gone)
             if not isinstance(part, InGraph) or part.graph == graph
         ]
         for quad in found:
@@ -124,22 +129,12 @@ def remaining(
 def _graph_counts(quads: Collection[Quad]) -> Counter[GraphName]:
     """Return how many quads each graph has."""
     counts: Counter[GraphName] = Counter()
-    for part in _parts(quads):
+    for part in parts_of(quads):
         if isinstance(part, InGraph):
             counts[part.graph] += len(part)
         else:
             counts.update(quad.graph_name for quad in part)
     return counts
-
-
-def _parts(quads: Collection[Quad]) -> tuple[Collection[Quad], ...]:
-    return quads.parts if isinstance(quads, QuadChain) else (quads,)
-
-
-def joined_triples(quads: Iterable[Quad]) -> dict[TripleKey, None]:
-    """Return the triples of those quads that are part of the union, each once."""
-    joined = _Cached(Graphs.is_joined)
-    return {triple_key(quad): None for quad in quads if joined[quad.graph_name]}
 
 
 class _Cached(dict[GraphName, bool]):

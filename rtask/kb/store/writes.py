@@ -8,6 +8,7 @@ from typing import Any
 
 from pyoxigraph import DefaultGraph, NamedNode, Quad
 
+from rtask.kb.store.quads import InGraph
 from rtask.rdf.terms import GraphName, is_ground, written
 
 __all__ = ["Functions", "Writes", "as_update"]
@@ -27,6 +28,8 @@ class Writes:
     has_union
         Whether what is added to the default graph belongs to the union of the named graphs, so
         that it may be there already.
+    kept
+        All that one of the graphs goes on holding, where that is known without reading it.
     """
 
     removed: Collection[Quad] = ()
@@ -35,6 +38,7 @@ class Writes:
     dropped: Collection[GraphName] = ()
     is_replacement: bool = False
     has_union: bool = False
+    kept: InGraph | None = None
 
     def only_adds(self) -> bool:
         """Whether ``extend`` suffices, which also creates the graphs of its quads."""

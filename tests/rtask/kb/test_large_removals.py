@@ -226,7 +226,7 @@ def test_no_read_sees_the_store_half_replaced(
     real = replacement._load
 
     def slowly(store: EmbeddedStore, *rest: object) -> None:
-        real(store, (), ())  # empty
+        real(store, (), (), ())  # empty
         emptied.set()
         assert not done.wait(0.3), "a read went on"
         real(store, *rest)  # type: ignore[arg-type]

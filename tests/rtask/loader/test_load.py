@@ -250,6 +250,13 @@ def test_loading_needs_the_right_to_write(kb: KnowledgeBase) -> None:
     kb.load(b"<urn:a> <urn:p> 1 .", format="turtle", access=robot, graph=kb.graphs.agent("nao-1"))
 
 
+def test_statements_given_as_text_are_refused_in_one_line(kb: KnowledgeBase) -> None:
+    text = "<urn:a> <urn:b> <urn:c> .\n" * 5_000
+    with pytest.raises(UsageError, match=r"130000 characters .* as bytes") as error:
+        kb.load(text, format="nt")
+    assert len(str(error.value)) < 200
+
+
 def test_streams_are_read(kb: KnowledgeBase) -> None:
     kb.load(io.BytesIO(b"<urn:a> <urn:p> <urn:b> ."), format="nt", graph="urn:g")
     assert len(kb.match("urn:a")) == 1
