@@ -2,22 +2,26 @@
 
 The first view gives the object's frame. A later view joins when its movement is known, or follows
 from matched keypoints or from its shape, and when its points then lie on what is known already:
-a view that does not fit is refused rather than smeared over the model.
+a view that does not fit is refused rather than smeared over the model. As long as the views are
+few, each that joins may move all others but the first.
 """
 
 from __future__ import annotations
 
 import io
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
-from features.modelling.fusion import fused, oriented_points, smoothed
+from features.modelling.fusion import fused, smoothed
 from features.modelling.registration import Registration, Surface, registered
+from features.modelling.scans import Scan, fused_scans, scans_from_arrays, scans_to_arrays
+from features.modelling.settling import settled
 from features.modelling.surface import surface_of
 from features.pose.estimate import PoseParams, estimate_pose
 from features.pose.model import PoseModel, build_pose_model
@@ -31,6 +35,7 @@ _MIN_FIT = 0.45
 _MODEL_GRID, _MODEL_POINTS = 48, 6000
 _NOISE_M = 0.0005
 _MAX_CELLS = 160
+_MIN_SETTLED, _MAX_SETTLED = 3, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +50,13 @@ class ObjectModel:
     colours : (n, 3) uint8 RGB
     weights : (n,) float32
         Trust in each point: the measurements behind it, near and straight ones counting more.
-    views : tuple of (ViewFeatures, object_from_camera (4, 4))
-        Registered ones: later views are matched with them.
+    views : tuple of (ViewFeatures, int)
+        Described ones, each with its number in ``sources``: later views are matched with them.
     sources : tuple of (name, object_from_camera (4, 4))
         Every view that is in it, in the order in which they came.
+    scans : tuple of Scan
+        What each of them showed, up to 12 views: beyond, the movements are settled, and there is
+        none.
 
     Examples
     --------
@@ -59,8 +67,9 @@ class ObjectModel:
     cloud: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 6), np.float32))
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 3), np.uint8))
     weights: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
-    views: tuple[tuple[ViewFeatures, NDArray[np.float64]], ...] = ()
+    views: tuple[tuple[ViewFeatures, int], ...] = ()
     sources: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+    scans: tuple[Scan, ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -99,28 +108,34 @@ class ObjectModel:
         Registration or None
             None when it was refused.
         """
-        oriented, colours, trust = oriented_points(frame)
-        if len(oriented) < 30:
+        scan = Scan.of(frame)
+        if len(scan) < 30:
             return self, None
         if self.is_empty:
             pose = np.eye(4) if object_from_camera is None else object_from_camera
             found: Registration | None = Registration(pose, "first", 1.0)
         else:
-            found = self._registered(frame, oriented, features, object_from_camera, is_measured)
+            found = self._registered(frame, scan, features, object_from_camera, is_measured)
         if found is None:
             return self, None
-        pose = found.object_from_camera
-        moved = np.hstack(
-            [oriented[:, :3] @ pose[:3, :3].T + pose[:3, 3], oriented[:, 3:] @ pose[:3, :3].T]
-        )
-        cloud, inks, weights = fused(
-            np.vstack([self.cloud, moved]),
-            np.vstack([self.colours, colours]),
-            np.concatenate([self.weights, trust]),
-        )
-        views = self.views if features is None else (*self.views, (features, pose))
-        sources = (*self.sources, (name, pose))
-        return ObjectModel(cloud, inks, weights, views, sources), found
+        poses = [pose for _, pose in self.sources] + [found.object_from_camera]
+        names = [name for name, _ in self.sources] + [name]
+        views = self.views if features is None else (*self.views, (features, len(self.sources)))
+        if len(self.scans) < len(self.sources) or len(poses) > _MAX_SETTLED:
+            cloud = fused(
+                np.vstack([self.cloud, scan.moved(found.object_from_camera)]),
+                np.vstack([self.colours, scan.colours]),
+                np.concatenate([self.weights, scan.trust]),
+            )
+            return ObjectModel(*cloud, views, tuple(zip(names, poses, strict=True))), found
+        told = found.object_from_camera if object_from_camera is None else object_from_camera
+        pivot = told[:3, 3] if is_measured or self.is_empty else self._surface.centre
+        scans = (*self.scans, replace(scan, told=told, pivot=pivot, is_measured=is_measured))
+        if len(scans) >= _MIN_SETTLED:
+            poses = settled(scans, poses)
+            found = replace(found, object_from_camera=poses[-1])
+        sources = tuple(zip(names, poses, strict=True))
+        return ObjectModel(*fused_scans(scans, poses), views, sources, scans), found
 
     def pose_model(self, is_round: bool = False) -> PoseModel:
         """Return what poses are estimated against; made once.
@@ -185,16 +200,16 @@ class ObjectModel:
         return surface_of(self.cloud, self.colours, max(cell_m, float(size) / _MAX_CELLS))
 
     def to_bytes(self) -> bytes:
-        """Return an ``.npz`` of the cloud and its sources; views are kept by whoever has them."""
+        """Return an ``.npz`` of all but the described views, which are kept by whoever has them."""
         buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            cloud=self.cloud.astype("<f4"),
-            colours=self.colours,
-            weights=self.weights.astype("<f4"),
-            names=np.array([name for name, _ in self.sources], np.str_),
-            poses=np.array([pose for _, pose in self.sources], "<f8").reshape(-1, 4, 4),
-        )
+        arrays: dict[str, Any] = {
+            "cloud": self.cloud.astype("<f4"),
+            "colours": self.colours,
+            "weights": self.weights.astype("<f4"),
+            "names": np.array([name for name, _ in self.sources], np.str_),
+            "poses": np.array([pose for _, pose in self.sources], "<f8").reshape(-1, 4, 4),
+        }
+        np.savez_compressed(buffer, **arrays, **scans_to_arrays(self.scans))
         return buffer.getvalue()
 
     @classmethod
@@ -209,6 +224,7 @@ class ObjectModel:
                     arrays["colours"].astype(np.uint8).reshape(len(cloud), 3),
                     arrays["weights"].astype(np.float32).reshape(len(cloud)),
                     sources=tuple(zip(arrays["names"].tolist(), poses, strict=True)),
+                    scans=scans_from_arrays(arrays),
                 )
         except (zipfile.BadZipFile, KeyError, OSError, EOFError, ValueError) as error:
             raise ValueError(f"these bytes are no object model: {error}") from error
@@ -216,18 +232,19 @@ class ObjectModel:
     def _registered(
         self,
         frame: Frame,
-        oriented: NDArray[np.float64],
+        scan: Scan,
         features: ViewFeatures | None,
         given: NDArray[np.float64] | None,
         is_measured: bool,
     ) -> Registration | None:
+        oriented = scan.rows.astype(np.float64)
         if given is not None:
             return registered(self._surface, frame, oriented, given, "given", is_measured)
-        for stored, pose in reversed(self.views if features is not None else ()):
+        for stored, number in reversed(self.views if features is not None else ()):
             assert features is not None
             movement = match_views(stored, features).first_from_second
             if movement is not None:
-                told = pose @ movement
+                told = self.sources[number][1] @ movement
                 found = registered(self._surface, frame, oriented, told, "keypoints")
                 if found is not None:
                     return found

@@ -18,7 +18,16 @@ from features.geometry import Frame
 from features.modelling.fusion import smoothed
 from features.pose.visibility import check_free_space
 
-__all__ = ["Registration", "Surface", "registered"]
+__all__ = [
+    "DEPTH_NOISE_M",
+    "INDEPENDENT_POINTS",
+    "Registration",
+    "Surface",
+    "drift",
+    "prior_weights",
+    "registered",
+    "turned_and_shifted",
+]
 
 _MAX_SAMPLES, _MAX_LAID = 3000, 1500
 _CUTS_M = np.geomspace(0.008, 0.003, 10)
@@ -26,8 +35,8 @@ _MIN_FACING = 0.5
 _ESTIMATED = 1 / np.array([np.deg2rad(2.0)] * 3 + [0.010] * 3) ** 2
 _MEASURED = 1 / np.array([np.deg2rad(1.5)] * 3 + [0.003] * 3) ** 2
 """Prior weights: of an estimate, about the object's middle; of a measurement, about the camera."""
-_NOISE_M, _INDEPENDENT = 0.002, 200
-"""Of depth; and how many of a view's points err independently: neighbours share their error."""
+DEPTH_NOISE_M, INDEPENDENT_POINTS = 0.002, 200
+"""How many of a view's points err independently: neighbours share their error."""
 _OVERLAP_M, _MIN_OVERLAP = 0.004, 0.35
 _MAX_DRIFT_M, _MAX_DRIFT_RAD = 0.015, np.deg2rad(12.0)
 _MAX_VIOLATION, _MIN_JUDGED = 0.12, 0.25
@@ -94,9 +103,9 @@ def registered(
     rng = np.random.default_rng(0)
     few = oriented[np.sort(rng.permutation(len(oriented))[:_MAX_LAID])]
     told = np.asarray(object_from_camera, np.float64)
-    pivot, prior = (told[:3, 3], _MEASURED) if is_measured else (surface.centre, _ESTIMATED)
-    pose = _laid_on(surface, few, told, pivot, prior)
-    turned, moved = np.split(_drift(pose, told, surface.centre), 2)
+    pivot = told[:3, 3] if is_measured else surface.centre
+    pose = _laid_on(surface, few, told, pivot, prior_weights(is_measured))
+    turned, moved = np.split(drift(pose, told, surface.centre), 2)
     away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
     overlap = float((away < _OVERLAP_M + surface.spacing_m).mean())
     if (
@@ -122,7 +131,7 @@ def _laid_on(
     and ``prior`` (6,) weighs turns and shifts away from what was told.
     """
     pose = told
-    trust = _INDEPENDENT / len(few) / _NOISE_M**2
+    trust = INDEPENDENT_POINTS / len(few) / DEPTH_NOISE_M**2
     for cut in _CUTS_M.tolist():
         places = few[:, :3] @ pose[:3, :3].T + pose[:3, 3]
         away, rows = surface.tree.query(places)
@@ -134,22 +143,34 @@ def _laid_on(
         weighted = (lever * weight[:, None]).T
         step = np.linalg.solve(
             weighted @ lever + np.diag(prior),
-            -weighted @ across - prior * _drift(pose, told, pivot),
+            -weighted @ across - prior * drift(pose, told, pivot),
         )
-        change = np.eye(4)
-        change[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
-        change[:3, 3] = pivot + step[3:] - change[:3, :3] @ pivot
-        pose = change @ pose
+        pose = turned_and_shifted(pose, step, pivot)
     return pose
 
 
-def _drift(
+def prior_weights(is_measured: bool) -> NDArray[np.float64]:
+    """Return the weights (6,) of turns and shifts away from a movement as it was told."""
+    return _MEASURED if is_measured else _ESTIMATED
+
+
+def turned_and_shifted(
+    pose: NDArray[np.float64], step: NDArray[np.float64], pivot: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a movement after a turn about a pivot and a shift, a step of (6,)."""
+    change = np.eye(4)
+    change[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
+    change[:3, 3] = pivot + step[3:] - change[:3, :3] @ pivot
+    return change @ pose
+
+
+def drift(
     pose: NDArray[np.float64], told: NDArray[np.float64], pivot: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return turn (rotation vector) and shift of the pivot from one movement to the other, (6,)."""
-    drift = pose @ np.linalg.inv(told)
-    turn = Rotation.from_matrix(drift[:3, :3]).as_rotvec()
-    return np.concatenate([turn, drift[:3, :3] @ pivot + drift[:3, 3] - pivot])
+    change = pose @ np.linalg.inv(told)
+    turn = Rotation.from_matrix(change[:3, :3]).as_rotvec()
+    return np.concatenate([turn, change[:3, :3] @ pivot + change[:3, 3] - pivot])
 
 
 def _violation(

@@ -27,6 +27,7 @@ import pickle
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -130,7 +131,7 @@ class GrownModels(Models):
     def _grow(self, thing: Thing) -> dict[int, PoseModel]:
         vertices, faces = thing.load()
         most, exact = max(self.counts), self.of(thing)
-        rng = np.random.default_rng(most)
+        rng = np.random.default_rng([most, crc32(thing.key.encode())])
         model, joined, grown = ObjectModel(), 0, {}
         poses = around(vertices, most)
         for k, which in enumerate(rng.permutation(most).tolist(), start=1):

@@ -8,6 +8,7 @@
     python tests/benchmarks/bench_recognition.py prints          # generated cartons with siblings
     python tests/benchmarks/bench_recognition.py prints --save-plot FAMILY.png
     python tests/benchmarks/bench_recognition.py photographs --photos FOLDER
+    python tests/benchmarks/bench_recognition.py photographs --photos FOLDER --cut
 
 ``tables`` lays products on simulated tables, each with its own light, turns the head to both
 sides, and describes what perception cut out, sent through the wire format: what robots really
@@ -15,7 +16,8 @@ exchange. Half of the products are stored from some of their views, the other ha
 then every view that was not stored is asked. ``turntable`` needs the YCB models in
 ``$RTASK_SHARED_DATA/ycb``. ``prints`` stores two thirds of the cartons of ``generated_prints`` and
 asks all: siblings of what is stored are the unknown. ``photographs`` runs the ``evaluate.py`` that
-lies beside a collection of photographs, in the modes that are reported. Without a command:
+lies beside a collection of photographs, in the modes that are reported; with ``--cut``, in the
+first of them, objects are cut out by colour instead (``cut_photographs``). Without a command:
 ``tables`` and ``speed``.
 """
 
@@ -343,10 +345,12 @@ def run_photographs(args: argparse.Namespace) -> None:
     import subprocess
     import sys
 
-    script = args.photos / "evaluate.py"
-    for mode in ([], ["--few"], ["--blur", "1.5"], ["--views", "1"], ["--views", "3"]):
+    script = args.photos.resolve() / "evaluate.py"
+    modes = [[], ["--few"], ["--blur", "1.5"], ["--views", "1"], ["--views", "3"]]
+    for mode in modes[: 1 if args.cut else None]:
         command = [sys.executable, str(script), "--mask", "centre", "--draws", str(args.draws)]
-        subprocess.run([*command, *mode], check=True)
+        command += ["--adapter", "cut_photographs:Cut"] if args.cut else []
+        subprocess.run([*command, *mode], check=True, cwd=Path(__file__).parent)
 
 
 # ---- speed ------------------------------------------------------------------------------------
@@ -404,6 +408,7 @@ def main() -> None:
     parser.add_argument("--families", type=int, default=8, help="prints: families of three")
     parser.add_argument("--save-plot", type=Path, help="prints: picture of a family")
     parser.add_argument("--photos", type=Path, help="photographs: folder with evaluate.py")
+    parser.add_argument("--cut", action="store_true", help="photographs: masks by GrabCut")
     args = parser.parse_args()
     if args.command == "photographs" and args.photos is None:
         parser.error("photographs needs --photos FOLDER")

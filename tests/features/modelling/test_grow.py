@@ -133,6 +133,57 @@ def test_model_and_mesh_survive_their_bytes(grown: ObjectModel) -> None:
         ObjectModel.from_bytes(grown.to_bytes()[:90])
 
 
+def told_with(pose: NDArray[np.float64], turn_deg: float) -> NDArray[np.float64]:
+    """Return a camera's pose as somebody tells it who errs by a turn of the camera."""
+    off = np.eye(4)
+    off[:3, :3] = rotation_about(np.array([0.6, 0.8, 0.0]), np.deg2rad(turn_deg))
+    return pose @ off
+
+
+def shift_at_middle(found: NDArray[np.float64], true: NDArray[np.float64]) -> float:
+    """Return how far a movement puts the object's middle from where it is, m."""
+    return float(np.linalg.norm((found @ np.linalg.inv(true))[:3, 3]))
+
+
+def test_views_of_opposite_sides_are_brought_together_by_those_between() -> None:
+    front, pose = view_from(0, 20)
+    behind, opposite = view_from(180, -20)
+    told = told_with(opposite, 1.0)
+    model, _ = ObjectModel().add(front, object_from_camera=pose)
+    model, _ = model.add(behind, object_from_camera=told, is_measured=True)
+    assert shift_at_middle(model.sources[1][1], opposite) > 0.005  # they meet nowhere
+    for azimuth, elevation in ((60, 0), (120, 10), (-60, 10), (-120, 0)):
+        frame, side = view_from(azimuth, elevation)
+        model, found = model.add(frame, object_from_camera=side, is_measured=True)
+        assert found is not None
+    assert shift_at_middle(model.sources[1][1], opposite) < 0.002
+    assert np.array_equal(model.sources[0][1], pose)
+    assert np.quantile(np.abs(distance_to_body(model.cloud[:, :3].astype(np.float64))), 0.9) < 0.002
+
+
+def test_a_stored_model_grows_as_the_one_in_memory_does() -> None:
+    model = ObjectModel()
+    for azimuth in (0, 70):
+        frame, pose = view_from(azimuth, 30)
+        model, _ = model.add(frame, object_from_camera=pose)
+    stored = ObjectModel.from_bytes(model.to_bytes())
+    frame, pose = view_from(140, 30)
+    told = told_with(pose, 0.5)
+    here, there = (m.add(frame, object_from_camera=told)[0] for m in (model, stored))
+    assert np.array_equal(here.cloud, there.cloud)
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(here.sources, there.sources, strict=True))
+
+
+def test_movements_of_many_views_are_settled() -> None:
+    model = ObjectModel()
+    for azimuth in range(0, 360, 28):
+        frame, pose = view_from(azimuth, 35)
+        model, found = model.add(frame, object_from_camera=pose)
+        assert found is not None
+    assert len(model.sources) == 13
+    assert model.scans == ()
+
+
 def test_an_empty_view_changes_nothing(grown: ObjectModel) -> None:
     blank = Frame(np.zeros((160, 200), np.float32), CAMERA)
     assert grown.add(blank)[1] is None

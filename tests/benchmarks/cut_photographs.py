@@ -1,0 +1,55 @@
+"""Adapter of ``evaluate.py`` beside a collection of photographs: objects cut out by colour.
+
+The protocol gives every photograph a mask by rule. Here GrabCut (``features.imaging.foreground``)
+looks for the object inside that mask's box instead, as ``rtask recognise photo.jpg --box`` does; a
+mask of the whole photograph stands for none, as in ``rtask recognise photo.jpg``.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.imaging.foreground import find_foreground
+from features.recognition import (
+    Recogniser,
+    RecognitionIndex,
+    ViewFeatures,
+    describe_view,
+    warm_up,
+)
+
+__all__ = ["Cut"]
+
+
+class Cut:
+    """What ``evaluate.py`` asks of a recogniser."""
+
+    def __init__(self) -> None:
+        warm_up()
+        self.start()
+
+    def start(self) -> None:
+        """Begin with an empty store."""
+        self._index = RecognitionIndex()
+        self._recogniser: Recogniser | None = None
+
+    def describe(self, rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> ViewFeatures:
+        """Describe what is cut out of a photograph."""
+        box = None if mask.all() else cv2.boundingRect(mask.astype(np.uint8))
+        return describe_view(rgb, find_foreground(rgb, box))
+
+    def add(self, name: str, described: ViewFeatures) -> None:
+        """Store a view."""
+        self._index.add(f"view:{len(self._index)}", name, "class:carton", described)
+
+    def ask(self, described: ViewFeatures) -> tuple[str | None, float, bool]:
+        """Return the name of the first answer, its confidence, and whether it was accepted."""
+        if self._recogniser is None:
+            self._index.save()
+            self._recogniser = Recogniser(self._index)
+        answer = self._recogniser.recognise(described)
+        if not answer.matches:
+            return None, 0.0, False
+        return answer.matches[0].object_iri, answer.matches[0].confidence, answer.accepted
