@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray, IntArray
 from grasp.push.candidates import Grasps
+from grasp.push.curves import Curves
 from grasp.push.mechanics.conditions import CODES, evaluate
 from grasp.push.perturb import (
     Tolerance,
@@ -49,6 +51,9 @@ class PushTest:
         ``strict``: a vertical line between the contacts; ``nguyen``: any line in both cones.
     vertex_pushes, slip_pushes
         Whether these kinds count.
+    rolling
+        Whether curves are smooth (`grasp.push.curves`) and roll on the jaw; else each of their
+        facets is a flat side.
     step
         Of the simulation, in part diameters.
     moment_arm
@@ -65,6 +70,7 @@ class PushTest:
     closure: Literal["strict", "nguyen"] = "strict"
     vertex_pushes: bool = True
     slip_pushes: bool = True
+    rolling: bool = True
     step: float = 0.004
     moment_arm: float = 0.4
     sampling: Literal["random", "sobol"] = "random"
@@ -132,6 +138,11 @@ class Trials:
             part_key(part, seed),
         )
 
+    @cached_property
+    def curves(self) -> Curves:
+        """Curves of the outline."""
+        return Curves.of(self.ring) if self.test.rolling else Curves.none(len(self.ring))
+
     def draws(self, first: int, count: int) -> FloatArray:
         """Return the standard normals (count, n + 3, 2) of trials."""
         draw = sobol_normals if self.test.sampling == "sobol" else normals
@@ -141,10 +152,14 @@ class Trials:
     def parts(
         self, first: int, count: int
     ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return x and y (count, n), centres of mass (count, 2) and validity of trials."""
+        """Return x and y (count, n), centres of mass (count, 2) and validity of trials.
+
+        Curves have more vertices than in the ring.
+        """
         draws = self.draws(first, count)
         vx, vy, mass = perturbed(self.ring, self.com, self.tolerance, draws)
-        return vx, vy, mass, valid_outlines(vx, vy)
+        valid = valid_outlines(vx, vy)
+        return *self.curves.drawn(vx, vy), mass, valid
 
     def __call__(self, first: int, count: int) -> CodeArray:
         """Return the codes (g, count) of trials."""
@@ -156,7 +171,7 @@ class Trials:
 
     def nominal(self) -> CodeArray:
         """Return the codes (g,) on the nominal part."""
-        x, y = (np.ascontiguousarray(self.ring[None, :, k]) for k in (0, 1))
+        x, y = self.curves.drawn(self.ring[None, :, 0], self.ring[None, :, 1])
         return self._judge(x, y, self.com[None].copy(), np.ones(1, np.bool_))[:, 0]
 
     def _judge(
@@ -174,7 +189,10 @@ class Trials:
         else:
             passes = 1 + 2 * test.vertex_pushes + 4 * test.slip_pushes
             nguyen = test.closure == "nguyen"
-            evaluate(vx, vy, mass, valid, self.rows, self.width, test.friction, passes, nguyen, out)
+            evaluate(
+                vx, vy, mass, valid, self.rows, self.width, test.friction, passes, nguyen,
+                self.curves.drawn_vertices, self.curves.drawn_facets, out,
+            )  # fmt: skip
         return out
 
 

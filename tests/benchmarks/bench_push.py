@@ -18,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from push_checks import bound, box2d, sobol
+from push_curves import curves
 from push_figures import belief, fig_3_8, fig_3_11, fig_3_13, fig_3_15, fig_3_23
 from push_nodes import fig_3_17
 from push_settings import Drawings
@@ -41,6 +42,7 @@ ALL: dict[str, Callable[[], None]] = {
     "sobol": sobol,
     "belief": belief,
     "silhouettes": silhouettes,
+    "curves": curves,
 }
 ALSO = {
     "fig-3.9": "fig-3.8",

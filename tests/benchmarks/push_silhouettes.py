@@ -1,4 +1,4 @@
-"""How many perturbations find a good grasp of silhouettes of real objects."""
+"""How many perturbations find a good grasp of silhouettes of real objects; what none would do."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from grasp.push import PushTest, Tolerance, analyse, as_part, sample_grasps
 from grasp.push.analysis import Analysis, Racing
 from grasp.push.inputs.sources import Outline, rings_from_image, without_details
 from grasp.push.polygon import Part
+from grasp.push.trials import Trials
 from grasp.spatial.meshes.mesh_files import read_mesh
 
 _SIZE_PX, _TRUTH = 400, 4000
@@ -21,10 +22,15 @@ _SEEN = {"top": (0, 1), "side": (0, 2)}
 
 
 def silhouettes() -> None:
-    """Share of the best quality that a plan's first grasp has, by its number of perturbations."""
+    """Share of the best quality that a plan's first grasp has, by its number of perturbations.
+
+    Beside it, what planning on the nominal outline alone is worth (Kehoe 2014, 3.5): the mean
+    quality of the grasps that close there, of which it can prefer none.
+    """
     folder = Path(os.environ.get("RTASK_SHARED_DATA", "../shared/data")) / "ycb"
     kept: dict[str, list[float]] = {}
     asked: dict[str, list[int]] = {}
+    blind: list[tuple[float, float]] = []
     refused = 0
     for _name, part in _parts(folder):
         if part is None:
@@ -37,6 +43,10 @@ def silhouettes() -> None:
         truth = analyse(part, grasps, test, tolerance, samples=_TRUTH, seed=1).quality
         if truth.max() < 0.05:
             continue
+        closes = Trials.of(part, grasps, test, tolerance, 0).nominal() > 0
+        if closes.any():
+            share = truth[closes] / truth.max()
+            blind.append((float(share.mean()), float(np.mean(share >= 0.9))))
         for count in _SAMPLES:
             found = analyse(part, grasps, test, tolerance, samples=count)
             _note(f"{count}", found, truth, kept, asked)
@@ -49,6 +59,9 @@ def silhouettes() -> None:
         values = np.array(shares)
         print(f"{key:12s}  {np.mean(values >= 0.9):8.3f}  {values.mean():.3f}  {values.min():.3f}"
               f"  {np.mean(asked[key]):12.0f}")  # fmt: skip
+    mean, near = np.mean(blind, axis=0)
+    print(f"nominal only: of {len(blind)} silhouettes, mean share {mean:.3f}; {near:.3f} of the "
+          "grasps keep .90")  # fmt: skip
 
 
 def _note(

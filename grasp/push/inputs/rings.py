@@ -28,7 +28,7 @@ class PartRings(NamedTuple):
     outline : (n, 2)
     holes : each (m, 2)
     others
-        How many rings beside the outline, or across it, may be parts of their own.
+        How many other parts there are: rings beside the outline, or across it.
     """
 
     outline: FloatArray
@@ -36,36 +36,48 @@ class PartRings(NamedTuple):
     others: int = 0
 
 
-def outline_and_holes(rings: Sequence[FloatArray], what: str) -> PartRings:
-    """Return the ring that encloses most, and the outermost rings inside it.
+def outline_and_holes(rings: Sequence[FloatArray], what: str, part: int = 1) -> PartRings:
+    """Return the outline of a part, the outermost rings inside it, and how many others there are.
 
     What lies in a hole is neither a hole nor a part.
+
+    Parameters
+    ----------
+    what
+        Kind of drawing, for messages.
+    part
+        Number of the part, counted from 1, the largest.
 
     Raises
     ------
     ValueError
-        When nothing is closed, or a hole's outline crosses itself.
+        When nothing is closed, there is no such part, or a hole's outline crosses itself.
     """
     closed = sorted((r for r in rings if len(r) >= 3), key=_enclosed, reverse=True)
     if not closed or _enclosed(closed[0]) == 0.0:
         raise ValueError(f"no closed outline in this {what}")
-    outline, holes, others = closed[0], list[FloatArray](), list[FloatArray]()
+    outlines = closed[:1]
     for ring in closed[1:]:
-        share = _enclosed(ring) / _enclosed(outline)
-        if share < _MIN_HOLE:
+        if _enclosed(ring) < _MIN_PART * _enclosed(closed[0]):
             break
-        if share > _SAME and _is_about(ring, outline):
+        # What lies inside a part is a hole of that part.
+        if not any(_is_inside(ring, other) or _is_about(ring, other) for other in outlines):
+            outlines.append(ring)
+    if not 1 <= part <= len(outlines):
+        there = "is 1 part" if len(outlines) == 1 else f"are {len(outlines)} parts"
+        raise ValueError(f"part {part}: there {there} in this {what}")
+    outline, holes = outlines[part - 1], list[FloatArray]()
+    for ring in closed:
+        if _enclosed(ring) < _MIN_HOLE * _enclosed(outline):
+            break
+        if _is_about(ring, outline) or not _is_inside(ring, outline):
             continue
-        if not _is_inside(ring, outline):
-            # What lies inside another part is a hole of that part.
-            if share >= _MIN_PART and not any(_is_inside(ring, part) for part in others):
-                others.append(ring)
-        elif not any(_touches(ring, hole) for hole in holes):
+        if not any(_touches(ring, hole) for hole in holes):
             try:
                 holes.append(as_polygon(ring))
             except ValueError as error:
                 raise ValueError(f"hole {len(holes) + 1}: {error}") from error
-    return PartRings(outline, tuple(holes), len(others))
+    return PartRings(outline, tuple(holes), len(outlines) - 1)
 
 
 def joined(pieces: Sequence[FloatArray]) -> Iterator[tuple[FloatArray, bool]]:
@@ -119,6 +131,10 @@ def _is_inside(ring: FloatArray, outline: FloatArray) -> bool:
 
 def _is_about(ring: FloatArray, outline: FloatArray) -> bool:
     """Return whether a ring of nearly the same area covers nearly the same place."""
+    if ring is outline:
+        return True
+    if not _SAME < _enclosed(ring) / _enclosed(outline) < 1.0 / _SAME:
+        return False
     size = np.ptp(outline, axis=0).max()
     low, high = ring.min(axis=0) - outline.min(axis=0), ring.max(axis=0) - outline.max(axis=0)
     return bool(max(np.abs(low).max(), np.abs(high).max()) <= (1.0 - _SAME) * size)

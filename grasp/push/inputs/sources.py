@@ -73,13 +73,19 @@ class Outline:
     unit: str = ""
 
 
-def read_outline(path: Path, max_vertices: int = MAX_VERTICES) -> Outline:
+def read_outline(path: Path, max_vertices: int = MAX_VERTICES, part: int = 1) -> Outline:
     """Return the outline of a part from a file.
+
+    Parameters
+    ----------
+    part
+        Which one of several in a drawing or an image, counted from 1, the largest.
 
     Raises
     ------
     ValueError
-        When the ending is unknown, the file is no such file, or its outline makes no polygon.
+        When the ending is unknown, the file is no such file, it has no such part, or its outline
+        makes no polygon.
     """
     ending = path.suffix.lower()
     if path.stat().st_size > _MAX_BYTES:
@@ -92,35 +98,37 @@ def read_outline(path: Path, max_vertices: int = MAX_VERTICES) -> Outline:
         rings = PartRings(ring, holes)
     elif ending == ".svg":
         found, unit = rings_from_svg(path.read_text("utf-8"))
-        rings = outline_and_holes(found, "SVG")
+        rings = outline_and_holes(found, "SVG", part)
     elif ending == ".dxf":
         drawing = rings_from_dxf(path.read_text("utf-8", errors="replace"))
         notes = _dxf_notes(drawing)
-        rings, unit = outline_and_holes(drawing.rings, _dxf_name(drawing)), drawing.unit
+        rings, unit = outline_and_holes(drawing.rings, _dxf_name(drawing), part), drawing.unit
     elif ending in _IMAGE_ENDINGS:
-        rings, unit = outline_and_holes(rings_from_image(path.read_bytes()), "image"), "px"
+        rings, unit = outline_and_holes(rings_from_image(path.read_bytes()), "image", part), "px"
     elif ending in CLOUD_ENDINGS:
         ring, height = outline_from_cloud(read_cloud(path))
         rings = PartRings(ring, ())
     else:
         known = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
         raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(known)}")
+    if part != 1 and len(rings.outline) and ending in (".json", *CLOUD_ENDINGS):
+        raise ValueError(f"part {part}: a file {ending} holds one part")
     dense = len(rings.outline) > max_vertices
     polygon = simplify(rings.outline, max_vertices) if dense else as_polygon(rings.outline)
     if rings.holes and com is None:
         com = plate_centroid(polygon, rings.holes)
     read = len(rings.outline)
     said = [f"simplified from {read} to {len(polygon)} vertices"] if dense else []
-    said += [*notes, *_notes(rings), *([f"lengths in {unit}"] if unit else [])]
+    said += [*notes, *_notes(rings, part), *([f"lengths in {unit}"] if unit else [])]
     return Outline(polygon, com, read, "; ".join(said), height, rings.holes, unit)
 
 
-def _notes(rings: PartRings) -> list[str]:
+def _notes(rings: PartRings, part: int) -> list[str]:
     """Return what people should know about the holes, and about what was left out."""
     said = []
     if rings.others:
         parts = "another part was" if rings.others == 1 else f"{rings.others} other parts were"
-        said.append(f"{parts} left out: only the largest is planned")
+        said.append(f"{parts} left out: this is part {part} of {rings.others + 1} by size")
     if rings.holes:
         holes = len(rings.holes)
         said.append(f"{holes} hole{'s'[: holes > 1]}: they move the centre of mass only")

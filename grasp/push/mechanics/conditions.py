@@ -17,6 +17,8 @@ from numba import njit
 
 from grasp.push.mechanics.closure import closes, closes_over, closes_two
 from grasp.push.mechanics.contact import CORNER_LEFT, NOTHING, VERTEX, lowest
+from grasp.push.mechanics.edge_frame import LEVEL, clip, obstructed, reach, to_edge_frame
+from grasp.push.mechanics.rolling import ENDS, LEAVES_JAW, RESTS, SLIPS, roll
 
 __all__ = ["CODES", "INVALID", "UNTRIED", "evaluate", "evaluate_one"]
 
@@ -59,36 +61,6 @@ CODES = {
 }
 """Meaning of the result codes: positive = success."""
 
-_LEVEL = 1e-9
-
-
-@njit(cache=True, nogil=True)
-def _clip(t0, t1, at, step):  # type: ignore[no-untyped-def]
-    """Cut the interval of t to where at + step t > 0."""
-    if step == 0.0:
-        return (t0, t1) if at > 0.0 else (1.0, 0.0)
-    t = -at / step
-    if step > 0.0:
-        return max(t0, t), t1
-    return t0, min(t1, t)
-
-
-@njit(cache=True, nogil=True)
-def _obstructed(x, y, n, i0, i1, reach, slope):  # type: ignore[no-untyped-def]
-    """Return whether an edge other than i0-i1 enters 0 < x < reach, -slope x < y < 0."""
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        if (y[i] > -_LEVEL and y[j] > -_LEVEL) or (i == i0 and j == i1) or (i == i1 and j == i0):
-            continue
-        dx, dy = x[j] - x[i], y[j] - y[i]
-        t0, t1 = _clip(0.0, 1.0, -_LEVEL - y[i], -dy)
-        t0, t1 = _clip(t0, t1, x[i], dx)
-        t0, t1 = _clip(t0, t1, reach - x[i], -dx)
-        t0, t1 = _clip(t0, t1, y[i] + slope * x[i] + _LEVEL, dy + slope * dx)
-        if t0 < t1:
-            return True
-    return False
-
 
 @njit(cache=True, nogil=True)
 def _first_met(x, y, n, i0, i1, w):  # type: ignore[no-untyped-def]
@@ -101,11 +73,11 @@ def _first_met(x, y, n, i0, i1, w):  # type: ignore[no-untyped-def]
     steepest, hit = 0.0, -1
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
-        if (y[i] > -_LEVEL and y[j] > -_LEVEL) or (i == i0 and j == i1) or (i == i1 and j == i0):
+        if (y[i] > -LEVEL and y[j] > -LEVEL) or (i == i0 and j == i1) or (i == i1 and j == i0):
             continue
         dx, dy = x[j] - x[i], y[j] - y[i]
-        t0, t1 = _clip(0.0, 1.0, -_LEVEL - y[i], -dy)
-        t0, t1 = _clip(t0, t1, x[i], dx)
+        t0, t1 = clip(0.0, 1.0, -LEVEL - y[i], -dy)
+        t0, t1 = clip(t0, t1, x[i], dx)
         # Cut to the disc of radius w.
         square = dx * dx + dy * dy
         half = x[i] * dx + y[i] * dy
@@ -119,7 +91,7 @@ def _first_met(x, y, n, i0, i1, w):  # type: ignore[no-untyped-def]
         for end in range(2):
             t = t0 if end == 0 else t1
             px, py = x[i] + t * dx, y[i] + t * dy
-            if px <= 0.0 or py >= -_LEVEL:
+            if px <= 0.0 or py >= -LEVEL:
                 continue
             if -py / px > steepest:
                 steepest = -py / px
@@ -129,39 +101,13 @@ def _first_met(x, y, n, i0, i1, w):  # type: ignore[no-untyped-def]
                 elif t == 1.0:
                     hit = j
     # A crossing of y = 0 under the aligned jaw is met by its face or far corner before alignment.
-    if hit == -1 and _obstructed(x, y, n, i0, i1, w, 1e-6):
+    if hit == -1 and obstructed(x, y, n, i0, i1, w, 1e-6):
         return -2
     return hit
 
 
 @njit(cache=True, nogil=True)
-def _to_edge_frame(x, y, n, ox, oy, mirror, tx, ty):  # type: ignore[no-untyped-def]
-    """Move vertices in place: origin to (ox, oy), mirrored in x, x along (tx, ty)."""
-    for i in range(n):
-        ax, ay = (x[i] - ox) * mirror, y[i] - oy
-        x[i] = ax * tx + ay * ty
-        y[i] = -ax * ty + ay * tx
-
-
-@njit(cache=True, nogil=True)
-def _reach(x, y, n, i, j):  # type: ignore[no-untyped-def]
-    """Return the end of the straight boundary on y = 0 that runs from vertex i through j.
-
-    Collinear vertices divide an edge without changing the part.
-    """
-    step = n - 1 if (i + n - 1) % n == j else 1
-    if n > 2 and (i + 1) % n == j:
-        step = 1
-    end = x[j]
-    k = (j + step) % n
-    while k != i and abs(y[k]) <= _LEVEL and (x[k] - end) * (end - x[i]) > 0.0:
-        end = x[k]
-        k = (k + step) % n
-    return end
-
-
-@njit(cache=True, nogil=True)
-def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, scratch):  # type: ignore[no-untyped-def]
+def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, tips, facets, scratch):  # type: ignore[no-untyped-def]
     """Pass 1: a corner of the jaw on the edge from vertex ``i`` (Kehoe 2014, 3.4, Fig. 3.5)."""
     j = i + 1 if i + 1 < n else 0
     mirror = 1.0 if left else -1.0
@@ -179,18 +125,20 @@ def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, scratc
         return OUTSIDE_CONE
     if f < r * slope:
         return TURNS_AWAY
-    _to_edge_frame(x, y, n, bx, by, mirror, tx, ty)
-    a, e = _reach(x, y, n, i1, i0), _reach(x, y, n, i0, i1)
-    aligned = slope <= _LEVEL
+    to_edge_frame(x, y, n, bx, by, mirror, tx, ty)
+    a, e = x[reach(x, y, n, i1, i0)], x[reach(x, y, n, i0, i1)]
+    aligned = slope <= LEVEL
     if f > mu * r and not aligned:
         if not passes & 4:
             return PASS_OFF
+        if facets[i]:
+            return VERTEX_SLIPS
         if f > w:
             return BEYOND_JAW
         if f > e:
             return BEYOND_EDGE
         shift = f - mu * r
-        if _obstructed(x, y, n, i0, i1, w + shift, slope):
+        if obstructed(x, y, n, i0, i1, w + shift, slope):
             return OBSTRUCTED
         mode = closes_over(x, y, n, shift, w, a, e, mu, nguyen, scratch)
         return mode + SLIP_PUSH if mode > 0 else NOT_CLOSED
@@ -204,19 +152,31 @@ def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, scratc
         if foot < 0.0 or foot > length:
             return TWO_POINT_TIPS
         psi = math.atan2(-y[met], x[met])
-        _to_edge_frame(x, y, n, 0.0, 0.0, 1.0, qx, qy)
+        to_edge_frame(x, y, n, 0.0, 0.0, 1.0, qx, qy)
         mode = closes_two(x, y, n, w, length, psi, mu)
         return mode + TWO_POINT if mode > 0 else NOT_CLOSED_TWO
     if f > w:
         return BEYOND_JAW
-    if f > e:
-        return BEYOND_EDGE
-    mode = closes(x, y, n, 0.0, w, a, e, mu, nguyen)
+    return _rest(x, y, n, i0, i1, a, f, r, 0.0, w, mu, nguyen, tips, facets)
+
+
+@njit(cache=True, nogil=True)
+def _rest(x, y, n, i0, i1, a, f, r, lo, w, mu, nguyen, tips, facets):  # type: ignore[no-untyped-def]
+    """Return the result of a push that has brought the edge i0-i1 onto the jaw from ``lo`` on."""
+    how, a, e, lo, on_curve = roll(x, y, n, i0, i1, a, f, r, lo, w, mu, tips, facets)
+    if how != RESTS:
+        if how == ENDS:
+            return BEYOND_EDGE
+        if how == SLIPS:
+            return VERTEX_SLIPS
+        return BEYOND_JAW if how == LEAVES_JAW else OBSTRUCTED
+    # On a facet of a curve the first contact is a point: a vertical line would ask for its width.
+    mode = closes(x, y, n, lo, w, a, e, mu, nguyen or on_curve)
     return mode if mode > 0 else NOT_CLOSED
 
 
 @njit(cache=True, nogil=True)
-def _vertex_push(x, y, n, mx, my, i, lo, hi, mu, nguyen):  # type: ignore[no-untyped-def]
+def _vertex_push(x, y, n, mx, my, i, lo, hi, mu, nguyen, tips, facets):  # type: ignore[no-untyped-def]
     """Pass 2: the jaw's face on vertex ``i``; the part turns to the side of its centre of mass."""
     bx, by = x[i], y[i]
     side = 1.0 if mx >= bx else -1.0
@@ -235,25 +195,22 @@ def _vertex_push(x, y, n, mx, my, i, lo, hi, mu, nguyen):  # type: ignore[no-unt
     length = math.hypot(tx, ty)
     tx, ty = tx / length, ty / length
     foot, above = f * tx + r * ty, -f * ty + r * tx
-    aligned = flattest <= _LEVEL
+    aligned = flattest <= LEVEL
     if not aligned and (f > mu * r or foot < 0.0 or foot > mu * above):
         return VERTEX_SLIPS
     ahead = hi - bx if side > 0.0 else bx - lo
     if foot > ahead:
         return BEYOND_JAW
-    _to_edge_frame(x, y, n, bx, by, side, tx, ty)
-    length = _reach(x, y, n, i, edge)
-    if foot > length:
-        return BEYOND_EDGE
-    if not aligned and _obstructed(x, y, n, i, edge, ahead, max(flattest, 0.0)):
+    to_edge_frame(x, y, n, bx, by, side, tx, ty)
+    if not aligned and obstructed(x, y, n, i, edge, ahead, max(flattest, 0.0)):
         return OBSTRUCTED
     w = hi - lo
-    mode = closes(x, y, n, ahead - w, w, 0.0, length, mu, nguyen)
-    return mode + VERTEX_PUSH if mode > 0 else NOT_CLOSED
+    mode = _rest(x, y, n, i, edge, 0.0, foot, above, ahead - w, w, mu, nguyen, tips, facets)
+    return mode + VERTEX_PUSH if mode > 0 else mode
 
 
 @njit(cache=True, nogil=True)
-def evaluate_one(vx, vy, mx, my, grasp, w, mu, passes, nguyen, x, y, scratch):  # type: ignore[no-untyped-def]
+def evaluate_one(vx, vy, mx, my, grasp, w, mu, passes, nguyen, tips, facets, x, y, scratch):  # type: ignore[no-untyped-def]
     """Return the result code of a grasp on a part.
 
     Parameters
@@ -267,6 +224,9 @@ def evaluate_one(vx, vy, mx, my, grasp, w, mu, passes, nguyen, x, y, scratch):  
         its right corner.
     passes
         1 = edge pushes, 2 = vertex pushes, 4 = pushes that may slip; added up.
+    tips, facets : (n,) bool
+        Vertices of curves, over which the part may tip on, and edges that are facets of them
+        (`grasp.push.curves.Curves`).
     x, y : (n,); scratch : (2 n + 3,) float
         Overwritten.
     """
@@ -285,15 +245,17 @@ def evaluate_one(vx, vy, mx, my, grasp, w, mu, passes, nguyen, x, y, scratch):  
     if kind == VERTEX:
         if not passes & 2:
             return PASS_OFF
-        return _vertex_push(x, y, n, cx, cy, i, lo, hi, mu, nguyen)
+        return _vertex_push(x, y, n, cx, cy, i, lo, hi, mu, nguyen, tips, facets)
     if not passes & 1:
         return PASS_OFF
     left = kind == CORNER_LEFT
-    return _corner_push(x, y, n, cx, cy, i, w, bx, by, left, mu, passes, nguyen, scratch)
+    return _corner_push(
+        x, y, n, cx, cy, i, w, bx, by, left, mu, passes, nguyen, tips, facets, scratch
+    )
 
 
 @njit(cache=True, nogil=True)
-def evaluate(vx, vy, com, valid, grasps, w, mu, passes, nguyen, out):  # type: ignore[no-untyped-def]
+def evaluate(vx, vy, com, valid, grasps, w, mu, passes, nguyen, tips, facets, out):  # type: ignore[no-untyped-def]
     """Write the codes of all grasps on all perturbed parts.
 
     Parameters
@@ -313,6 +275,6 @@ def evaluate(vx, vy, com, valid, grasps, w, mu, passes, nguyen, out):  # type: i
                 out[g, k] = INVALID
                 continue
             out[g, k] = evaluate_one(
-                vx[k], vy[k], com[k, 0], com[k, 1], grasps[g], w, mu, passes, nguyen,
-                x, y, scratch,
+                vx[k], vy[k], com[k, 0], com[k, 1], grasps[g], w, mu, passes, nguyen, tips,
+                facets, x, y, scratch,
             )  # fmt: skip

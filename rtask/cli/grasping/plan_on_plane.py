@@ -54,6 +54,14 @@ grasp.add_command(batch)
     help="Name under which stored grasps are found again.  "
     "[default: parallel_jaw for push grasps, else that of the gripper]",
 )
+@click.option(
+    "--part",
+    "number",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Push: which part of a drawing or an image with several; 1 is the largest.",
+)
 @click.option("--max-opening", type=float, help="Push: stroke of the gripper.")
 @click.option("--jaw-width", type=float, help="Push: width of the jaws.  [default: diameter / 4]")
 @click.option(
@@ -296,7 +304,7 @@ def _outline(source: str, data: Path, options: dict[str, Any]) -> tuple[Outline,
     if path.is_file():
         if options["store"]:
             raise UsageError("--store needs an object of the graph, not a file")
-        outline = read_outline(path)
+        outline = read_outline(path, part=options["number"])
         # Vertices in JSON are what somebody wrote; those of a drawing stand for its curves.
         given = path.suffix.lower() == ".json"
         return (outline if given else without_details(outline, *hidden)), ""

@@ -66,7 +66,7 @@ class PushTrials(Service):
     """Trials of push grasps on perturbed parts, one shard at a time."""
 
     name = NAME
-    version = "1.2.0"
+    version = "1.3.0"
     timeout_s = 300.0
 
     @startup

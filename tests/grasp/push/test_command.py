@@ -121,6 +121,7 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--samples", "10000000000"], "at most 1000000 samples"),
         (["--samples", "1000000", "--density", "60"], "500000000 evaluations"),
         (["--samples", "10000000000", "--eliminate", "5,0.9"], "at most 1000000 samples"),
+        (["--part", "2"], "part 2: a file .json holds one part"),
         (["--workers", "-1"], "workers must be 0 or more"),
         (["--save-plots", "/proc/none/here"], "--save-plots /proc/none/here: No such file"),
     ],

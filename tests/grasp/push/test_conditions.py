@@ -23,7 +23,8 @@ Floats = NDArray[np.float64]
 def _codes(ring: Floats, com: Floats, rows: Floats, width: float, mu: float = 0.7) -> list[int]:
     out = np.empty((len(rows), 1), np.int8)
     x, y = ring[None, :, 0].copy(), ring[None, :, 1].copy()
-    evaluate(x, y, com[None].copy(), np.ones(1, bool), rows, width, mu, 7, False, out)
+    flat = np.zeros(len(ring), bool)
+    evaluate(x, y, com[None].copy(), np.ones(1, bool), rows, width, mu, 7, False, flat, flat, out)
     return [int(c) for c in out[:, 0]]
 
 

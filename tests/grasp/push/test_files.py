@@ -327,6 +327,26 @@ def test_a_second_part_in_a_file_is_said_to_be_left_out(tmp_path: Path) -> None:
     assert "left out" not in read_outline(svg).note
 
 
+def test_each_part_of_a_file_can_be_planned(tmp_path: Path) -> None:
+    """The second one comes with its own hole, and no third one is invented."""
+    path = tmp_path / "parts.svg"
+    path.write_text(
+        '<svg><rect width="4" height="2"/><rect x="1" y=".5" width="1" height="1"/>'
+        '<rect x="9" width="3" height="2"/><rect x="10" y=".5" width="1" height="1"/></svg>'
+    )
+    first, second = (read_outline(path, part=k) for k in (1, 2))
+    assert [_area(one.polygon) for one in (first, second)] == [8.0, 6.0]
+    assert [len(one.holes) for one in (first, second)] == [1, 1]
+    assert second.holes[0][:, 0].min() == 10.0
+    assert "another part was left out: this is part 2 of 2 by size" in second.note
+    with pytest.raises(ValueError, match="part 3: there are 2 parts in this SVG"):
+        read_outline(path, part=3)
+    plain = tmp_path / "part.json"
+    plain.write_text("[[0, 0], [4, 0], [4, 1]]")
+    with pytest.raises(ValueError, match=r"part 2: a file .json holds one part"):
+        read_outline(plain, part=2)
+
+
 # Holes
 
 

@@ -82,7 +82,7 @@ def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tm
     ):
         try:
             assert worker.stdout is not None
-            assert worker.stdout.readline() == "serving rtask/PushTrials@1.2.0\n"
+            assert worker.stdout.readline() == "serving rtask/PushTrials@1.3.0\n"
             shared, sums = (
                 analyse(
                     part,
