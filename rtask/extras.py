@@ -33,6 +33,7 @@ EXTRA_OF = {
     "tomlkit": "simulate",
     "collada": "simulate",
     "rosbags": "recordings",
+    "qi": "naoqi",
     "zenoh": "zenoh",
     "sklearn": "classifier",
     "Box2D": "push",
