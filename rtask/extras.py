@@ -33,6 +33,7 @@ EXTRA_OF = {
     "tomlkit": "simulate",
     "collada": "simulate",
     "rosbags": "recordings",
+    "pyarrow": "lerobot",
     "qi": "naoqi",
     "zenoh": "zenoh",
     "sklearn": "classifier",
