@@ -33,6 +33,8 @@ EXTRA_OF = {
     "tomlkit": "simulate",
     "collada": "simulate",
     "rosbags": "recordings",
+    "pyarrow": "lerobot",
+    "qi": "naoqi",
     "zenoh": "zenoh",
     "sklearn": "classifier",
     "Box2D": "push",

@@ -24,7 +24,7 @@ _EXTRA = "rtask episodes"
 
 @click.group()
 def episodes() -> None:
-    """Attempts with all that belongs to them, as recordings (MCAP, bags) and back."""
+    """Attempts with all that belongs to them, as recordings or LeRobot data sets, and back."""
 
 
 def _time(
@@ -69,45 +69,70 @@ def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_j
 
 
 @episodes.command()
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("out", type=click.Path(path_type=Path))
 @data_option
 @agent_option("Only those of this robot.")
 @_since
+@click.option(
+    "--format",
+    "-F",
+    "form",
+    type=click.Choice(["mcap", "bag", "lerobot"]),
+    help="Form of OUT; a data set of LeRobot is a folder.  [default: by OUT's extension]",
+)
+@click.option("--hand", help="Only those with this end effector (lerobot).")
+@click.option("--rate", default=20, show_default=True, type=click.IntRange(1, 200),
+              help="Rows per second (lerobot).")  # fmt: skip
 @json_option
 def export(
-    out: Path, data: Path, agent: str | None, since: dt.datetime | None, as_json: bool
+    out: Path,
+    data: Path,
+    agent: str | None,
+    since: dt.datetime | None,
+    form: str | None,
+    hand: str | None,
+    rate: int,
+    as_json: bool,
 ) -> None:
-    """Write attempts to OUT: .mcap, or .bag of ROS 1.
+    """Write attempts to OUT: .mcap, .bag of ROS 1, or a data set of LeRobot.
 
-    A viewer shows the pictures, the views with depth, and each attempt as JSON; `rtask recognise`
-    and `rtask segment` read the views. `rtask episodes import` loses nothing.
+    A viewer of recordings shows the pictures, the views with depth, the joints, and each attempt as
+    JSON; `rtask recognise` and `rtask segment` read the views. A data set (format v3.0) has the
+    joints and commands of the attempts for which robots recorded them. `rtask episodes import`
+    loses nothing from either.
     """
     import rtask
     from rtask.extras import naming_extras
     from rtask.interop.episodes.episode import episodes_of
+    from rtask.interop.episodes.lerobot import write_lerobot
     from rtask.interop.episodes.recording import write_episodes
 
+    if form in ("mcap", "bag") and out.suffix != f".{form}":
+        raise UsageError(f"--format {form}: expected a file that ends in .{form}, got {out}")
     with rtask.open(data, mode="r") as kb, naming_extras(_EXTRA):
         found = episodes_of(kb, robot=agent, since=since)
         if not found:
             raise UsageError("no attempt fits; see `rtask episodes list`")
         with Working("writing"):
-            written = write_episodes(kb, found, out)
+            if form == "lerobot":
+                written = write_lerobot(kb, found, out, rate, hand)
+            else:
+                written = write_episodes(kb, found, out)
     if as_json:
         print_json({"path": str(out), **asdict(written)})
         return
     click.echo(
         f"{out}: {written.episodes} episodes, {written.pictures} pictures, {written.views} views, "
-        f"{written.statements} statements"
+        f"{written.motions} motions, {written.statements} statements"
     )
 
 
 @episodes.command("import")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("file", type=click.Path(path_type=Path))
 @data_option
 @json_option
 def import_episodes(file: Path, data: Path, as_json: bool) -> None:
-    """Add the episodes of FILE (.mcap, .bag) to the graph, in one commit.
+    """Add the episodes of FILE (.mcap, .bag, or an exported data set) to the graph, in one commit.
 
     Counts, beliefs and hidden causes are then stated anew from all attempts, in a second one. What
     is known already changes nothing.
@@ -123,7 +148,8 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
         if kb.seq != before:
             with Engine(kb) as engine:
                 engine.rebuild_statistics()
-    told = {key: value for key, value in asdict(read).items() if key not in ("pictures", "views")}
+    counted = ("episodes", "statements", "blobs")
+    told = {key: value for key, value in asdict(read).items() if key in counted}
     if as_json:
         print_json({"path": str(file), **told})
         return

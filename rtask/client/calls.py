@@ -20,6 +20,7 @@ __all__ = [
     "Inserted",
     "InsertedObject",
     "Look",
+    "MotionReport",
     "NewObject",
     "OfferedGrasp",
     "OfferedObject",
@@ -163,6 +164,19 @@ class Picture(TypedDict, total=False):
     """base64 PNG or JPEG"""
 
 
+class MotionReport(TypedDict, total=False):
+    """Joints of a robot during an attempt, sample by sample."""
+
+    joints: Required[Sequence[str]]
+    """names; the opening of a hand, 0 (closed) to 1, counts as a joint by the hand's name"""
+    times: Required[Sequence[float]]
+    """s since the start of the attempt, rising; one a sample"""
+    positions: Required[Sequence[float]]
+    """as measured, rad or m; all joints of the first sample, then of the second, ..."""
+    commands: Required[Sequence[float]]
+    """as commanded at the same moments, in the same order"""
+
+
 class OutcomeReport(TypedDict, total=False):
     """Outcome of an attempt as reported."""
 
@@ -212,6 +226,8 @@ class OutcomeReport(TypedDict, total=False):
     """durations of the steps; default: not known"""
     images: Sequence[Picture | Mapping[str, Any]]
     """pictures of the attempt"""
+    motion: MotionReport | Mapping[str, Any]
+    """the joints during the attempt; default: not recorded"""
 
 
 class NewObject(TypedDict, total=False):

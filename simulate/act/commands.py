@@ -184,6 +184,7 @@ def act_serve(
 ) -> None:
     """Provide the act service of a simulated robot on a server until Ctrl-C.
 
+    Its arms also follow trajectories, as actions <arm>_controller/follow_joint_trajectory.
     The robot's token is taken from the environment variable RTASK_TOKEN.
     """
     import tempfile
@@ -207,7 +208,8 @@ def act_serve(
         )
 
         def ready() -> None:
-            event = {"event": "ready", "services": provider.services, "objects": standing}
+            event = {"event": "ready", "services": provider.services,
+                     "actions": provider.actions, "objects": standing}  # fmt: skip
             click.echo(json.dumps(event))
 
         try:

@@ -1,7 +1,7 @@
-"""The act service on a rosbridge server: the robot advertises it and answers calls.
+"""The act service and the arms' actions on a rosbridge server: the robot advertises and answers.
 
-Everything runs in one thread, because physics must: calls are answered one after the other, in the
-order of their arrival.
+Everything runs in one thread, because physics must: calls and goals are answered one after the
+other, in the order of their arrival.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import json
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
@@ -27,9 +28,11 @@ from rtask.errors import (
 )
 from rtask.wire.message import Message, read
 from rtask.wire.types import Number, Unit, Whole
+from simulate.act.arm_goals import ABORTED, ACTION_TYPE, SUCCEEDED, ArmGoals
 from simulate.act.service import ActService
 from simulate.act.trials import Trial, place_test, reach_test, reasons
 from simulate.act.workspace import map_workspace
+from simulate.motion.joint_messages import INVALID_GOAL
 
 __all__ = ["ActProvider", "methods_of"]
 
@@ -101,7 +104,9 @@ def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
 
 
 class ActProvider:
-    """Provides a robot's act service below ``/NAME/``.
+    """Provides a robot's act service and the actions of its arms below ``/NAME/``.
+
+    Where the joints are is published, latched, on ``/NAME/joint_states``.
 
     Parameters
     ----------
@@ -121,6 +126,11 @@ class ActProvider:
         self._methods: Mapping[str, tuple[str, Method]] = {
             f"/{name}/{path}": entry for path, entry in methods_of(service).items()
         }
+        self._arms = ArmGoals(service)
+        self._actions = {f"/{name}/{path}": path for path in self._arms.actions}
+        self._joints_topic = f"/{name}/joint_states"
+        self._waiting: deque[dict[str, Any]] = deque()
+        self._cancelled: set[Any] = set()
         self._stop = threading.Event()
 
     @property
@@ -128,12 +138,17 @@ class ActProvider:
         """Names of the services."""
         return tuple(self._methods)
 
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions."""
+        return tuple(self._actions)
+
     def stop(self) -> None:
         """Let :meth:`serve` return after the current call; may be called from any thread."""
         self._stop.set()
 
     def serve(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Advertise the services and answer calls until :meth:`stop`.
+        """Advertise services and actions and answer calls and goals until :meth:`stop`.
 
         If the connection is lost later, it is reopened.
 
@@ -178,6 +193,12 @@ class ActProvider:
             for name, (type_, _) in self._methods.items():
                 announce = {"op": "advertise_service", "service": name, "type": type_}
                 socket.send(json.dumps(announce))
+            for name in self._actions:
+                announce = {"op": "advertise_action", "action": name, "type": ACTION_TYPE}
+                socket.send(json.dumps(announce))
+            topic = {"topic": self._joints_topic, "type": "sensor_msgs/JointState", "latch": True}
+            socket.send(json.dumps({"op": "advertise", **topic}))
+            self._publish_joints(socket)
         except InvalidStatus as error:
             if error.response.status_code in (401, 403):
                 raise AuthenticationError(f"{self._address} requires a robot's token") from error
@@ -187,17 +208,84 @@ class ActProvider:
         return socket
 
     def _answer_next(self, socket: Any) -> None:
+        message = self._waiting.popleft() if self._waiting else self._received(socket, _WAIT_S)
+        if message is None:
+            return
+        if message.get("op") == "call_service":
+            answer = self._response(message)
+        elif message.get("op") == "send_action_goal":
+            answer = self._result(message, socket)
+        else:
+            self._cancelled.clear()  # of goals that have ended, as none waits
+            return
+        self._publish_joints(socket)  # first, so that who has the answer finds them
+        self._send(socket, answer)
+
+    def _received(self, socket: Any, wait_s: float) -> dict[str, Any] | None:
+        """Return the next message, or None if there was none for that long.
+
+        Raises
+        ------
+        OSError
+            The connection was lost; whoever asked over it does not wait any more.
+        """
         from websockets.exceptions import ConnectionClosed
 
         try:
-            with contextlib.suppress(TimeoutError):
-                message = json.loads(socket.recv(timeout=_WAIT_S))
-                if message.get("op") == "status":
-                    log.warning("%s: %s", self._address, message.get("msg"))
-                if message.get("op") == "call_service":
-                    socket.send(json.dumps(self._response(message), allow_nan=False))
+            message = json.loads(socket.recv(timeout=wait_s))
+        except TimeoutError:
+            return None
+        except ConnectionClosed as error:
+            self._waiting.clear()
+            self._cancelled.clear()
+            raise OSError(f"the connection was lost: {error}") from error
+        if not isinstance(message, dict):
+            return None
+        if message.get("op") == "status":
+            log.warning("%s: %s", self._address, message.get("msg"))
+        if message.get("op") == "cancel_action_goal":
+            self._cancelled.add(message.get("id"))
+        return message
+
+    def _send(self, socket: Any, message: dict[str, Any]) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            socket.send(json.dumps(message, allow_nan=False))
         except ConnectionClosed as error:
             raise OSError(f"the connection was lost: {error}") from error
+
+    def _publish_joints(self, socket: Any) -> None:
+        states = self._arms.joint_states()
+        self._send(socket, {"op": "publish", "topic": self._joints_topic, "msg": states})
+
+    def _result(self, message: dict[str, Any], socket: Any) -> dict[str, Any]:
+        """Carry out the goal of an action; what else arrives meanwhile waits."""
+        action, goal_id = str(message.get("action")), message.get("id")
+        about = {"action": action, "id": goal_id}
+
+        def tell(feedback: dict[str, Any]) -> None:
+            if message.get("feedback"):
+                self._send(socket, {"op": "action_feedback", **about, "values": feedback})
+
+        def is_cancelled() -> bool:
+            while (came := self._received(socket, 0)) is not None:
+                if came.get("op") in ("call_service", "send_action_goal"):
+                    self._waiting.append(came)
+            return goal_id in self._cancelled or self._stop.is_set()
+
+        args = message.get("args")
+        goal = args if isinstance(args, dict) else {}
+        try:
+            if action not in self._actions:
+                raise UsageError(f"no action {action}{nearest(action, list(self._actions))}")
+            status, values = self._arms.follow(self._actions[action], goal, tell, is_cancelled)
+        except UsageError as error:
+            status, values = ABORTED, {"error_code": INVALID_GOAL, "error_string": str(error)}
+        finally:
+            self._cancelled.discard(goal_id)
+        result = {"op": "action_result", **about, "values": values}
+        return {**result, "status": status, "result": status == SUCCEEDED}
 
     def _response(self, message: dict[str, Any]) -> dict[str, Any]:
         name = str(message.get("service"))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from features.codec import encode_frame, to_wire
 from features.perception import Perceived, Seen
 from grasp.messages import matrix_from_message
+from rtask.interop.episodes.motion import Motion
 from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import GraspRecord, GraspRequest
 
@@ -108,6 +109,7 @@ def outcome_message(
         placed["placed"] = record.placed
         if record.placed and record.place:
             placed["place"] = record.place
+    motion = {} if record.motion is None else {"motion": _motion_message(record.motion)}
     return {
         "success": record.kept,
         **placed,
@@ -132,4 +134,14 @@ def outcome_message(
         "images": [
             {"phase": phase, "data": base64.b64encode(png).decode()} for phase, png in pictures
         ],
+        **motion,
+    }
+
+
+def _motion_message(motion: Motion) -> dict[str, Any]:
+    return {
+        "joints": list(motion.joints),
+        "times": np.round(motion.times, 3).tolist(),
+        "positions": np.round(motion.positions, 4).ravel().tolist(),
+        "commands": np.round(motion.commands, 4).ravel().tolist(),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -99,7 +99,7 @@ class RobotAtTable:
         return self.executor.plan(request, obstacles=clouds, seed=seed)
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Execute a plan, and take a picture of each phase if requested."""
+        """Execute a plan; keep a picture of each phase and the motion if pictures are requested."""
         watch, taken = self.watch(plan), list[tuple[str, bytes]]()
 
         def on_phase(phase: str) -> None:
@@ -108,6 +108,8 @@ class RobotAtTable:
                 taken.append((_PICTURES[phase], self._picture(plan)))
 
         record = self.executor.execute(plan, on_phase)
+        if self._pictures is None:
+            record = replace(record, motion=None)
         self._taken += 1
         if self._pictures is not None:
             self._pictures.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ from simulate.grasping.judgement import (
     judge_placed,
     new_cells,
 )
+from simulate.grasping.motion_log import MotionLog
 from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
@@ -101,6 +102,7 @@ class AttemptRun:
         self._on_phase = on_phase
         self._ticks = max(round(_CONTROL_S / self.world.preset.step_s), 1)
         self._started = self._phase_started = self.world.time
+        self._log = MotionLog(self.robot, plan.arm)
         self._times: dict[str, float] = {}
         self._touch: dict[str, FingerTouch] = {}
         self._tool_height: dict[str, float] = {}
@@ -291,7 +293,12 @@ class AttemptRun:
     # -- motion ----------------------------------------------------------------------------
 
     def _steps(self, seconds: float) -> None:
-        self.world.step(seconds)
+        step = self.world.preset.step_s
+        left, part = max(round(seconds / step), 1), max(round(_CONTACT_CHECK_S / step), 1)
+        while left > 0:
+            self.world.step(min(left, part) * step)
+            self._log.sample()
+            left -= part
 
     def _joints(self) -> Floats:
         """Return the arm's measured joints.
@@ -322,6 +329,7 @@ class AttemptRun:
             position, velocity = way.at(time)
             self.robot.command_arm(self.arm, position, velocity)
             self.world.step(step)
+            self._log.sample()
             since += step
             if watch and since >= _CONTACT_CHECK_S:
                 touching, since = touching and self._grips, 0.0
@@ -431,4 +439,5 @@ class AttemptRun:
             times=self._times,
             links={phase: one.links for phase, one in touch.items()},
             forces={phase: one.force_n for phase, one in touch.items()},
+            motion=self._log.motion,
         )

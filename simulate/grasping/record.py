@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from rtask.interop.episodes.motion import Motion
 from simulate.grasping.judgement import Judgement
 from simulate.grasping.rules import PlannedGrasp
 
@@ -65,6 +66,8 @@ class GraspRecord:
         From the middle of the place to what arrived there, m; nan when not placed.
     duration_s, times
         Simulated seconds, in total and by phase.
+    motion
+        The joints over time; None if they were not recorded.
     """
 
     grasp: PlannedGrasp
@@ -91,6 +94,7 @@ class GraspRecord:
     times: Mapping[str, float] = field(default_factory=dict)
     links: Mapping[str, int] = field(default_factory=dict)
     forces: Mapping[str, float] = field(default_factory=dict)
+    motion: Motion | None = field(default=None, repr=False)
 
     @property
     def held(self) -> bool:

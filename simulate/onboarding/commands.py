@@ -14,6 +14,7 @@ import click
 from rtask.cli.options import json_option, print_json
 from rtask.errors import RobotError, UsageError
 from simulate import options
+from simulate.drivers.commands import reach
 
 __all__ = ["robot"]
 
@@ -22,11 +23,14 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 @click.group()
 def robot() -> None:
-    """Make robots from URDF files, and check them.
+    """Make robots from URDF files, check them, and move the arms of real ones.
 
     A robot that was added is known by its name wherever a command takes --robot. Its settings are a
     TOML file in the folder RTASK_ROBOTS, by default ~/.local/share/rtask/robots.
     """
+
+
+robot.add_command(reach)
 
 
 @robot.command("list")

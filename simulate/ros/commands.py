@@ -119,28 +119,18 @@ def ros_reach(
     every error and on Ctrl-C. Give -- before negative numbers. Tried on simulated arms only: on a
     real one, keep the emergency stop at hand.
     """
-    import numpy as np
-
     from rtask.interop.ros.find import use_ros
     from rtask.interop.ros.package import load_messages
 
     load_messages(engine_schema(), use_ros())
     from rtask.interop.ros.node import NodeOptions, RosNode
-    from simulate.act.request import ActRequest
-    from simulate.act.service import plan_goal
+    from simulate.act.reach import plan_reach
     from simulate.grasping.executor import Workcell
     from simulate.motion.trajectory import join, reverse
     from simulate.ros.driver import ArmDriver
 
-    turn = {"x": 0.0, "y": 0.0, "z": float(np.sin(theta / 2)), "w": float(np.cos(theta / 2))}
-    goal = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
     with Workcell(robot, "fast") as cell:
-        request = ActRequest.read({"goal_pose": goal}, cell.description)
-        plan = plan_goal(cell, request, seed)
-        if isinstance(plan, str):
-            raise RobotError(f"({x:g}, {y:g}, {z:g}) cannot be reached: {plan}")
-        if plan.stance not in ("", cell.robot.stance):
-            raise RobotError(f"({x:g}, {y:g}, {z:g}) needs the stance {plan.stance}")
+        plan = plan_reach(cell, (x, y, z), theta, seed)
         joints = cell.description.arm(plan.arm).joints
     way = join([plan.free, plan.approach])
     node = RosNode(NodeOptions(name, remaps, wait_s))

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
+from rtask.interop.ros.convert import fill
 from rtask.interop.ros.package import make_message
+from simulate.motion.joint_messages import check_start, goal_message
 from simulate.motion.trajectory import Trajectory
 
 __all__ = ["ArmDriver"]
 
-_START_RAD = 0.05
 _SPARE_S = 5.0
 _STATE_S = 5.0
 _SUCCEEDED = 3
@@ -86,13 +87,7 @@ class ArmDriver:
         RemoteUnavailableError
             It did not end in its time and 5 s.
         """
-        off = np.abs(way.positions[0] - self.measured())
-        worst = int(off.argmax())
-        if off[worst] > _START_RAD:
-            raise RobotError(
-                f"{self._joints[worst]} is {off[worst]:.2f} rad from the start of the trajectory; "
-                "bring the arm there first"
-            )
+        check_start(way, self._joints, self.measured())
         ended = threading.Event()
         try:
             self._client.send_goal(self._goal(way), done_cb=lambda state, result: ended.set())
@@ -109,16 +104,5 @@ class ArmDriver:
             raise RobotError(f"{self._name} ended with {result.error_code}: {words}")
 
     def _goal(self, way: Trajectory) -> Any:
-        import rospy
-
         goal = make_message("control_msgs/FollowJointTrajectoryGoal")
-        goal.trajectory.joint_names = list(self._joints)
-        # The first point is the measured pose; drivers start there by themselves.
-        for row, speed, time in zip(
-            way.positions[1:], way.velocities[1:], way.times[1:], strict=True
-        ):
-            point = make_message("trajectory_msgs/JointTrajectoryPoint")
-            point.positions, point.velocities = row.tolist(), speed.tolist()
-            point.time_from_start = rospy.Duration.from_sec(float(time))
-            goal.trajectory.points.append(point)
-        return goal
+        return fill(goal, goal_message(way, self._joints), make_message)

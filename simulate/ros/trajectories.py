@@ -15,18 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import UsageError
+from rtask.interop.ros.convert import mapping_of
 from rtask.interop.ros.package import make_message
+from simulate.motion.joint_messages import (
+    GOAL_TOLERANCE,
+    INVALID_GOAL,
+    INVALID_JOINTS,
+    InvalidJointsError,
+    off_goal,
+    read_trajectory,
+)
 from simulate.motion.trajectory import Trajectory
 from simulate.world.robot_body import RobotBody
 
-__all__ = ["ArmAction", "read_trajectory"]
+__all__ = ["ArmAction"]
 
-_TOLERANCE_RAD = 0.05
 _STEP_S = 0.01
 _SETTLE_S = 0.3
 _FEEDBACK_S = 0.1
-_FIRST_POINT_RAD = 0.3
-_INVALID_GOAL, _INVALID_JOINTS, _GOAL_TOLERANCE = -1, -2, -5
 
 
 @dataclass
@@ -42,51 +48,6 @@ class Goal:
     message: Any
     cancelled: threading.Event = field(default_factory=threading.Event)
     outcome: queue.Queue[Any] = field(default_factory=queue.Queue)
-
-
-class InvalidJointsError(UsageError):
-    """A trajectory names other joints than those of the arm."""
-
-
-def read_trajectory(message: Any, joints: tuple[str, ...], now: NDArray[np.float64]) -> Trajectory:
-    """Return a trajectory_msgs/JointTrajectory with the arm's joints in the arm's order.
-
-    Parameters
-    ----------
-    joints
-        Of the arm.
-    now : (dof,) float, rad
-        Measured values, from which it starts.
-
-    Raises
-    ------
-    InvalidJointsError
-        Its joints are not those of the arm.
-    UsageError
-        It has no points, times that do not rise, numbers that are not finite, or starts elsewhere.
-    """
-    if sorted(message.joint_names) != sorted(joints):
-        raise InvalidJointsError(
-            f"joints {', '.join(message.joint_names) or 'none'}: expected {', '.join(joints)}"
-        )
-    order = [list(message.joint_names).index(name) for name in joints]
-    times = np.array([point.time_from_start.to_sec() for point in message.points])
-    if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
-        raise UsageError("time_from_start: expected at least one point, and rising times")
-    rows = [list(point.positions) for point in message.points]
-    if any(len(row) != len(joints) for row in rows) or not np.isfinite(rows).all():
-        raise UsageError(f"positions: expected {len(joints)} finite numbers in each point")
-    positions = np.array(rows)[:, order]
-    if times[0] == 0:
-        off = float(np.abs(positions[0] - now).max())
-        if off > _FIRST_POINT_RAD:
-            raise UsageError(f"the first point, at time 0, is {off:.2f} rad from the measured pose")
-        times, positions = times[1:], positions[1:]
-    times, positions = np.r_[0.0, times], np.vstack([now, positions])
-    velocities = np.zeros_like(positions)
-    if len(times) > 1:
-        velocities[:-1] = np.diff(positions, axis=0) / np.diff(times)[:, None]
-    return Trajectory(positions, velocities, np.zeros_like(positions), times)
 
 
 class ArmAction:
@@ -145,35 +106,30 @@ class ArmAction:
 
     def _run(self, goal: Goal) -> None:
         """Follow a goal, in the thread of the physics."""
-        code, words = _INVALID_GOAL, "the simulation ended"
+        code, words = INVALID_GOAL, "the simulation ended"
         try:
             code, words = self._follow(goal)
         except InvalidJointsError as error:
-            code, words = _INVALID_JOINTS, str(error)
+            code, words = INVALID_JOINTS, str(error)
         except UsageError as error:
-            code, words = _INVALID_GOAL, str(error)
+            code, words = INVALID_GOAL, str(error)
         finally:
             goal.outcome.put((code, words))
 
     def _follow(self, goal: Goal) -> tuple[int, str]:
         if not self._is_free():
             raise UsageError("the act service has the arm; call it with action_type home first")
-        way = read_trajectory(
-            goal.message.trajectory, self._joints, self._robot.arm_joints(self._arm)
-        )
+        asked = mapping_of(goal.message)
+        now = self._robot.arm_joints(self._arm)
+        way = read_trajectory(asked["trajectory"], self._joints, now)
         for state in self._states(way, goal):
             goal.outcome.put(state)
         now = self._robot.arm_joints(self._arm)
         if goal.cancelled.is_set():
             self._robot.command_arm(self._arm, now)
             return 0, "cancelled"
-        allowed = {
-            one.name: one.position for one in goal.message.goal_tolerance if one.position > 0
-        }
-        for name, off in zip(self._joints, np.abs(now - way.positions[-1]), strict=True):
-            if off > allowed.get(name, _TOLERANCE_RAD):
-                return _GOAL_TOLERANCE, f"{name} ended {off:.3f} rad from its goal"
-        return 0, ""
+        words = off_goal(asked, self._joints, way.positions[-1], now)
+        return (GOAL_TOLERANCE, words) if words else (0, "")
 
     def _states(self, way: Trajectory, goal: Goal) -> Iterator[Any]:
         """Move along a trajectory until its end or a cancel, and yield the feedback that is due."""

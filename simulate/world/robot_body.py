@@ -99,6 +99,10 @@ class RobotBody:
         self.arms: Mapping[str, Arm] = description.arms
         self.chains = {name: Chain.of(description, name) for name in description.arms}
         self._client: Any = world.client
+        self.commanded: dict[str, Floats] = {}
+        """Latest command (dof,) rad of each arm."""
+        self.commanded_opening: dict[str, float] = {}
+        """Latest command of each arm's hand, 0..1."""
         self._head = self._head_joints()
         self._legs: RobotDescription | None = None
         self._load(description)
@@ -247,6 +251,7 @@ class RobotBody:
     def command_arm(self, arm: str, q: Floats, velocity: Floats | None = None) -> None:
         """Command an arm: q (dof,) rad, velocity (dof,) rad/s."""
         names = self.arm(arm).joints
+        self.commanded[self.arm(arm).name] = np.array(q, dtype=np.float64)
         position_gain, velocity_gain = _ARM_GAINS
         self._client.setJointMotorControlArray(
             self.body,
@@ -271,6 +276,7 @@ class RobotBody:
         held object creeps 4.5 mm in 2 s (with it .9 mm), and every tenth creeps out on the way.
         """
         parts = self.arm(arm)
+        self.commanded_opening[parts.name] = opening
         position_gain, velocity_gain = _FINGER_GAINS
         for name, value in parts.finger_values(opening).items():
             index = self.joint_index[name]

@@ -10,6 +10,7 @@ import numpy as np
 from features.geometry import Frame, Intrinsics
 from features.perception import Seen
 from features.tabletop import TabletopShape
+from rtask.interop.episodes.motion import Motion
 from simulate.grasping.judgement import Judgement
 
 __all__ = ["CAMERA", "Plan", "Record", "seen_at"]
@@ -47,6 +48,7 @@ class Record:
     preset: str = "faithful"
     seed: int = 0
     end_effector: str = "right_hand"
+    motion: Motion | None = None
 
     @property
     def kept(self) -> bool:

@@ -482,6 +482,7 @@ def test_a_thing_that_was_lost_on_the_way_is_reported_as_a_failed_grasp() -> Non
         lost, 1, {"grasps": [{}], "times": {}}, {"rank": 1}, {"ask": 0.1, "plan": 0.1}, []
     )
     assert (told["success"], told["placed"], told["reason"]) == (False, False, "slip_transport")
+    assert "motion" not in told
     encounter = Encounter(1, "right", (0.1, 0.1), (0.1, 0.03, 0.03))
     for number, reason in enumerate(("slip_transport", "ok"), start=1):
         encounter.attempts.append(

@@ -84,6 +84,15 @@ def test_objects_are_grasped_held_and_placed(scene, kind, side):
     assert record.contact_force_n > 0.1
     assert record.slip_m < 0.02
     assert record.duration_s == pytest.approx(sum(record.times.values()), abs=0.01)
+    motion = record.motion
+    assert motion.joints == (*executor.robot.arm(plan.arm).joints, record.end_effector)
+    assert np.diff(motion.times).max() < 0.2  # twenty a second, fewer where the arm settles
+    assert motion.times[-1] > record.duration_s - 0.2
+    np.testing.assert_allclose(motion.positions[:, :-1], motion.commands[:, :-1], atol=0.2)
+    closed = motion.positions[motion.commands[:, -1] == 0.0, -1]
+    assert closed[-1] * executor.robot.arm(plan.arm).mouth == pytest.approx(
+        spec.extent[0], abs=0.02
+    )
     assert box.x_range[0] < position[0] < box.x_range[1]
     assert box.y_range[0] < position[1] < box.y_range[1]
     np.testing.assert_allclose(

@@ -18,6 +18,7 @@ from rtask.engine.records.objects import body_frame
 from rtask.engine.records.received import TIMES, Outcome, Received
 from rtask.engine.triples import Triples, stamp
 from rtask.errors import UsageError
+from rtask.interop.episodes.motion import MEDIA_TYPE, Motion
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
 from rtask.rdf.terms import NamedNode, iri, literal
 
@@ -230,6 +231,7 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
         said = Verdict(operator, one.outcome.held, one.ended)
         state_verdict(context, triples, outcome, said, (int(said.held), int(not said.held)))
     _state_pictures(context, triples, one)
+    _state_motion(context, triples, one)
     return triples
 
 
@@ -259,6 +261,21 @@ def state_verdict(
             RT.lostVotes: votes[1],
             PROV.wasAttributedTo: person,
         },
+    )
+
+
+def _state_motion(context: Context, triples: Triples, one: Attempt) -> None:
+    told = one.outcome.report.motion
+    if told is None:
+        return
+    motion = Motion.of_rows(
+        told.joints, told.times, told.positions, told.commands, "outcome.motion"
+    )
+    blob = context.kb.blobs.put(motion.to_bytes(), MEDIA_TYPE)
+    triples.node(
+        iri(f"{one.attempt.value}/motion"),
+        [RT.JointTrajectory],
+        {RT.hasBlob: triples.blob(blob), PROV.wasGeneratedBy: one.attempt},
     )
 
 

@@ -20,7 +20,7 @@ from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Message, read
-from rtask.wire.types import Flag, Image, Number, Text, Unit, Whole
+from rtask.wire.types import Array, Flag, Image, Number, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.decisions import Decision
@@ -89,6 +89,19 @@ class Picture(Message):
     """base64 PNG or JPEG"""
 
 
+class MotionReport(Message):
+    """Joints of a robot during an attempt, sample by sample."""
+
+    joints: Annotated[Texts, MaxLen(64)]
+    """names; the opening of a hand, 0 (closed) to 1, counts as a joint by the hand's name"""
+    times: Array
+    """s since the start of the attempt, rising; one a sample"""
+    positions: Array
+    """as measured, rad or m; all joints of the first sample, then of the second, ..."""
+    commands: Array
+    """as commanded at the same moments, in the same order"""
+
+
 class OutcomeReport(Message):
     """Outcome of an attempt as reported."""
 
@@ -138,6 +151,8 @@ class OutcomeReport(Message):
     """durations of the steps; default: not known"""
     images: Annotated[list[Picture], MaxLen(32)] = Field(default_factory=list)
     """pictures of the attempt"""
+    motion: MotionReport | None = None
+    """the joints during the attempt; default: not recorded"""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UsageError
@@ -56,6 +56,9 @@ class Episode:
         Remarks on which the judgement rests.
     pictures
         Pictures of the attempt, in the order of their names.
+    motion
+        IRI of the bytes of a :class:`~rtask.interop.episodes.motion.Motion`; empty if the joints
+        were not recorded.
     """
 
     attempt: str
@@ -71,6 +74,7 @@ class Episode:
     reason: str = ""
     evidence: tuple[str, ...] = ()
     pictures: tuple[Picture, ...] = field(default=())
+    motion: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return the episode as JSON data."""
@@ -101,8 +105,15 @@ SELECT DISTINCT ?attempt ?comment {
 _PICTURES = """
 SELECT DISTINCT ?attempt ?node ?phase ?blob {
   ?attempt a rt:GraspAttempt . ?node prov:wasGeneratedBy ?attempt ; rt:hasBlob ?blob .
+  FILTER NOT EXISTS { ?node a rt:JointTrajectory }
   OPTIONAL { ?node rt:name ?phase }
 } ORDER BY ?node"""
+
+_MOTIONS = """
+SELECT DISTINCT ?attempt ?blob {
+  ?attempt a rt:GraspAttempt . ?node prov:wasGeneratedBy ?attempt ; a rt:JointTrajectory ;
+    rt:hasBlob ?blob
+} ORDER BY ?attempt ?blob"""
 
 
 def episodes_of(
@@ -136,6 +147,7 @@ def episodes_of(
     evidence: dict[str, list[str]] = {}
     for row in _rows(kb, _EVIDENCE):
         evidence.setdefault(str(row["attempt"]), []).append(str(row["comment"]))
+    motions = {str(row["attempt"]): str(row["blob"]) for row in _rows(kb, _MOTIONS)}
     found: dict[str, Episode] = {}
     for row in _rows(kb, _EPISODES.format(narrow=narrow)):
         attempt = str(row["attempt"])
@@ -143,7 +155,11 @@ def episodes_of(
             continue
         found.setdefault(
             attempt,
-            _episode(row, tuple(evidence.get(attempt, ())), tuple(pictures.get(attempt, ()))),
+            replace(
+                _episode(row, tuple(evidence.get(attempt, ()))),
+                pictures=tuple(pictures.get(attempt, ())),
+                motion=motions.get(attempt, ""),
+            ),
         )
     return list(found.values())
 
@@ -152,9 +168,7 @@ def _rows(kb: GraphCore, query: str) -> Iterator[dict[str, Any]]:
     yield from kb.select(f"{PREFIXES}{query}").to_dicts()
 
 
-def _episode(
-    row: dict[str, Any], evidence: tuple[str, ...], pictures: tuple[Picture, ...]
-) -> Episode:
+def _episode(row: dict[str, Any], evidence: tuple[str, ...]) -> Episode:
     return Episode(
         attempt=str(row["attempt"]),
         robot=str(row["robot"]),
@@ -168,7 +182,6 @@ def _episode(
         placed=row["placed"],
         reason=local_name(str(row["reason"])).removeprefix("reason_") if row["reason"] else "",
         evidence=evidence,
-        pictures=pictures,
     )
 
 

@@ -21,13 +21,16 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, parse, serialize
 
 from rtask.errors import DataError, UsageError
 from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
+from rtask.interop.episodes.motion import Motion
 
 if TYPE_CHECKING:
     from features.geometry import Frame
     from rtask.kb.core import GraphCore
 
-__all__ = ["Written", "read_episodes", "write_episodes"]
+__all__ = ["RECORDING", "Written", "read_episodes", "write_episodes"]
 
+RECORDING = "rtask/episodes.mcap"
+"""Where a data set of LeRobot has its episodes as a recording."""
 _STATEMENTS, _BLOBS, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
 _SUFFIXES = (".mcap", ".bag")
 _NS = 1_000_000_000
@@ -39,8 +42,8 @@ class Written:
 
     Parameters
     ----------
-    episodes, statements, blobs, pictures, views
-        Views are depth with colour, as the robot saw the object.
+    episodes, statements, blobs, pictures, views, motions
+        Views are depth with colour, as the robot saw the object; motions its joints over time.
     """
 
     episodes: int = 0
@@ -48,13 +51,25 @@ class Written:
     blobs: int = 0
     pictures: int = 0
     views: int = 0
+    motions: int = 0
 
 
 class _Sink(Protocol):
     """Where messages go."""
 
-    def write(self, topic: str, kind: str, fields: dict[str, Any], time_ns: int) -> None:
-        """Append a message; ``kind`` such as ``std_msgs/msg/String``."""
+    def write(
+        self,
+        topic: str,
+        kind: str,
+        fields: dict[str, Any],
+        time_ns: int,
+        *,
+        is_ordered: bool = True,
+    ) -> None:
+        """Append a message; ``kind`` such as ``std_msgs/msg/String``.
+
+        If it is ordered, its time is made later than that of all ordered ones before.
+        """
 
 
 @dataclass
@@ -68,15 +83,24 @@ class _Rosbag:
     _last_ns: int = 0
     _connections: dict[str, Any] = field(default_factory=dict)
 
-    def write(self, topic: str, kind: str, fields: dict[str, Any], time_ns: int) -> None:
+    def write(
+        self,
+        topic: str,
+        kind: str,
+        fields: dict[str, Any],
+        time_ns: int,
+        *,
+        is_ordered: bool = True,
+    ) -> None:
         """Append a message."""
         if topic not in self._connections:
             made = self.writer.add_connection(topic, kind, typestore=self.store)
             self._connections[topic] = made
         message = self._message(kind, fields)
-        # Readers sort by time, and would mix up what has the same.
-        self._last_ns = max(time_ns, self._last_ns + 1)
-        self.writer.write(self._connections[topic], self._last_ns, self.serialise(message, kind))
+        if is_ordered:
+            # Readers sort by time, and would mix up what has the same.
+            time_ns = self._last_ns = max(time_ns, self._last_ns + 1)
+        self.writer.write(self._connections[topic], time_ns, self.serialise(message, kind))
 
     def _message(self, kind: str, fields: dict[str, Any]) -> Any:
         values = dict(fields)
@@ -86,7 +110,9 @@ class _Rosbag:
             elif isinstance(value, tuple):
                 values[key] = self._message(value[0], value[1])
             elif isinstance(value, list):
-                values[key] = [self._message(*one) for one in value]
+                values[key] = [
+                    self._message(*one) if isinstance(one, tuple) else one for one in value
+                ]
         return self.store.types[kind](**values)
 
     def _header(self, time_ns: int, frame_id: str) -> Any:
@@ -116,7 +142,7 @@ def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Wr
         Binary data that a statement names is not in the graph's store.
     """
     if path.suffix not in _SUFFIXES:
-        raise UsageError(f"{path}: expected a file {' or '.join(_SUFFIXES)}")
+        raise UsageError(f"{path}: expected a file {' or '.join(_SUFFIXES)}, or --format lerobot")
     if path.exists():
         raise UsageError(f"{path} exists; give another name or remove it")
     if not path.parent.is_dir():
@@ -171,6 +197,10 @@ def _write(kb: GraphCore, episodes: Iterable[Episode], sink: _Sink) -> Written:
             }
             sink.write(topic, "sensor_msgs/msg/CompressedImage", fields, ended)
             written.pictures += 1
+        if episode.motion:
+            _write_motion(sink, _topic(episode), Motion.from_bytes(kb.blobs.read(episode.motion)),
+                          started)  # fmt: skip
+            written.motions += 1
         text = serialize(quads, format=RdfFormat.N_QUADS)
         assert text is not None
         sink.write(_STATEMENTS, "std_msgs/msg/String", {"data": text.decode()}, ended)
@@ -185,6 +215,17 @@ def _topic(episode: Episode) -> str:
     """Return a robot's name as a name of ROS: letters, digits and underscores."""
     name = episode.robot_name or episode.robot.rpartition("/")[2]
     return "".join(c if c.isascii() and c.isalnum() else "_" for c in name) or "robot"
+
+
+def _write_motion(sink: _Sink, space: str, motion: Motion, started_ns: int) -> None:
+    for name, rows in (("joint_states", motion.positions), ("joint_commands", motion.commands)):
+        for time, row in zip(motion.times, rows, strict=True):
+            moment = started_ns + round(float(time) * _NS)
+            none = np.zeros(0)
+            fields = {"header": ("header", moment, ""), "name": list(motion.joints),
+                      "position": row, "velocity": none, "effort": none}  # fmt: skip
+            topic = f"/{space}/{name}"
+            sink.write(topic, "sensor_msgs/msg/JointState", fields, moment, is_ordered=False)
 
 
 def _write_bytes(sink: _Sink, name: str, data: bytes, time_ns: int) -> None:
@@ -263,13 +304,19 @@ def read_episodes(kb: GraphCore, path: Path) -> Written:
     kb
         The graph, open for writing.
     path
-        From :func:`write_episodes`.
+        From :func:`write_episodes`, or a data set of :mod:`~rtask.interop.episodes.lerobot`.
 
     Raises
     ------
     DataError
         It is no such file, or binary data is missing or does not match its name.
     """
+    if path.is_dir():
+        path = path / RECORDING
+        if not path.is_file():
+            raise DataError(
+                f"{path.parent.parent} is no data set of `rtask episodes export`: no {RECORDING}"
+            )
     quads: dict[Quad, None] = {}
     blobs: dict[str, bytes] = {}
     read = Written()

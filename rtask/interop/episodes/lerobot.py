@@ -1,0 +1,271 @@
+"""Episodes as a data set of LeRobot, format v3.0, for programs that learn from demonstrations.
+
+Written without LeRobot's own package, which brings torch (extra ``lerobot``: pyarrow). A copy of
+the episodes as MCAP lies beside, so that importing the data set into a graph loses nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.errors import UsageError
+from rtask.interop.episodes.episode import Episode
+from rtask.interop.episodes.motion import Motion
+from rtask.interop.episodes.recording import RECORDING, Written, write_episodes
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from rtask.kb.core import GraphCore
+
+__all__ = ["write_lerobot"]
+
+_VERSION = "v3.0"
+_CHUNK = "chunk-000/file-000.parquet"
+_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_NOBODY = "unnamed object"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Rows of one episode.
+
+    Parameters
+    ----------
+    columns
+        (n, ...) arrays by the names of the features.
+    """
+
+    episode: Episode
+    task: str
+    columns: dict[str, NDArray[Any]]
+
+    @property
+    def frames(self) -> int:
+        return len(self.columns["index"])
+
+
+def write_lerobot(
+    kb: GraphCore,
+    episodes: Iterable[Episode],
+    folder: Path,
+    rate_hz: int = 20,
+    hand: str | None = None,
+) -> Written:
+    """Write the episodes whose joints were recorded as a data set, wholly or not at all.
+
+    ``observation.state`` has the measured joints and ``action`` the commanded ones, the last of
+    which is the opening of the hand; ``next.success`` is what the robot judged. Judgements with
+    their evidence are columns ``rtask/...`` of ``meta/episodes``.
+
+    Parameters
+    ----------
+    kb
+        The graph that has them.
+    episodes
+        From :func:`~rtask.interop.episodes.episode.episodes_of`.
+    folder
+        It must not exist.
+    rate_hz
+        Rows per second; joints are interpolated.
+    hand
+        Only attempts with this hand, the last of the joints; None = all are of one hand.
+
+    Raises
+    ------
+    UsageError
+        The folder exists, no episode has a motion, or hands differ.
+    """
+    if folder.exists():
+        raise UsageError(f"{folder} exists; give another name or remove it")
+    if not folder.parent.is_dir():
+        raise UsageError(f"{folder}: there is no folder {folder.parent}")
+    recorded = [
+        (one, Motion.from_bytes(kb.blobs.read(one.motion)).at_rate(rate_hz))
+        for one in sorted(episodes, key=lambda e: (e.ended, e.attempt))
+        if one.motion
+    ]
+    if not recorded:
+        raise UsageError("no attempt has its joints recorded (`motion` of an outcome)")
+    found, motions = _of_one_hand(recorded, hand)
+    made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        _write(found, motions, made, rate_hz)
+        (made / RECORDING).parent.mkdir()
+        written = write_episodes(kb, found, made / RECORDING)
+        made.chmod(0o755)
+        made.replace(folder)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+    return written
+
+
+def _of_one_hand(
+    recorded: Sequence[tuple[Episode, Motion]], hand: str | None
+) -> tuple[list[Episode], list[Motion]]:
+    """Return what was recorded with a hand, as a data set has but one kind of row."""
+    hands = sorted({motion.joints[-1] for _, motion in recorded})
+    kept = [(one, motion) for one, motion in recorded if hand in (None, motion.joints[-1])]
+    if not kept:
+        raise UsageError(f"no attempt with the hand {hand!r}; there are: {', '.join(hands)}")
+    if len({motion.joints for _, motion in kept}) > 1:
+        raise UsageError(
+            f"a data set has the joints of one hand, and there are {', '.join(hands)}: choose one, "
+            "or one robot"
+        )
+    return [one for one, _ in kept], [motion for _, motion in kept]
+
+
+def _write(
+    episodes: Sequence[Episode], motions: Sequence[Motion], folder: Path, rate_hz: int
+) -> None:
+    tasks = list(dict.fromkeys(_task(one) for one in episodes))
+    parts, start = list[_Part](), 0
+    for number, (episode, motion) in enumerate(zip(episodes, motions, strict=True)):
+        task = _task(episode)
+        columns = _columns(motion, number, tasks.index(task), start, episode.held is True)
+        parts.append(_Part(episode, task, columns))
+        start += len(motion.times)
+    joints = list(motions[0].joints)
+    _write_parquet(_frames(parts), folder / "data" / _CHUNK)
+    _write_parquet(_episodes(parts), folder / "meta/episodes" / _CHUNK)
+    _write_parquet(_tasks(tasks), folder / "meta/tasks.parquet")
+    whole = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
+    stats = {name: _stats(values) for name, values in whole.items()}
+    (folder / "meta/stats.json").write_text(json.dumps(stats, indent=4), "utf-8")
+    robots = sorted({one.robot_name for one in episodes})
+    info = {
+        "codebase_version": _VERSION,
+        "robot_type": ", ".join(robots),
+        "total_episodes": len(parts),
+        "total_frames": start,
+        "total_tasks": len(tasks),
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 500,
+        "fps": rate_hz,
+        "splits": {"train": f"0:{len(parts)}"},
+        "data_path": f"data/{_PATTERN}.parquet",
+        "video_path": None,
+        "features": {name: _feature(name, values, joints) for name, values in whole.items()},
+    }
+    (folder / "meta/info.json").write_text(json.dumps(info, indent=4), "utf-8")
+
+
+def _task(episode: Episode) -> str:
+    """Return what the robot was to do, in words: the condition of a policy."""
+    return f"pick up {episode.thing_name or _NOBODY} and put it into the box"
+
+
+def _columns(
+    motion: Motion, episode: int, task: int, start: int, held: bool
+) -> dict[str, NDArray[Any]]:
+    count = len(motion.times)
+    last = np.arange(count) == count - 1
+    return {
+        "observation.state": motion.positions.astype(np.float32),
+        "action": motion.commands.astype(np.float32),
+        "next.done": last,
+        "next.success": last & held,
+        "timestamp": (motion.times - motion.times[0]).astype(np.float32),
+        "frame_index": np.arange(count),
+        "episode_index": np.full(count, episode),
+        "index": start + np.arange(count),
+        "task_index": np.full(count, task),
+    }
+
+
+def _feature(name: str, values: NDArray[Any], joints: list[str]) -> dict[str, Any]:
+    shape = list(values.shape[1:]) or [1]
+    return {
+        "dtype": values.dtype.name,
+        "shape": shape,
+        "names": joints if values.ndim > 1 else None,
+    }
+
+
+def _stats(values: NDArray[Any]) -> dict[str, list[float]]:
+    """Return the statistics of a feature, by which programs scale it."""
+    rows = values.reshape(len(values), -1).astype(np.float64)
+    told = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    return {**{name: one.tolist() for name, one in told.items()}, "count": [len(rows)]}
+
+
+def _frames(parts: Sequence[_Part]) -> pyarrow.Table:
+    import pyarrow as pa
+
+    arrays = {}
+    for name in parts[0].columns:
+        values = np.concatenate([part.columns[name] for part in parts])
+        if values.ndim == 1:
+            arrays[name] = pa.array(values)
+        else:
+            flat = pa.array(values.ravel())
+            arrays[name] = pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    return pa.table(arrays)
+
+
+def _episodes(parts: Sequence[_Part]) -> pyarrow.Table:
+    import pyarrow as pa
+
+    ends = np.cumsum([part.frames for part in parts])
+    zeros = pa.array(np.zeros(len(parts), np.int64))
+    columns: dict[str, Any] = {
+        "episode_index": pa.array(np.arange(len(parts))),
+        "tasks": pa.array([[part.task] for part in parts], pa.list_(pa.string())),
+        "length": pa.array([part.frames for part in parts], pa.int64()),
+        "data/chunk_index": zeros,
+        "data/file_index": zeros,
+        "dataset_from_index": pa.array(ends - [part.frames for part in parts]),
+        "dataset_to_index": pa.array(ends),
+        "meta/episodes/chunk_index": zeros,
+        "meta/episodes/file_index": zeros,
+    }
+    judged: dict[str, tuple[pa.DataType, list[Any]]] = {
+        "rtask/attempt": (pa.string(), [part.episode.attempt for part in parts]),
+        "rtask/robot": (pa.string(), [part.episode.robot_name for part in parts]),
+        "rtask/held": (pa.bool_(), [part.episode.held for part in parts]),
+        "rtask/placed": (pa.bool_(), [part.episode.placed for part in parts]),
+        "rtask/reason": (pa.string(), [part.episode.reason for part in parts]),
+        "rtask/evidence": (pa.string(), ["; ".join(part.episode.evidence) for part in parts]),
+    }
+    columns |= {name: pa.array(values, kind) for name, (kind, values) in judged.items()}
+    of_parts = [{name: _stats(v) for name, v in part.columns.items()} for part in parts]
+    for name, stats in of_parts[0].items():
+        for key in stats:
+            kind = pa.list_(pa.int64() if key == "count" else pa.float64())
+            columns[f"stats/{name}/{key}"] = pa.array([one[name][key] for one in of_parts], kind)
+    return pa.table(columns)
+
+
+def _tasks(tasks: Sequence[str]) -> pyarrow.Table:
+    """Return the tasks as pandas would write them, with the words as the index of the rows."""
+    import pyarrow as pa
+
+    table = pa.table(
+        {"task_index": pa.array(np.arange(len(tasks))), "task": pa.array(tasks, pa.string())}
+    )
+    column = {"field_name": "task_index", "name": "task_index", "pandas_type": "int64",
+              "numpy_type": "int64", "metadata": None}  # fmt: skip
+    index = {**column, "field_name": "task", "name": "task", "pandas_type": "unicode",
+             "numpy_type": "object"}  # fmt: skip
+    told = {"index_columns": ["task"], "column_indexes": [], "columns": [column, index],
+            "creator": {"library": "pyarrow", "version": pa.__version__},
+            "pandas_version": "2.0.0"}  # fmt: skip
+    return table.replace_schema_metadata({b"pandas": json.dumps(told).encode()})
+
+
+def _write_parquet(table: pyarrow.Table, path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(table, path)

@@ -1,0 +1,46 @@
+"""Motion of an arm to a goal, planned with the model of the robot for whatever drives the arm."""
+
+from __future__ import annotations
+
+import math
+
+from rtask.errors import RobotError
+from simulate.act.request import ActRequest
+from simulate.act.service import plan_goal
+from simulate.grasping.executor import Workcell
+from simulate.grasping.rules import PlannedGrasp
+
+__all__ = ["plan_reach"]
+
+
+def plan_reach(
+    cell: Workcell, position: tuple[float, float, float], theta: float, seed: int
+) -> PlannedGrasp:
+    """Plan to reach a position over an empty table from the arm's home posture.
+
+    Parameters
+    ----------
+    cell
+        With the model of the robot.
+    position
+        Of the middle of an object, m, base frame.
+    theta
+        Closing direction about +z, rad; others are tried if it is out of reach.
+    seed
+        Of the plan.
+
+    Raises
+    ------
+    RobotError
+        It cannot be reached, or only in a stance that a driver of arms cannot take.
+    """
+    x, y, z = position
+    turn = {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2), "w": math.cos(theta / 2)}
+    goal = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
+    request = ActRequest.read({"goal_pose": goal}, cell.description)
+    plan = plan_goal(cell, request, seed)
+    if isinstance(plan, str):
+        raise RobotError(f"({x:g}, {y:g}, {z:g}) cannot be reached: {plan}")
+    if plan.stance not in ("", cell.robot.stance):
+        raise RobotError(f"({x:g}, {y:g}, {z:g}) needs the stance {plan.stance}")
+    return plan

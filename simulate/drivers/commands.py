@@ -1,0 +1,121 @@
+"""``rtask robot reach``: a motion planned here, carried out by a real arm."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.options import json_option, print_json
+from rtask.errors import RobotError, UsageError
+from rtask.extras import naming_extras
+from simulate import options
+
+if TYPE_CHECKING:
+    from simulate.drivers.naoqi import NaoqiArm
+    from simulate.drivers.rosbridge import RosbridgeArm
+    from simulate.robots.description import Arm
+
+__all__ = ["reach"]
+
+
+@click.command()
+@click.argument("x", type=float)
+@click.argument("y", type=float)
+@click.argument("z", type=float)
+@options.robot
+@options.seed("the plan")
+@click.option("--theta", default=0.0, show_default=True, help="Closing direction about +z, rad.")
+@click.option("--naoqi", metavar="ADDRESS", help="NAOqi of a NAO, such as tcp://nao.local:9559.")
+@click.option("--rosbridge", metavar="URL", help="A rosbridge server, such as ws://robot:9090.")
+@click.option(
+    "--action",
+    help="Action of the arm's driver.  [default: /<arm>_controller/follow_joint_trajectory]",
+)
+@click.option("--joints", default="/joint_states", show_default=True, help="Topic of the joints.")
+@click.option("--home", "home_first", is_flag=True, help="Bring the arm home first.")
+@click.option("--back", is_flag=True, help="Return home the same way.")
+@click.option(
+    "--grasp", is_flag=True, help="Close the hand, lift, hold, put back, go home (--naoqi)."
+)
+@json_option
+def reach(
+    x: float,
+    y: float,
+    z: float,
+    robot: str,
+    seed: int,
+    theta: float,
+    naoqi: str | None,
+    rosbridge: str | None,
+    action: str | None,
+    joints: str,
+    home_first: bool,
+    back: bool,
+    grasp: bool,
+    as_json: bool,
+) -> None:
+    """Plan to reach X Y Z (m, base frame) and move a real arm there.
+
+    Plans from the arm's home posture over an empty table. Refuses to move an arm that is not at
+    home, unless --home finds a free path there. The arm is stopped on every error and on Ctrl-C.
+    Give -- before negative numbers. The token for rosbridge is read from RTASK_TOKEN. Tried on
+    stand-ins and simulated arms only: on a real one, keep the emergency stop at hand.
+
+    With --grasp, exit code 1 if nothing was held.
+    """
+    if (naoqi is None) == (rosbridge is None):
+        raise UsageError("expected --naoqi ADDRESS or --rosbridge URL, one of both")
+    if grasp and naoqi is None:
+        raise UsageError("--grasp moves the hand, which only --naoqi does")
+    from simulate.act.reach import plan_reach
+    from simulate.drivers import motions
+    from simulate.grasping.executor import Workcell
+
+    with Workcell(robot, "fast") as cell:
+        plan = plan_reach(cell, (x, y, z), theta, seed)
+        arm = cell.description.arm(plan.arm)
+        told: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
+        with contextlib.ExitStack() as opened:
+            if naoqi is not None:
+                driver: NaoqiArm | RosbridgeArm = opened.enter_context(_naoqi(naoqi, arm))
+            else:
+                driver = opened.enter_context(_rosbridge(str(rosbridge), arm, action, joints))
+            if home_first:
+                motions.bring_home(driver, cell, plan.arm, seed)
+            if grasp:
+                judged = motions.grasp(driver, plan, cell)  # type: ignore[arg-type]
+                told |= {"held": judged.is_yes, "evidence": judged.evidence}
+            else:
+                motions.reach(driver, plan, back)
+            told["is_home"] = back or grasp
+    if as_json:
+        print_json(told)
+    elif grasp:
+        click.echo(f"{plan.arm}: {'held' if told['held'] else 'not held'} ({told['evidence']})")
+    else:
+        place = "at home" if back else f"at ({x:g}, {y:g}, {z:g})"
+        click.echo(f"{plan.arm} is {place}")
+    if told["held"] is False:
+        raise SystemExit(1)
+
+
+@contextlib.contextmanager
+def _naoqi(address: str, arm: Arm) -> Iterator[NaoqiArm]:
+    from simulate.drivers.naoqi import NaoqiArm
+
+    hands = [alias for alias in arm.aliases if alias in ("LHand", "RHand")]
+    if not hands:
+        raise RobotError(f"{arm.name} is no arm of a NAO; give --robot nao")
+    with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0]) as driver:
+        yield driver
+
+
+def _rosbridge(url: str, arm: Arm, action: str | None, joints: str) -> RosbridgeArm:
+    from simulate.drivers.rosbridge import RosbridgeArm
+
+    named = action or f"/{arm.name}_controller/follow_joint_trajectory"
+    return RosbridgeArm(url, named, arm.joints, joints, os.environ.get("RTASK_TOKEN"))

@@ -1,0 +1,237 @@
+"""The arms, hands and cameras of a real NAO, through its own program NAOqi (library ``qi``).
+
+Written against the documentation of NAOqi 2.5 (ALMotion, ALAutonomousLife, ALVideoDevice, ALMemory)
+and tested against a stand-in that speaks the same protocol; never tried on a robot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.errors import RemoteUnavailableError, RobotError
+from simulate.motion.joint_messages import check_start
+from simulate.motion.trajectory import Trajectory
+from simulate.robots.description import Floats
+
+__all__ = ["NaoqiArm"]
+
+_CALL_S, _SPARE_S = 10.0, 5.0
+_KNOT_S = 0.08
+"""ALMotion computes its own commands every 20 ms, and takes longer the more points it is given."""
+_ARRIVED_RAD = 0.1
+"""Also where an arm at rest sags under its own weight."""
+_HAND_S = 0.8
+_VGA, _RGB, _FPS = 2, 11, 5
+_CURRENT = "Device/SubDeviceList/{hand}/ElectricCurrent/Sensor/Value"
+
+
+class NaoqiArm:
+    """One arm of a NAO with its hand.
+
+    While it is open, autonomous life is off and the arm is stiff: otherwise the robot moves by
+    itself. At the end the arm gets limp, wherever it is; bring it home before.
+
+    Parameters
+    ----------
+    address
+        Of NAOqi, such as ``tcp://nao.local:9559``.
+    joints
+        Of the arm, in the order of the trajectories.
+    hand
+        ``LHand`` or ``RHand``.
+
+    Raises
+    ------
+    RemoteUnavailableError
+        NAOqi cannot be reached, or lacks a service.
+    """
+
+    def __init__(self, address: str, joints: tuple[str, ...], hand: str) -> None:
+        import qi
+
+        self._joints, self._hand, self._address = joints, hand, address
+        self._session = qi.Session()
+        self._wait(self._session.connect(address, _async=True), "connecting", _CALL_S)
+        self._motion = self._service("ALMotion")
+        self._life_before: str | None = None
+        try:
+            self._take_over()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> NaoqiArm:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Make the arm limp, let autonomous life go on, and disconnect."""
+        with contextlib.suppress(RemoteUnavailableError):
+            self._call(self._motion, "setStiffnesses", [*self._joints, self._hand], 0.0)
+        if self._life_before is not None:
+            with contextlib.suppress(RemoteUnavailableError):
+                self._call(self._service("ALAutonomousLife"), "setState", self._life_before)
+        self._session.close()
+
+    def _take_over(self) -> None:
+        """Turn autonomous life off and stiffen the arm."""
+        try:
+            life = self._service("ALAutonomousLife")
+        except RemoteUnavailableError:
+            life = None  # a simulated robot has none
+        if life is not None:
+            state = str(self._call(life, "getState"))
+            if state != "disabled":
+                self._call(life, "setState", "disabled")
+                self._life_before = state
+        self._call(self._motion, "setStiffnesses", [*self._joints, self._hand], 1.0)
+
+    # -- the arm ---------------------------------------------------------------------------
+
+    def measured(self) -> Floats:
+        """Return the measured joints (dof,), rad."""
+        return np.array(self._angles(self._joints))
+
+    def follow(self, way: Trajectory) -> None:
+        """Have the arm follow a trajectory, and wait for its end; stopped on every other exit.
+
+        Raises
+        ------
+        RobotError
+            It starts away from the measured pose, or the arm did not arrive.
+        RemoteUnavailableError
+            It did not end in its time and 5 s, or the robot does not answer.
+        """
+        check_start(way, self._joints, self.measured())
+        knots = _knots(way)
+        if not len(knots):
+            return
+        rows, times = way.positions[knots], way.times[knots].tolist()
+        angles = [column.tolist() for column in rows.T]
+        self._move(list(self._joints), angles, [times] * len(self._joints), way.duration)
+        off = np.abs(self.measured() - way.positions[-1])
+        worst = int(off.argmax())
+        if not off[worst] <= _ARRIVED_RAD:
+            raise RobotError(
+                f"{self._joints[worst]} ended {off[worst]:.2f} rad from its goal; something is in "
+                "the way, or the motor is hot"
+            )
+
+    def _move(
+        self,
+        names: list[str],
+        angles: Sequence[Sequence[float]],
+        times: Sequence[Sequence[float]],
+        duration: float,
+    ) -> None:
+        """Interpolate joints along angles (rad, or 0 to 1 for hands) at times (s), and wait."""
+        is_absolute = True
+        moving = self._begin(self._motion, "angleInterpolation", names, angles, times, is_absolute)
+        ended = False
+        try:
+            self._wait(moving, "angleInterpolation", duration + _SPARE_S)
+            ended = True
+        finally:
+            if not ended:
+                moving.cancel()
+                with contextlib.suppress(RemoteUnavailableError):
+                    self._call(self._motion, "killTasksUsingResources", names)
+
+    # -- the hand --------------------------------------------------------------------------
+
+    def move_hand(self, opening: float) -> None:
+        """Drive the hand towards an opening, 0 (closed) to 1; what it holds stops it."""
+        self._move([self._hand], [[float(opening)]], [[_HAND_S]], _HAND_S)
+
+    def opening(self) -> float:
+        """Return the measured opening of the hand, 0 to 1."""
+        return self._angles([self._hand])[0]
+
+    def hand_current(self) -> float:
+        """Return the current of the hand's motor, A; it rises where something stops the hand."""
+        key = _CURRENT.format(hand=self._hand)
+        return float(self._call(self._service("ALMemory"), "getData", key))
+
+    # -- the cameras -----------------------------------------------------------------------
+
+    def picture(self, camera: int = 0) -> NDArray[np.uint8]:
+        """Return what a camera sees, (480, 640, 3) uint8, RGB.
+
+        Parameters
+        ----------
+        camera
+            0 = in the forehead, 1 = in the mouth, which sees what is before the feet.
+
+        Raises
+        ------
+        RemoteUnavailableError
+            It gives no picture.
+        """
+        video = self._service("ALVideoDevice")
+        handle = self._call(video, "subscribeCamera", "rtask", camera, _VGA, _RGB, _FPS)
+        if not handle:
+            raise RemoteUnavailableError(f"camera {camera} of {self._address} is not free")
+        try:
+            image = self._call(video, "getImageRemote", handle)
+            if not image:
+                raise RemoteUnavailableError(f"camera {camera} of {self._address} gave no picture")
+            width, height, layers, data = image[0], image[1], image[2], image[6]
+            pixels = np.frombuffer(data, np.uint8)
+            if layers != 3 or pixels.size != width * height * layers:
+                raise RemoteUnavailableError(
+                    f"camera {camera} of {self._address}: {pixels.size} bytes for a picture of "
+                    f"{width} x {height} with {layers} layers; expected RGB"
+                )
+            self._call(video, "releaseImage", handle)
+        finally:
+            self._call(video, "unsubscribe", handle)
+        return pixels.reshape(height, width, layers)
+
+    # -- calls -----------------------------------------------------------------------------
+
+    def _angles(self, names: Sequence[str]) -> list[float]:
+        use_sensors = True
+        return [float(v) for v in self._call(self._motion, "getAngles", list(names), use_sensors)]
+
+    def _service(self, name: str) -> Any:
+        return self._wait(self._session.service(name, _async=True), name, _CALL_S)
+
+    def _call(self, service: Any, method: str, *arguments: Any) -> Any:
+        return self._wait(self._begin(service, method, *arguments), method, _CALL_S)
+
+    def _begin(self, service: Any, method: str, *arguments: Any) -> Any:
+        try:
+            return getattr(service, method)(*arguments, _async=True)
+        except (RuntimeError, AttributeError) as error:
+            self._lost(method, error)
+
+    def _wait(self, future: Any, what: str, seconds: float) -> Any:
+        """Return what a call answers; ``qi`` tells of every failure by a RuntimeError."""
+        try:
+            return future.value(round(1000 * seconds))
+        except RuntimeError as error:
+            self._lost(what, error)
+
+    def _lost(self, what: str, error: Exception) -> NoReturn:
+        words = str(error).strip().partition("\n")[0]
+        raise RemoteUnavailableError(f"{self._address}, {what}: {words}") from error
+
+
+def _knots(way: Trajectory) -> NDArray[np.int64]:
+    """Return the numbers of the waypoints to send: the last one, and before it some 80 ms apart."""
+    count = max(round(way.duration / _KNOT_S), 1)
+    numbers = np.searchsorted(way.times, np.linspace(0.0, way.duration, count + 1)[1:])
+    return np.unique(np.clip(numbers, 1, len(way.times) - 1)) if len(way.times) > 1 else numbers[:0]
