@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, Literal, Protocol, Self, TypeVar
 
+from grasp.pieces import handed_out
 from grasp.workers import Processes
 
 __all__ = [
@@ -230,26 +231,21 @@ class Ray:
                 raise ValueError(f"no Ray cluster at {address}: {error}") from error
         self.workers = workers or int(self._ray.cluster_resources().get("CPU", 1))
 
-    def _submit(self, task: Task[T], ranges: Sequence[Range]) -> list[Any]:
-        remote = self._ray.remote(_call)
-        shared = self._ray.put(task)
-        return [remote.remote(shared, *one) for one in ranges]
-
     def finished(
         self, task: Task[T], ranges: Sequence[Range]
     ) -> Generator[tuple[int, T], None, None]:
-        """Yield results as they come."""
-        jobs = self._submit(task, ranges)
-        numbers = {job: i for i, job in enumerate(jobs)}
-        waiting = list(jobs)
-        try:
-            while waiting:
-                done, waiting = self._ray.wait(waiting, num_returns=1)
-                for job in done:
-                    yield numbers[job], self._ray.get(job)
-        finally:
-            for job in waiting:
-                self._ray.cancel(job)
+        """Yield results as they come; Ray runs again what a dead node was doing."""
+        remote = self._ray.remote(_call)
+        shared = self._ray.put(task)
+
+        def begin(number: int) -> Any:
+            return remote.remote(shared, *ranges[number])
+
+        def wait(jobs: list[Any], seconds: float) -> Any:
+            return self._ray.wait(jobs, num_returns=1, timeout=seconds)[0]
+
+        for number, job in handed_out(len(ranges), self.workers, begin, wait, self._ray.cancel):
+            yield number, self._ray.get(job)
 
     def __enter__(self) -> Self:
         return self
