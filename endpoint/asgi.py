@@ -11,6 +11,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any, cast
 
@@ -172,6 +173,7 @@ class AsgiApplication:
         wire: Wire,
         stream: ReaderStream | None = None,
         response: Response | None = None,
+        work: Future[Response] | None = None,
     ) -> None:
         """Do the work of a request that was admitted, and send the answer.
 
@@ -181,13 +183,15 @@ class AsgiApplication:
             An answer that has begun to arrive, but is not whole.
         response
             The answer, if only the sending is left.
+        work
+            Makes the answer, if it has been started.
         """
         application = self._application
         try:
             if response is not None:
                 pass
-            elif stream is not None:
-                response = await self._work(job, wire, stream)
+            elif stream is not None or work is not None:
+                response = await self._work(job, wire, stream, work)
             elif job.plan.lane == "loop":
                 response = application.run(job)
             else:
@@ -220,12 +224,22 @@ class AsgiApplication:
             return response
         return await self._work(job, wire, found if isinstance(found, ReaderStream) else None)
 
-    async def _work(self, job: Job, wire: Wire, stream: ReaderStream | None = None) -> Response:
+    async def _work(
+        self,
+        job: Job,
+        wire: Wire,
+        stream: ReaderStream | None = None,
+        work: Future[Response] | None = None,
+    ) -> Response:
         """Wait for a thread to do the work, for its deadline, or for the client to leave."""
         application, plan = self._application, job.plan
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Response] = loop.create_future()
-        work = application.submit(job, stream)
+        gone_s = 0.0
+        if work is None:
+            work = application.submit(job, stream)
+        else:
+            gone_s = time.perf_counter() - job.started
 
         def deliver() -> None:
             if answer.done():
@@ -242,7 +256,7 @@ class AsgiApplication:
         work.add_done_callback(lambda _: call_soon(loop, deliver))
         timers = []
         if plan.timeout_s is not None:
-            timers.append(loop.call_later(plan.timeout_s, expire))
+            timers.append(loop.call_later(max(plan.timeout_s - gone_s, 0.0), expire))
         if plan.running is not None:
             timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
         if plan.elsewhere is not None:

@@ -6,19 +6,19 @@ ends with its parent, however that ends.
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import pickle
-import statistics
 import threading
 import time
 import traceback
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, Self, TypeVar, cast
+
+from grasp.pieces import LOOK_S, Pieces
 
 __all__ = ["Done", "Processes"]
 
@@ -27,10 +27,6 @@ R = TypeVar("R")
 
 _TRIES = 3
 _STOP_S = 10.0
-_LOOK_S = 0.25
-_SLOW, _SLOW_S = 4.0, 2.0
-"""A piece is given to an idle worker as well when it takes this many times the median so far, and
-at least so many seconds."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ class Processes:
             while run.is_going:
                 self._give(run)
                 busy = {one.pipe: one for one in self._children if one.doing is not None}
-                for pipe in wait(list(busy), _LOOK_S):
+                for pipe in wait(list(busy), LOOK_S):
                     assert isinstance(pipe, Connection)
                     found = self._take(run, busy[pipe])
                     if found is not None:
@@ -143,7 +139,7 @@ class Processes:
     def _give(self, run: _Run) -> None:
         """Give work to every idle worker, and start workers as long as there is more."""
         idle = [one for one in self._children if one.doing is None]
-        while (number := run.next(self._children)) is not None:
+        while (number := run.next(self._doing())) is not None:
             if idle:
                 child = idle.pop()
             elif len(self._children) < self.workers:
@@ -158,6 +154,10 @@ class Processes:
                 self._drop(child)
                 run.put_back(number)
 
+    def _doing(self) -> list[tuple[int, float]]:
+        every = self._children
+        return [(one.doing, one.since) for one in every if one.doing is not None]
+
     def _take(self, run: _Run, child: _Child) -> tuple[int, Done[Any]] | None:
         """Read what a worker says; None where that is known already, or is tried again."""
         number, child.doing = child.doing, None
@@ -169,7 +169,9 @@ class Processes:
             code = child.process.exitcode
             self._drop(child)
             return run.died(number, code, self._children)
-        return run.ended(number, done, time.monotonic() - child.since)
+        if not run.ended(number, time.monotonic() - child.since):
+            return None
+        return number, done
 
     def _drop(self, child: _Child) -> None:
         self._children.remove(child)
@@ -187,61 +189,28 @@ class Processes:
         self.close()
 
 
-class _Run:
-    """The pieces of one piece of work after another: which wait, which have ended."""
+class _Run(Pieces):
+    """The pieces of one task, and how often workers died of each."""
 
     def __init__(self, task: Any, items: Sequence[Any]) -> None:
+        super().__init__(len(items))
         self.task, self.items = task, items
-        self._todo = deque(range(len(items)))
-        self._open = set(self._todo)
         self._deaths: Counter[int] = Counter()
-        self._seconds: list[float] = []
-
-    @property
-    def is_going(self) -> bool:
-        return bool(self._open)
-
-    def next(self, children: Sequence[_Child]) -> int | None:
-        """Return the number of a piece that waits, or else of one that takes long."""
-        if self._todo:
-            return self._todo.popleft()
-        if not self._seconds:
-            return None
-        slow_s = max(_SLOW_S, _SLOW * statistics.median(self._seconds))
-        doing = Counter(one.doing for one in children if one.doing is not None)
-        now = time.monotonic()
-        late = [
-            one for one in children
-            if one.doing in self._open and doing[one.doing] == 1 and now - one.since > slow_s
-        ]  # fmt: skip
-        return min(late, key=lambda one: one.since).doing if late else None
-
-    def put_back(self, number: int) -> None:
-        if number not in self._todo:
-            self._todo.appendleft(number)
 
     def died(
         self, number: int, code: int | None, children: Sequence[_Child]
     ) -> tuple[int, Done[Any]] | None:
-        if number not in self._open:
+        """Note that a worker died of a piece; return its end if it is not tried again."""
+        if not self.is_open(number):
             return None
         self._deaths[number] += 1
         if self._deaths[number] < _TRIES:
             if not any(one.doing == number for one in children):
                 self.put_back(number)
             return None
-        self._open.discard(number)
+        self.ended(number)
         words = f"its worker process ended with exit code {code}, {self._deaths[number]} times"
         return number, Done(None, RuntimeError(words), words)
-
-    def ended(self, number: int, done: Done[Any], seconds: float) -> tuple[int, Done[Any]] | None:
-        if number not in self._open:
-            return None
-        self._open.discard(number)
-        self._seconds.append(seconds)
-        with contextlib.suppress(ValueError):
-            self._todo.remove(number)
-        return number, done
 
 
 def _work(pipe: Connection, quiet: bool) -> None:

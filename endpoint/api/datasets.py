@@ -3,7 +3,8 @@
 ::
 
     GET    /datasets                            those that the caller may read
-    PUT    /datasets/<ns>/<name>                create, or fork: {"fork_of": "a/B@3", "readers": []}
+    PUT    /datasets/<ns>/<name>                create: {"readers": [], "key": "id"};
+                                                or fork: {"fork_of": "a/B@3"}
     GET    /datasets/<ns>/<name>[@v]            a version with its files, or the head
     GET    /datasets/<ns>/<name>/diff?from=&to= paths that differ
     POST   /datasets/<ns>/<name>/snapshot       make the head a version
@@ -97,19 +98,25 @@ def _answer(datasets: Datasets, request: Request, caller: Caller, parts: list[st
 def _whole(datasets: Datasets, request: Request, caller: Caller, name: str) -> Response:
     if request.method != "PUT":
         found = datasets.find(name, caller.access)
-        return _json({**found.facts(), "versions": datasets.numbers(found.dataset)})
+        known = {"key": datasets.key(name.partition("@")[0])}
+        return _json({**found.facts(), **known, "versions": datasets.numbers(found.dataset)})
     wanted = json_object(request) if request.body else {}
     source, readers = wanted.pop("fork_of", None), wanted.pop("readers", None)
+    key = wanted.pop("key", "")
     if wanted:
-        raise UsageError(f"unknown field {min(wanted)!r}; known: fork_of, readers")
+        raise UsageError(f"unknown field {min(wanted)!r}; known: fork_of, readers, key")
     if readers is not None and not _are_texts(readers):
         raise UsageError("readers: expected a list of names", field="readers")
+    if not isinstance(key, str):
+        raise UsageError("key: expected the name of a field", field="key")
     if source is not None:
-        if not isinstance(source, str) or readers is not None:
-            raise UsageError("fork_of: expected the name of a version; readers are those of it")
+        if not isinstance(source, str) or readers is not None or key:
+            raise UsageError(
+                "fork_of: expected the name of a version; readers and key are those of it"
+            )
         datasets.fork(name, source, caller.access)
     else:
-        datasets.create(name, caller.access, readers)
+        datasets.create(name, caller.access, readers, key)
     return Response(201, headers=(("Location", f"{ADDRESS}/{name}"),))
 
 

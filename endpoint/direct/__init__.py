@@ -1,4 +1,4 @@
-"""Answers to small queries by GET, written by the server's protocol itself."""
+"""Answers to small requests, written by the server's protocol itself."""
 
 from endpoint.direct.known import KnownQueries
 from endpoint.direct.protocol import DirectProtocol

@@ -1,22 +1,25 @@
-"""Answers to small queries by GET, written by the server's protocol itself.
+"""Answers to small queries by GET and small calls by POST, written by the server's protocol itself.
 
 Most requests of robots are queries by GET whose answer is in the cache or comes from a reader in
-well under a millisecond. A task, and messages between server and application, would cost more than
-the answer, so these requests are admitted and answered where the parser calls back. All checks,
-limits, logs and metrics are the application's own. Whatever takes longer, or is larger, is handed
-to the ASGI application, admitted but unanswered.
+well under a millisecond, or calls of operations and services that take as little. A task, and
+messages between server and application, would cost more than the answer, so these requests are
+admitted and answered where the parser calls back; the work of a call is still done by a thread.
+All checks, limits, logs and metrics are the application's own. Whatever takes longer, or is larger,
+is handed to the ASGI application, admitted but unanswered.
 """
 
 from __future__ import annotations
 
 import asyncio
+import re
+from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, RequestResponseCycle
 
 from endpoint.application import Job
-from endpoint.asgi import AsgiApplication, call_soon
+from endpoint.asgi import SMALL_BODY, WATCH_AFTER_S, AsgiApplication, call_soon
 from endpoint.direct.exchange import Exchange
 from endpoint.direct.heads import KnownHead, learn
 from endpoint.direct.known import KnownQueries, KnownQuery
@@ -31,13 +34,14 @@ from rtask.kb.readers.streams import ReaderStream
 
 __all__ = ["DirectProtocol"]
 
-_ADDRESSES = frozenset((b"/query", b"/query/", b"/sparql", b"/sparql/"))
+_QUERIES = frozenset((b"/query", b"/query/", b"/sparql", b"/sparql/"))
+_CALL = re.compile(rb"/engine/[a-z_]+|/services/[A-Za-z0-9_]+/[A-Za-z0-9_@.*]+/[A-Za-z0-9_]+")
 _END = b"\r\n\r\n"
 _SHARED = SharedFields()
 
 
 class DirectProtocol(GuardedProtocol):
-    """The server's protocol, which answers small queries without the ASGI application.
+    """The server's protocol, which answers small requests without the ASGI application.
 
     Parameters
     ----------
@@ -105,33 +109,52 @@ class DirectProtocol(GuardedProtocol):
         self._block = block
 
     def begin_request(self) -> None:
-        """Take a query by GET; leave everything else to the ASGI application."""
+        """Take a query by GET or a call by POST; leave the rest to the ASGI application."""
         path, _, query = self.url.partition(b"?")
-        if path not in _ADDRESSES or not query or not self._is_simple():
+        method = self.parser.get_method()
+        if method == b"GET":
+            is_taken = path in _QUERIES and bool(query) and self._is_simple(0)
+        else:
+            is_call = method == b"POST" and _CALL.fullmatch(path) is not None
+            is_taken = is_call and self._is_simple(SMALL_BODY)
+        if not is_taken:
             super().begin_request()
             return
         scope: Any = self.scope
-        scope["method"] = "GET"
+        scope["method"] = method.decode("ascii")
         scope["path"] = path.decode("ascii")
         scope["raw_path"] = path
         scope["query_string"] = query
-        exchange: Any = Exchange(self.parser.should_keep_alive())
+        exchange: Any = Exchange(self.parser.should_keep_alive(), scope)
         self.cycle = exchange
+        if method == b"POST":  # its body may be late
+            exchange.wait(self.loop, WATCH_AFTER_S, partial(self._pass_on, exchange))
 
-    def _is_simple(self) -> bool:
-        """Whether nothing stands in the way of answering a request here."""
-        if not self._is_plain or self.parser.get_method() != b"GET":
+    def _is_simple(self, max_bytes: int) -> bool:
+        """Whether nothing stands in the way of answering a request here.
+
+        Parameters
+        ----------
+        max_bytes
+            Length of its body at most; 0 = it has none.
+        """
+        if not self._is_plain:
             return False
         if self.parser.get_http_version() != "1.1" or self.parser.should_upgrade():
             return False
         if self.expect_100_continue or b"#" in self.url or not self._is_free():
             return False
+        has_length = False
         for name, value in self.headers:
-            if name in (b"content-length", b"transfer-encoding"):
+            if name == b"content-length":
+                has_length = value.isdigit() and int(value) <= max_bytes
+                if not has_length:
+                    return False
+            elif name in (b"transfer-encoding", b"content-encoding") or (
+                name == b"accept" and b"html" in value.lower()
+            ):
                 return False
-            if name == b"accept" and b"html" in value.lower():
-                return False
-        return True
+        return has_length == bool(max_bytes)
 
     def on_message_complete(self) -> None:
         """Answer a request that was taken."""
@@ -145,12 +168,16 @@ class DirectProtocol(GuardedProtocol):
             super().on_message_complete()
 
     def _answer(self, exchange: Exchange) -> None:
-        scope: Any = self.scope
-        request = self._asgi.request_of(scope)
+        exchange.stop_waiting()
+        request = self._asgi.request_of(exchange.scope, bytes(exchange.body))
         exchange.job = job = self._application.admit(request)
-        self._learn(request)
+        if request.method == "GET":
+            self._learn(request)
         if job.plan.lane == "loop":
             self._reply(exchange, job, self._application.run(job))
+            return
+        if request.method == "POST":
+            self._await(exchange, job)
             return
         payload = self._application.encoded(job)
         if payload is None:
@@ -160,6 +187,30 @@ class DirectProtocol(GuardedProtocol):
         assert job.plan.running is not None
         job.plan.running.on_stop(lambda: call_soon(self.loop, query.give_up))
         self._asgi.points.ask(query)
+
+    def _await(self, exchange: Exchange, job: Job) -> None:
+        """Answer once a thread has done the work; pass on what takes long."""
+        work = self._application.submit(job)
+        timeout_s = job.plan.timeout_s
+        patience_s = WATCH_AFTER_S if timeout_s is None else min(WATCH_AFTER_S, timeout_s)
+        exchange.wait(self.loop, patience_s, partial(self._tired, exchange, job, work))
+
+        def done(_: object) -> None:
+            call_soon(self.loop, partial(self._done, exchange, job, work))
+
+        work.add_done_callback(done)
+
+    def _done(self, exchange: Exchange, job: Job, work: Future[Response]) -> None:
+        if not exchange.stop_waiting():
+            return  # it was passed on
+        if work.cancelled():
+            self._hand_over(exchange, job, work=work)
+        else:
+            self._reply(exchange, job, work.result())
+
+    def _tired(self, exchange: Exchange, job: Job, work: Future[Response]) -> None:
+        exchange.stop_waiting()
+        self._hand_over(exchange, job, work=work)
 
     def _arrive(self, exchange: Exchange, job: Job, found: Answer | ReaderStream | Instead) -> None:
         """Send an answer that has come; pass on one that is long or late."""
@@ -171,7 +222,8 @@ class DirectProtocol(GuardedProtocol):
 
     def _reply(self, exchange: Exchange, job: Job, response: Response) -> None:
         """Write a whole response at once."""
-        if len(response.body) > UNHURRIED_BYTES or self.flow.write_paused:
+        is_whole = response.chunks is None and len(response.body) <= UNHURRIED_BYTES
+        if not is_whole or self.flow.write_paused:
             self._hand_over(exchange, job, response=response)
             return
         whole = False
@@ -228,7 +280,7 @@ class DirectProtocol(GuardedProtocol):
 
     def resume(self, query: KnownQuery, job: Job, found: Answer | ReaderStream | Instead) -> None:
         """Go on with a query that needs more than what was done for it here."""
-        self.scope = self._scope_of(query)
+        query.scope = self._scope_of(query)
         if job.plan.lane == "point":
             self._arrive(query, job, found)
             return
@@ -264,10 +316,26 @@ class DirectProtocol(GuardedProtocol):
         job: Job,
         stream: ReaderStream | None = None,
         response: Response | None = None,
+        work: Future[Response] | None = None,
     ) -> None:
         """Let the ASGI application complete a request that was admitted here."""
+
+        async def complete(scope: Message, receive: Receive, transmit: Transmit) -> None:
+            await receive()  # the body, which has been read
+            wire = Wire(scope, receive, transmit)
+            await self._asgi.complete(job, wire, stream, response, work)
+
+        self._start(exchange, complete)
+
+    def _pass_on(self, exchange: Exchange) -> None:
+        """Let the ASGI application answer a request whose body is late."""
+        if exchange.stop_waiting():
+            self._start(exchange, self._asgi, more_body=True)
+
+    def _start(self, exchange: Exchange, app: Any, *, more_body: bool = False) -> None:
+        """Put a cycle of uvicorn in the place of an exchange, and start an application for it."""
         cycle = RequestResponseCycle(
-            scope=self.scope,
+            scope=exchange.scope,
             transport=self.transport,
             flow=self.flow,
             logger=self.logger,
@@ -279,14 +347,13 @@ class DirectProtocol(GuardedProtocol):
             keep_alive=exchange.keep_alive,
             on_response=self.on_response_complete,
         )
-        cycle.more_body = False
+        cycle.more_body = more_body
+        if more_body:
+            cycle.body = exchange.body
         cycle.disconnected = exchange.disconnected
-        cycle.message_event.set()
-        self.cycle = cycle
-
-        async def complete(scope: Message, receive: Receive, transmit: Transmit) -> None:
-            await receive()  # the empty body
-            await self._asgi.complete(job, Wire(scope, receive, transmit), stream, response)
-
-        app: Any = complete
+        if not more_body or exchange.body:
+            cycle.message_event.set()
+        current: Any = self.cycle
+        if current is exchange:  # and not a later request's, which already waits its turn
+            self.cycle = cycle
         self._start_asgi_task(cycle, app)

@@ -184,6 +184,8 @@ class Request:
 
     def values(self, name: str) -> list[str]:
         """Return all values of a query-string field."""
+        if not self.query_string:
+            return []
         return [value for key, value in self.parameters if key == name]
 
     def header(self, name: str, default: str = "") -> str:

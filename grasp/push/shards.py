@@ -9,12 +9,13 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import functools
-import importlib
 import itertools
 import time
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, Literal, Protocol, Self, TypeVar
 
+from grasp.pieces import handed_out
+from grasp.ray_cluster import join
 from grasp.workers import Processes
 
 __all__ = [
@@ -198,7 +199,7 @@ def _on_range(task: Task[T], one: Range) -> T:
 
 
 class Ray:
-    """Runs on a Ray cluster that is running; ``ray`` is imported here only.
+    """Runs on a Ray cluster that is running.
 
     Parameters
     ----------
@@ -213,43 +214,24 @@ class Ray:
     """
 
     def __init__(self, address: str | None = None, workers: int = 0) -> None:
-        try:
-            self._ray: Any = importlib.import_module("ray")
-        except ImportError as error:
-            raise ValueError("executor 'ray' needs the package ray: pip install ray") from error
-        self._connected = not self._ray.is_initialized()
-        if self._connected and address is None:
-            raise ValueError(
-                "executor 'ray' needs the address of a running cluster: start one by `ray start "
-                "--head` and name it, or auto for the one of this machine"
-            )
-        if self._connected:
-            try:
-                self._ray.init(address=address, logging_level="ERROR")
-            except ConnectionError as error:
-                raise ValueError(f"no Ray cluster at {address}: {error}") from error
+        self._ray, self._connected = join(address)
         self.workers = workers or int(self._ray.cluster_resources().get("CPU", 1))
-
-    def _submit(self, task: Task[T], ranges: Sequence[Range]) -> list[Any]:
-        remote = self._ray.remote(_call)
-        shared = self._ray.put(task)
-        return [remote.remote(shared, *one) for one in ranges]
 
     def finished(
         self, task: Task[T], ranges: Sequence[Range]
     ) -> Generator[tuple[int, T], None, None]:
-        """Yield results as they come."""
-        jobs = self._submit(task, ranges)
-        numbers = {job: i for i, job in enumerate(jobs)}
-        waiting = list(jobs)
-        try:
-            while waiting:
-                done, waiting = self._ray.wait(waiting, num_returns=1)
-                for job in done:
-                    yield numbers[job], self._ray.get(job)
-        finally:
-            for job in waiting:
-                self._ray.cancel(job)
+        """Yield results as they come; Ray runs again what a dead node was doing."""
+        remote = self._ray.remote(_call)
+        shared = self._ray.put(task)
+
+        def begin(number: int) -> Any:
+            return remote.remote(shared, *ranges[number])
+
+        def wait(jobs: list[Any], seconds: float) -> Any:
+            return self._ray.wait(jobs, num_returns=1, timeout=seconds)[0]
+
+        for number, job in handed_out(len(ranges), self.workers, begin, wait, self._ray.cancel):
+            yield number, self._ray.get(job)
 
     def __enter__(self) -> Self:
         return self

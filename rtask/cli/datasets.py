@@ -59,14 +59,25 @@ def list_datasets(server: str, as_json: bool) -> None:
 @click.argument("name")
 @click.option("--fork", "source", metavar="NAME@VERSION", help="Go on from a version of another.")
 @click.option("--private", is_flag=True, help="Only its owner may read it.")
+@click.option(
+    "--key",
+    metavar="FIELD",
+    default="",
+    help="Its .jsonl files hold records, which this field tells apart when versions are merged.",
+)
 @_server
 @json_option
-def create(name: str, source: str | None, private: bool, server: str, as_json: bool) -> None:
+def create(
+    name: str, source: str | None, private: bool, key: str, server: str, as_json: bool
+) -> None:
     """Create a dataset NAME, <namespace>/<name>."""
-    if source and private:
-        raise UsageError("a fork has the readers of what it is a fork of: leave out --private")
+    if source and (private or key):
+        raise UsageError(
+            "a fork has the readers and the key of what it is a fork of: leave out --private and "
+            "--key"
+        )
     with _connected(server) as client:
-        client.create(name, source, private)
+        client.create(name, source, private, key)
     _tell(as_json, {"name": name}, f"created {name}")
 
 
@@ -172,7 +183,8 @@ def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None
     "rules",
     multiple=True,
     metavar="PATH=ours|theirs",
-    help="Decide conflicts below this path; =ours or =theirs decides all.",
+    help="Decide conflicts below this path, or of one record by PATH#KEY; =ours or =theirs decides "
+    "all.",
 )
 @_server
 @json_option
@@ -180,10 +192,16 @@ def merge(name: str, source: str, rules: tuple[str, ...], server: str, as_json: 
     """Merge a version, SOURCE, into a dataset. Conflicts that no rule decides change nothing."""
     decided = {}
     for rule in rules:
-        path, equals, side = rule.partition("=")
+        path, equals, side = rule.rpartition("=")
         if not equals or side not in ("ours", "theirs"):
             raise UsageError(f"--rule {rule}: expected PATH=ours or PATH=theirs")
         decided[path.removeprefix("/")] = side
     with _connected(server) as client:
         made = client.merge(name, source, decided)
-    _tell(as_json, made, made["name"])
+    rows = [made["name"]]
+    rows += [
+        f"please check {one['path']}#{one['key']}: {one['field']} = {one['value']:g} is far from "
+        "all others"
+        for one in made["doubts"]
+    ]
+    _tell(as_json, made, "\n".join(rows))

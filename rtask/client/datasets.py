@@ -24,9 +24,19 @@ class DatasetClient(HttpClient):
         found: list[str] = self._send("GET", "/datasets").json()["datasets"]
         return found
 
-    def create(self, name: str, fork_of: str | None = None, private: bool = False) -> None:
-        """Create a dataset, empty or as a fork of a version; a private one is its owner's alone."""
+    def create(
+        self, name: str, fork_of: str | None = None, private: bool = False, key: str = ""
+    ) -> None:
+        """Create a dataset, empty or as a fork of a version; a private one is its owner's alone.
+
+        Parameters
+        ----------
+        key
+            Field that tells the records of its ``.jsonl`` files apart, for merges.
+        """
         body: dict[str, Any] = {"readers": []} if private else {}
+        if key:
+            body["key"] = key
         if fork_of:
             body["fork_of"] = fork_of
         self._send("PUT", _place(name), json=body)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
-import concurrent.futures
+import threading
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import TYPE_CHECKING, Any, Self, cast
 
+from grasp.pieces import handed_out
 from grasp.push.shards import Range, T, Task
 from rtask.client.remote import RemoteClient
 from rtask.errors import UsageError
@@ -27,7 +29,8 @@ class ServerExecutor:
     """Executor whose shards are calls of ``rtask/PushTrials`` and ``rtask/SpacePlans``.
 
     The server gives them to its own workers and to those that are connected to it, and once more to
-    another where one dies. Results equal those of a serial run bit for bit.
+    another where one dies. A shard that takes much longer than the others is sent once more.
+    Results equal those of a serial run bit for bit.
 
     Parameters
     ----------
@@ -52,12 +55,13 @@ class ServerExecutor:
         self.workers = workers or _CALLS
         self._timeout_s = timeout_s
         self._client = RemoteClient(url, token, min(timeout_s, _REACH_S))
-        self._threads = concurrent.futures.ThreadPoolExecutor(self.workers)
+        self._lock = threading.Lock()
+        self._users = 1  # this object, and each call that is going on
 
     def finished(
         self, task: Task[T], ranges: Sequence[Range]
     ) -> Generator[tuple[int, T], None, None]:
-        """Yield results as they come; shards that have not begun are then not wanted any more.
+        """Yield results as they come; a shard that takes long is sent once more.
 
         Raises
         ------
@@ -65,13 +69,25 @@ class ServerExecutor:
             The task is none of those that a server carries out.
         """
         call = self._caller(task)
-        jobs = {self._threads.submit(call, one): i for i, one in enumerate(ranges)}
-        try:
-            for job in concurrent.futures.as_completed(jobs):
-                yield jobs[job], cast("T", job.result())
-        finally:
-            for job in jobs:
-                job.cancel()
+
+        def carry_out(done: Future[Any], one: Range) -> None:
+            try:
+                done.set_result(call(one))
+            except BaseException as error:  # noqa: BLE001 - whoever waits for it hears of it
+                done.set_exception(error)
+            finally:
+                self._leave()
+
+        def begin(number: int) -> Future[Any]:
+            done: Future[Any] = Future()
+            with self._lock:
+                self._users += 1
+            # A thread that ends with the program: what is not wanted any more is not waited for.
+            threading.Thread(target=carry_out, args=(done, ranges[number]), daemon=True).start()
+            return done
+
+        for number, job in handed_out(len(ranges), self.workers, begin, _ended, _let_go):
+            yield number, cast("T", job.result())
 
     def _caller(self, task: Any) -> Callable[[Range], Any]:
         """Return what carries out a range of a task by calls."""
@@ -139,5 +155,20 @@ class ServerExecutor:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._threads.shutdown(wait=True, cancel_futures=True)
-        self._client.close()
+        self._leave()
+
+    def _leave(self) -> None:
+        """Close the connection when nobody uses it any more."""
+        with self._lock:
+            self._users -= 1
+            is_last = self._users == 0
+        if is_last:
+            self._client.close()
+
+
+def _ended(jobs: list[Future[Any]], seconds: float) -> list[Future[Any]]:
+    return list(wait(jobs, seconds, FIRST_COMPLETED).done)
+
+
+def _let_go(_: Future[Any]) -> None:
+    """Let a call go on: the server ends it when the client leaves."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import secrets
-import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -72,7 +71,7 @@ class Call:
         self.chain = chain
         self.fraction, self.text = 0.0, ""
         self._others = others
-        self._cancelled = threading.Event()
+        self._is_cancelled = False
         self._listeners: list[Listener] = []
         self._stops: list[Callable[[], None]] = []
 
@@ -84,7 +83,7 @@ class Call:
     @property
     def is_cancelled(self) -> bool:
         """Whether the caller no longer wants the answer."""
-        return self._cancelled.is_set()
+        return self._is_cancelled
 
     def progress(self, fraction: float, text: str = "") -> None:
         """Tell the caller how far the work is, from 0 to 1; it never decreases.
@@ -151,7 +150,7 @@ class Call:
 
     def cancel(self) -> None:
         """Ask the method to stop."""
-        self._cancelled.set()
+        self._is_cancelled = True
         for stop in self._stops:
             stop()
 

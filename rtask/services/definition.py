@@ -186,7 +186,8 @@ def define(service: type[Service]) -> Definition:
             f"{_place(service)}: {service.__name__} has no method; mark them with @method"
         )
     needs = {n: one for n, one in own_attributes(service) if isinstance(one, ResourceNeed)}
-    if service.executor == "processes" and any(one.type == "graph" for one in needs.values()):
+    is_apart = service.executor in ("processes", "ray")
+    if is_apart and any(one.type == "graph" for one in needs.values()):
         raise UsageError(
             f"{_place(service)}: {service.name}: the graph is in this process; use threads"
         )

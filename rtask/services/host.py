@@ -22,12 +22,12 @@ from rtask.services.call import Call, Invocation
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import Definition, Method, define
 from rtask.services.description import described, listed
-from rtask.services.in_process import InProcess, Written
+from rtask.services.executors.in_process import InProcess, Written
+from rtask.services.executors.processes import ChildProcess
 from rtask.services.jobs import Job, Jobs
 from rtask.services.outward.connected import Connected
 from rtask.services.outward.seats import Outward
 from rtask.services.pool import Pool, Runner, Sizes
-from rtask.services.processes import ChildProcess
 from rtask.services.proxy import Proxy, offer_of
 from rtask.services.registry import Registry
 from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
@@ -37,6 +37,7 @@ from rtask.wire.message import Answer, read
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
+    from rtask.services.executors.ray_actors import RayActor
 
 __all__ = ["ServiceHost"]
 
@@ -360,8 +361,8 @@ class ServiceHost:
                         return Connected(self.outward, seat, commit)
                     bound = heads()  # before they are bound, so that no write is overlooked
                     resources = self._resources(definition, mapped)
-                    kind = ChildProcess if definition.executor == "processes" else InProcess
                     every = self._check_every
+                    kind = _runner_kind(definition)
                     return kind(definition, resources, every, commit, lambda: heads() != bound)
 
                 sizes = Sizes(self._workers(definition), definition.max_waiting)
@@ -385,6 +386,15 @@ class ServiceHost:
         if definition is not None:
             for pool in pools:
                 pool.resize(self._workers(definition))
+
+
+def _runner_kind(definition: Definition) -> type[InProcess | ChildProcess | RayActor]:
+    """Return the class of what carries out the calls of a service in or near this process."""
+    if definition.executor == "ray":
+        from rtask.services.executors.ray_actors import RayActor
+
+        return RayActor
+    return ChildProcess if definition.executor == "processes" else InProcess
 
 
 def _closed_apart(pools: Iterable[Pool]) -> list[threading.Thread]:

@@ -25,7 +25,7 @@ __all__ = [
     "startup",
 ]
 
-Executor = Literal["threads", "processes", "outward"]
+Executor = Literal["threads", "processes", "ray", "outward"]
 F = TypeVar("F", bound=Callable[..., Any])
 MARK, _STARTUP, _SHUTDOWN = "__rtask_method__", "__rtask_startup__", "__rtask_shutdown__"
 
@@ -105,7 +105,7 @@ class Service:
         ``<major>.<minor>.<patch>``. What is served under a version never changes.
     executor
         ``threads`` for numpy and other libraries that release the interpreter's lock;
-        ``processes`` for what may hang or crash.
+        ``processes`` for what may hang or crash; ``ray`` for a Ray cluster that is running.
     max_workers
         Largest number of calls that run at a time; None = the number of cores.
     max_waiting

@@ -4,7 +4,7 @@
 
     DIR/blobs/                    bytes by digest, apart from those that the graph names
         <namespace>/<name>/
-            dataset.json          owner, readers
+            dataset.json          owner, readers, key of its records
             head.json             files of the head
             <number>.json         a version: files, parents, author, time, message
         views/<digest>/           folders of files for services to read, linked to the blobs
@@ -12,9 +12,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import re
 import shutil
 import tempfile
 import threading
@@ -23,7 +20,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from rtask.errors import (
     ConflictError,
@@ -34,26 +30,22 @@ from rtask.errors import (
     nearest,
 )
 from rtask.kb.commit.access import Access
-from rtask.kb.durability.blobs import PREFIX, BlobStore, copy_blob, sync_folder
+from rtask.kb.durability.blobs import PREFIX, BlobStore, copy_blob
+from rtask.services.datasets.merging import Merge
+from rtask.services.datasets.records import ENDING, read_records
+from rtask.services.datasets.shelf import Shelf, is_name
 from rtask.services.datasets.tree import (
     Entry,
-    Merged,
     Strategy,
-    Tree,
-    as_json,
     check_kind,
     check_path,
     difference,
-    merge,
 )
-from rtask.services.datasets.version import HEAD, Version
+from rtask.services.datasets.version import HEAD, Doubt, Version
 from rtask.services.datasets.views import Views
 
 __all__ = ["Datasets", "Version"]
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}/[A-Za-z][A-Za-z0-9_-]{0,63}")
-_MAX_KNOWN = 64
-_RESERVED = ("blobs", "views")
 Contents = Callable[[], Mapping[str, bytes]]
 
 
@@ -81,7 +73,6 @@ class Datasets:
         self._folder = folder
         self._temporary: str | None = None
         self._lock = threading.RLock()
-        self._versions: dict[Path, tuple[tuple[int, int], Version]] = {}
         self._offered: dict[str, Contents] = {}
 
     @cached_property
@@ -91,6 +82,10 @@ class Datasets:
             return self._folder
         self._temporary = tempfile.mkdtemp(prefix="rtask-datasets-")
         return Path(self._temporary)
+
+    @cached_property
+    def _shelf(self) -> Shelf:
+        return Shelf(self._root)
 
     @cached_property
     def _blobs(self) -> BlobStore:
@@ -105,7 +100,11 @@ class Datasets:
         self._offered[name] = contents
 
     def create(
-        self, name: str, access: Access | None = None, readers: list[str] | None = None
+        self,
+        name: str,
+        access: Access | None = None,
+        readers: list[str] | None = None,
+        key: str = "",
     ) -> None:
         """Create an empty dataset.
 
@@ -115,6 +114,9 @@ class Datasets:
             Its owner, who may write to it.
         readers
             Names of the robots and people that may read it; None = all.
+        key
+            Field that tells the records in its ``.jsonl`` files apart, which are then merged
+            record by record; empty = its files are only bytes.
 
         Raises
         ------
@@ -123,38 +125,35 @@ class Datasets:
         ConflictError
             The name is taken.
         """
-        if not _is_name(name):
+        if not is_name(name):
             raise UsageError(f"dataset {name[:80]!r}: expected <namespace>/<name>")
         with self._lock:
-            place = self._root / name
-            if (place / "dataset.json").exists() or name in self._offered:
+            if self._shelf.holds(name) or name in self._offered:
                 raise ConflictError(f"dataset {name} exists already")
-            place.mkdir(parents=True, exist_ok=True)
             owner = access.agent if access else None
-            self._write(place / "head.json", {"files": {}, "parents": []})
-            self._write(place / "dataset.json", {"owner": owner, "readers": readers})
+            self._shelf.create(name, {"owner": owner, "readers": readers, "key": key})
 
     def fork(self, name: str, source: str, access: Access | None = None) -> None:
         """Create a dataset that goes on from a version of another; no bytes are copied.
 
-        A fork of a private dataset has the same readers.
+        A fork of a private dataset has the same readers, and one of records the same key.
         """
         found = self.find(source, access)
         if not found.number:
             raise UsageError(f"{source}: fork a version; make one by a snapshot")
-        readers = self._facts(found.dataset)["readers"]
-        head = {"files": as_json(found.files), "parents": [found.name]}
+        facts = self._shelf.facts(found.dataset)
         with self._lock:
-            self.create(name, access, readers)
-            self._write(self._root / name / "head.json", head)
+            self.create(name, access, facts["readers"], self.key(found.dataset))
+            self._shelf.write_head(name, found.files, (found.name,))
+
+    def key(self, name: str) -> str:
+        """Return the field that tells the records of a dataset apart; empty if it has none."""
+        found: str = self._shelf.facts(name).get("key", "")
+        return found
 
     def names(self, access: Access | None = None) -> list[str]:
         """Return the names of the datasets that a caller may read, sorted."""
-        stored = (
-            f"{file.parent.parent.name}/{file.parent.name}"
-            for file in self._root.glob("*/*/dataset.json")
-        )
-        every = sorted({*stored, *self._offered})
+        every = sorted({*self._shelf.names(), *self._offered})
         return [name for name in every if name in self._offered or self._may_read(name, access)]
 
     def find(self, name: str, access: Access | None = None) -> Version:
@@ -171,21 +170,20 @@ class Datasets:
             raise UnknownTermError(f"no dataset {plain}{nearest(plain, self.names(access))}")
         numbers = self.numbers(plain)
         if wanted == HEAD or (not wanted and not numbers):
-            return self._read(plain, 0)
+            return self._shelf.read(plain, 0)
         if not wanted:
-            return self._read(plain, numbers[-1])
+            return self._shelf.read(plain, numbers[-1])
         number = next((one for one in numbers if str(one) == wanted), None)
         if number is None:
             known = ", ".join(map(str, numbers)) or "none"
             raise UnknownTermError(
                 f"{plain} has no version {wanted[:20]}; there are {known}, and head"
             )
-        return self._read(plain, number)
+        return self._shelf.read(plain, number)
 
     def numbers(self, name: str) -> list[int]:
         """Return the numbers of a dataset's versions, the oldest first."""
-        files = (self._root / name).glob("*.json")
-        return sorted(int(file.stem) for file in files if file.stem.isdecimal())
+        return self._shelf.numbers(name)
 
     def read(self, name: str, path: str, access: Access | None = None) -> bytes:
         """Return the bytes of a file; errors as :meth:`file`."""
@@ -204,7 +202,7 @@ class Datasets:
         if entry is None:
             hint = nearest(path, list(version.files))
             raise UnknownTermError(f"{version.name} has no file {path}{hint}")
-        return entry, self._blobs.read(PREFIX + entry.sha256)
+        return entry, self._bytes(entry)
 
     def put(
         self,
@@ -224,11 +222,17 @@ class Datasets:
 
         Raises
         ------
+        UsageError
+            A file of records does not hold any.
         VersionConflictError
             Somebody else wrote the file first.
         """
         named = {check_path(path): data for path, data in contents.items()}
         self._check_write(name, access)  # nobody else's bytes reach the disk
+        if key := self.key(name):
+            for path, data in named.items():
+                if path.endswith(ENDING):
+                    read_records(data, key, path)
         blobs = self._blobs.put_many(named.values())
         with self._changing(name, access) as files:
             for path, blob in zip(named, blobs, strict=True):
@@ -256,18 +260,24 @@ class Datasets:
 
     def snapshot(self, name: str, message: str = "", access: Access | None = None) -> Version:
         """Make the head a version; without changes since the last one, that is returned."""
+        return self._snapshot(name, message, access)
+
+    def _snapshot(
+        self, name: str, message: str, access: Access | None, doubts: tuple[Doubt, ...] = ()
+    ) -> Version:
         with self._lock:
             self._check_write(name, access)
-            head = self._read(name, 0)
+            head = self._shelf.read(name, 0)
             numbers = self.numbers(name)
-            if numbers and self._read(name, numbers[-1]).files == head.files:
-                return self._read(name, numbers[-1])
+            if numbers and self._shelf.read(name, numbers[-1]).files == head.files:
+                return self._shelf.read(name, numbers[-1])
             author = (access.agent if access else None) or ""
             number = numbers[-1] + 1 if numbers else 1
-            made = Version(name, number, head.files, head.parents, author, message, time.time())
-            self._write(self._root / name / f"{number}.json", made.stored())
-            parents = {"files": as_json(head.files), "parents": [made.name]}
-            self._write(self._root / name / "head.json", parents)
+            made = Version(
+                name, number, head.files, head.parents, author, message, time.time(), doubts
+            )
+            self._shelf.write(made)
+            self._shelf.write_head(name, head.files, (made.name,))
             return made
 
     def difference(
@@ -292,7 +302,7 @@ class Datasets:
             A version of this dataset or of another with a common ancestor; without one, everything
             that differs is a conflict.
         rules
-            See :func:`rtask.services.datasets.tree.merge`.
+            See :class:`rtask.services.datasets.merging.Merge`.
 
         Raises
         ------
@@ -304,12 +314,14 @@ class Datasets:
             self._check_write(name, access)
             self.snapshot(name, f"before merging {theirs.name}", access)
             ours = self.find(name, access)
-            base = self._ancestor(ours, theirs)
-            merged = merge(base, ours.files, theirs.files, rules or {})
-            self._refuse(merged, theirs)
-            head = {"files": as_json(merged.files), "parents": [ours.name, theirs.name]}
-            self._write(self._root / name / "head.json", head)
-            return self.snapshot(name, message or f"merge {theirs.name}", access)
+            merge = Merge(rules or {}, self.key(name), self._bytes, self._stored)
+            try:
+                files = merge.files(self._shelf.ancestor(ours, theirs), ours.files, theirs.files)
+            except ConflictError as error:
+                raise ConflictError(f"merging {theirs.name}: {error}", **error.details) from None
+            self._shelf.write_head(name, files, (ours.name, theirs.name))
+            doubts = tuple(merge.doubts(ours.files, files))
+            return self._snapshot(name, message or f"merge {theirs.name}", access, doubts)
 
     def view(self, version: Version) -> Path:
         """Return a folder with the files of a version, to be read only."""
@@ -351,103 +363,45 @@ class Datasets:
                 return
             files = contents()
             del self._offered[name]
-            if not (self._root / name / "dataset.json").exists():
+            if not self._shelf.holds(name):
                 self.create(name)
             with self._changing(name, None) as head:
                 head.clear()
             self.put(name, files)
             self.snapshot(name, "comes with the product")
 
-    def _ancestor(self, ours: Version, theirs: Version) -> Tree:
-        """Return the files of the nearest common ancestor; none if there is none."""
-        reached = {one.name for one in self._line(ours)}
-        return next((one.files for one in self._line(theirs) if one.name in reached), {})
+    def _bytes(self, entry: Entry) -> bytes:
+        return self._blobs.read(PREFIX + entry.sha256)
 
-    def _line(self, version: Version) -> Iterator[Version]:
-        """Yield a version and those that it was made from, the nearest first."""
-        todo, seen = [version], {version.name}
-        while todo:
-            one = todo.pop(0)
-            yield one
-            for name in one.parents:
-                dataset, _, number = name.partition("@")
-                if name not in seen and (self._root / dataset / f"{number}.json").exists():
-                    seen.add(name)
-                    todo.append(self._read(dataset, int(number)))
-
-    @staticmethod
-    def _refuse(merged: Merged, source: Version) -> None:
-        if not merged.conflicts:
-            return
-        first = merged.conflicts[0]
-        raise ConflictError(
-            f"merging {source.name}: {len(merged.conflicts)} conflicts, the first at "
-            f"{first.path}: {first.kind}; give a rule, ours or theirs",
-            conflicts=[{"path": one.path, "kind": one.kind} for one in merged.conflicts],
-        )
+    def _stored(self, data: bytes) -> Entry:
+        (blob,) = self._blobs.put_many([data])
+        return Entry(blob.sha256, blob.size)
 
     @contextmanager
     def _changing(self, name: str, access: Access | None) -> Iterator[dict[str, Entry]]:
         """Yield the files of the head, and store them if nothing is raised."""
         with self._lock:
             self._check_write(name, access)
-            head = self._read(name, 0)
+            head = self._shelf.read(name, 0)
             files = dict(head.files)
             yield files
-            stored = {"files": as_json(files), "parents": list(head.parents)}
-            self._write(self._root / name / "head.json", stored)
+            self._shelf.write_head(name, files, head.parents)
 
     def _check_write(self, name: str, access: Access | None) -> None:
         self.find(f"{name}@{HEAD}", access)
-        owner = self._facts(name)["owner"]
+        owner = self._shelf.facts(name)["owner"]
         if access is None or access.role in ("admin", "anonymous"):
             return
         if access.role == "reader" or access.agent != owner:
             raise ForbiddenError(f"{name} belongs to {owner or 'the server'}; fork it to change it")
 
     def _may_read(self, name: str, access: Access | None) -> bool:
-        # A view of a dataset may hold a file called dataset.json.
-        if not _is_name(name) or not (self._root / name / "dataset.json").exists():
+        if not self._shelf.holds(name):
             return False
-        facts = self._facts(name)
+        facts = self._shelf.facts(name)
         if facts["readers"] is None or access is None or access.role == "admin":
             return True
         return access.agent is not None and access.agent in (*facts["readers"], facts["owner"])
-
-    def _facts(self, name: str) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads((self._root / name / "dataset.json").read_text("utf-8"))
-        return found
-
-    def _read(self, name: str, number: int) -> Version:
-        """Return a stored version, from memory unless its file has changed."""
-        file = self._root / name / f"{number or HEAD}.json"
-        facts = file.stat()
-        changed = facts.st_mtime_ns, facts.st_ino  # each write makes another file
-        known = self._versions.get(file)
-        if known is not None and known[0] == changed:
-            return known[1]
-        found = json.loads(file.read_text("utf-8"))
-        version = Version.from_stored(name, number, found)
-        with self._lock:
-            if len(self._versions) >= _MAX_KNOWN:
-                self._versions.clear()
-            self._versions[file] = changed, version
-        return version
-
-    def _write(self, file: Path, value: Any) -> None:
-        """Write a file so that it is there wholly or, after a crash, as it was."""
-        temporary = file.with_suffix(".tmp")
-        with temporary.open("w", encoding="utf-8") as out:
-            json.dump(value, out)
-            out.flush()
-            os.fsync(out.fileno())
-        temporary.replace(file)
-        sync_folder(file.parent)
-        self._versions.pop(file, None)
-
-
-def _is_name(name: str) -> bool:
-    return _NAME.fullmatch(name) is not None and name.partition("/")[0] not in _RESERVED
 
 
 def _matches(before: Entry | None, wanted: str) -> bool:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from rtask.errors import ConflictError, UsageError
 
 __all__ = [
+    "Combine",
     "Conflict",
     "Entry",
     "Merged",
@@ -22,6 +24,7 @@ __all__ = [
     "digest_of",
     "from_json",
     "merge",
+    "rule_for",
 ]
 
 Strategy = Literal["fail", "ours", "theirs"]
@@ -42,18 +45,32 @@ Tree = Mapping[str, Entry]
 
 @dataclass(frozen=True)
 class Conflict:
-    """A path at which two versions cannot both be kept.
+    """A place at which two versions cannot both be kept.
 
     Parameters
     ----------
     path
         Of the file.
     kind
-        ``both_changed``, ``changed_and_deleted`` or ``file_against_folder``.
+        ``both_changed``, ``changed_and_deleted``, ``file_against_folder`` or
+        ``one_key_two_values``.
+    key
+        Of the record, as JSON, where the file holds records.
     """
 
     path: str
     kind: str
+    key: str = ""
+
+    @property
+    def place(self) -> str:
+        """Path with the key."""
+        return f"{self.path}, record {self.key}" if self.key else self.path
+
+    def facts(self) -> dict[str, Any]:
+        """Return what callers see of it, as JSON."""
+        found = {"path": self.path, "kind": self.kind}
+        return {**found, "key": json.loads(self.key)} if self.key else found
 
 
 @dataclass(frozen=True)
@@ -62,6 +79,10 @@ class Merged:
 
     files: Tree
     conflicts: tuple[Conflict, ...]
+
+
+Combine = Callable[[str, Entry | None, Entry, Entry], tuple[Entry, list[Conflict]] | None]
+"""Merges a file that both sides changed, from path, ancestor, ours and theirs; or returns none."""
 
 
 def check_path(path: str) -> str:
@@ -109,7 +130,13 @@ def difference(before: Tree, after: Tree) -> dict[str, list[str]]:
     }
 
 
-def merge(base: Tree, ours: Tree, theirs: Tree, rules: Mapping[str, Strategy]) -> Merged:
+def merge(
+    base: Tree,
+    ours: Tree,
+    theirs: Tree,
+    rules: Mapping[str, Strategy],
+    combine: Combine | None = None,
+) -> Merged:
     """Merge two trees with their common ancestor.
 
     Parameters
@@ -117,14 +144,16 @@ def merge(base: Tree, ours: Tree, theirs: Tree, rules: Mapping[str, Strategy]) -
     rules
         What to do with conflicts, by the beginning of a path; the longest one that fits counts.
         ``""`` is for all.
+    combine
+        Is asked first about each file that both sides changed.
 
     Examples
     --------
     >>> old, new, other = Entry("00", 1), Entry("11", 1), Entry("22", 1)
     >>> merge({"a": old}, {"a": new}, {"a": old, "b": other}, {}).files
     {'a': Entry(sha256='11', size=1), 'b': Entry(sha256='22', size=1)}
-    >>> merge({"a": old}, {"a": new}, {"a": other}, {}).conflicts
-    (Conflict(path='a', kind='both_changed'),)
+    >>> merge({"a": old}, {"a": new}, {"a": other}, {}).conflicts[0].facts()
+    {'path': 'a', 'kind': 'both_changed'}
     """
     files: dict[str, Entry] = {}
     conflicts: list[Conflict] = []
@@ -134,9 +163,12 @@ def merge(base: Tree, ours: Tree, theirs: Tree, rules: Mapping[str, Strategy]) -
             chosen = mine
         elif mine == was:
             chosen = other
+        elif combine and mine and other and (joined := combine(path, was, mine, other)):
+            chosen = joined[0]
+            conflicts += joined[1]
         else:
             kind = "changed_and_deleted" if mine is None or other is None else "both_changed"
-            rule = _rule(path, rules)
+            rule = rule_for(path, rules)
             if rule == "fail":
                 conflicts.append(Conflict(path, kind))
             chosen = other if rule == "theirs" else mine
@@ -154,7 +186,7 @@ def _without_clashes(
         inside = [other for other in files if other.startswith(f"{path}/")]
         if not inside:
             continue
-        rule = _rule(path, rules)
+        rule = rule_for(path, rules)
         if rule == "fail":
             conflicts.append(Conflict(path, "file_against_folder"))
         file_stays = (path in ours) == (rule != "theirs")
@@ -163,7 +195,8 @@ def _without_clashes(
     return Merged(kept, tuple(conflicts))
 
 
-def _rule(path: str, rules: Mapping[str, Strategy]) -> Strategy:
+def rule_for(path: str, rules: Mapping[str, Strategy]) -> Strategy:
+    """Return the rule whose beginning of a path fits best; ``fail`` if none does."""
     fitting = [start for start in rules if path.startswith(start.removeprefix("/"))]
     return rules[max(fitting, key=len)] if fitting else "fail"
 

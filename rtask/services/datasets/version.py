@@ -8,9 +8,11 @@ from typing import Any
 
 from rtask.services.datasets.tree import Tree, as_json, digest_of, from_json
 
-__all__ = ["HEAD", "Version"]
+__all__ = ["HEAD", "Doubt", "Version"]
 
 HEAD = "head"
+Doubt = dict[str, Any]
+"""A number that a merge brought: path, key of the record, field, value."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,8 @@ class Version:
         The versions that it was made from, ``<namespace>/<name>@<number>``.
     time
         When it was made, s since the epoch.
+    doubts
+        Numbers in records that the merge behind it brought and that are far from all others.
     """
 
     dataset: str
@@ -36,6 +40,7 @@ class Version:
     author: str = ""
     message: str = ""
     time: float = 0.0
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def name(self) -> str:
@@ -53,7 +58,7 @@ class Version:
             "name": self.name, "version": self.number or HEAD, "parents": list(self.parents),
             "author": self.author, "message": self.message, "time": self.time,
             "digest": self.digest, "bytes": sum(one.size for one in self.files.values()),
-            "files": as_json(self.files),
+            "files": as_json(self.files), "doubts": list(self.doubts),
         }  # fmt: skip
 
     def stored(self) -> dict[str, Any]:
@@ -64,6 +69,7 @@ class Version:
             "author": self.author,
             "message": self.message,
             "time": self.time,
+            "doubts": list(self.doubts),
         }
 
     @classmethod
@@ -72,4 +78,5 @@ class Version:
         return cls(
             dataset, number, from_json(found["files"]), tuple(found["parents"]),
             found.get("author", ""), found.get("message", ""), found.get("time", 0.0),
+            tuple(found.get("doubts", ())),
         )  # fmt: skip

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from grasp import pieces
 from grasp.push import Elimination, PushTest, Tolerance, analyse, as_part, sample_grasps
 from grasp.push.early import analyse_early
 from grasp.push.parts import stand_in
@@ -107,6 +111,27 @@ def test_an_analysis_on_a_server_and_its_worker_equals_the_serial_one(server, tm
     every = analyse(part, grasps, test, tolerance, samples=80, keep_codes=True).codes
     taken = np.concatenate([every[:, 8 * k : 8 * k + 8] for k in early.shards], axis=1)
     np.testing.assert_array_equal(early.analysis.codes, taken)
+
+
+def test_a_shard_whose_answer_does_not_come_is_sent_once_more(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pieces, "_SLOW_S", 0.01)
+    one, sent, end = trials(), [], threading.Event()
+    executor = ServerExecutor("http://127.0.0.1:9", workers=2)
+
+    def call(service: str, method: str, given: dict[str, Any]) -> dict[str, Any]:
+        sent.append(given["first"])
+        if sent.count(0) == 1 and given["first"] == 0:
+            end.wait(60)  # as if its worker hung
+        codes = host.call(service, method, given)["codes"]
+        return {"codes": base64.b64encode(codes).decode()}
+
+    monkeypatch.setattr(executor, "_call", call)
+    with ServiceHost([PushTrials]) as host:
+        found = dict(executor.finished(one, [(0, 3), (3, 3), (6, 3)]))
+        end.set()
+    assert sorted(sent) == [0, 0, 3, 6]
+    for number, codes in found.items():
+        np.testing.assert_array_equal(codes, one(3 * number, 3))
 
 
 @pytest.mark.slow

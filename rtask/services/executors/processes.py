@@ -15,19 +15,16 @@ from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 
-from pydantic import BaseModel
-
 from rtask.errors import (
     RtaskError,
     ServiceFailedError,
     StateChangedError,
-    UsageError,
     WorkerDiedError,
 )
 from rtask.services.call import Call
 from rtask.services.definition import Definition
-from rtask.services.in_process import Commit, InProcess
-from rtask.services.registry import load
+from rtask.services.executors.apart import definition_from, sendable, values_of
+from rtask.services.executors.in_process import Commit, InProcess
 from rtask.services.resources import Resource
 from rtask.services.task import Task
 from rtask.wire.message import Answer, read
@@ -103,8 +100,7 @@ class ChildProcess:
             The process ended, by itself or because the call was cancelled or late.
         """
         call = task.call
-        # Classes made from annotations exist in this process only; their values travel.
-        given = (task.method.name, _values(task.request), call.caller, max(call.left_s, 0.0))
+        given = (task.method.name, values_of(task.request), call.caller, max(call.left_s, 0.0))
         try:
             self._pipe.send(given)
         except (OSError, ValueError) as error:
@@ -161,10 +157,10 @@ def _work(
     """Carry out calls until the parent closes the pipe or is gone."""
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
-        definition = _found(source, exact)
+        definition = definition_from(source, exact)
         runner = InProcess(definition, resources, check_every, commit=None)
     except Exception as error:  # noqa: BLE001 - the author's code; the parent hears of it
-        pipe.send(("error", _sendable(error)))
+        pipe.send(("error", sendable(error)))
         return
     sending = threading.Lock()
 
@@ -217,35 +213,14 @@ def _carry_out(runner: InProcess, task: Task, send: Callable[[str, Any], None]) 
     try:
         answer = runner.carry_out(task)
     except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
-        send("error", _sendable(error))
+        send("error", sendable(error))
         if isinstance(error, StateChangedError):
             os._exit(0)
         return
     try:
-        send("done", (_values(answer), runner.take_written()))
+        send("done", (values_of(answer), runner.take_written()))
     except (OSError, ValueError, TypeError) as error:
         send("error", ServiceFailedError(f"the answer cannot be sent: {error}"))
-
-
-def _values(message: BaseModel) -> dict[str, Any]:
-    """Return the fields of a message that are set, by their own names."""
-    return {name: getattr(message, name) for name in message.model_fields_set}
-
-
-def _sendable(error: Exception) -> RtaskError:
-    """Return an error that a pipe carries, in the words that callers see."""
-    if isinstance(error, RtaskError):
-        return error
-    return ServiceFailedError(f"{type(error).__name__}: {error}"[:500])
-
-
-def _found(source: str, exact: str) -> Definition:
-    """Return the definition of a service in the module or file that it came from."""
-    module, _, _ = source.rpartition(":")
-    found = next((one for one in load(module) if one.exact == exact), None)
-    if found is None:
-        raise UsageError(f"{module} no longer defines {exact}: restart the server")
-    return found
 
 
 def _leave_with_parent() -> None:

@@ -1,0 +1,1 @@
+"""Where the instances of services live: threads, processes, a Ray cluster."""
