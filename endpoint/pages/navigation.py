@@ -51,12 +51,13 @@ def section_of(path: str) -> str:
     ('/objects', '/services', '')
     """
     for section in SECTIONS:
-        if any(path == one or path.startswith(f"{one}/") for one in (section.address, *section.pages)):
-            return section.address
+        for start in (section.address, *section.pages):
+            if path == start or path.startswith(f"{start}/"):
+                return section.address
     return ""
 
 
 @blueprint.app_context_processor
 def _sections() -> dict[str, object]:
     """Provide templates with the links of header and footer."""
-    return {"sections": SECTIONS, "more_pages": MORE, "section_of": section_of}
+    return {"site_sections": SECTIONS, "more_pages": MORE, "section_of": section_of}

@@ -1,7 +1,7 @@
 // Keys of every page: / searches, ? lists the keys. Single keys can be switched off (WCAG 2.1.4).
 
 const STORED = "rtask.single-keys";
-const panel = document.querySelector("#keys");
+const panel = document.querySelector("#key-list");
 const switches = new Set();
 
 /** Whether keys without Ctrl or Alt do anything. */
