@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -175,6 +176,24 @@ def test_json_of_commands_without_a_graph(run: Run, arguments: tuple[str, ...]) 
     code, out, _ = run(*arguments, "--json", folder=False)
     assert code == 0
     json.loads(out)
+
+
+def test_json_of_commands_that_change_tokens(run: Run) -> None:
+    made = json.loads(run("token", "create", "--robot", "nao-2", "--json")[1])
+    ends = json.loads(run("token", "expire", made["id"], "12h", "--json")[1])
+    assert ends["id"] == made["id"]
+    assert json.loads(run("token", "revoke", made["id"], "--json")[1])["id"] == made["id"]
+
+
+def test_json_of_commands_about_ontologies(run: Run, tmp_path: Path) -> None:
+    def told(*arguments: str) -> Any:
+        return json.loads(run("ontology", *arguments, "--json", folder=False)[1])
+
+    assert told("path", ontology.ONTOLOGY)["path"].endswith("rtask.ttl")
+    (tmp_path / "old.ttl").write_text("<urn:a> a <http://www.w3.org/2002/07/owl#Class> .")
+    (tmp_path / "new.ttl").write_text("<urn:b> a <http://www.w3.org/2002/07/owl#Class> .")
+    assert told("diff", str(tmp_path / "old.ttl"), str(tmp_path / "new.ttl"))
+    assert told("docs", "--source", str(tmp_path / "old.ttl"), "--out", str(tmp_path / "pages"))
 
 
 def test_json_of_commands_that_write_files(run: Run, tmp_path: Path) -> None:
