@@ -1,7 +1,7 @@
 // Outcomes, one card at a time, judged by keys, buttons or swipes. Without this file every card is
 // on the page with a form of its own.
 
-import { element } from "./dom.js";
+import { element, explain } from "./dom.js";
 import { bindSwitch } from "./keys.js";
 
 const TAKE_BACK_MS = 10_000;
@@ -105,16 +105,16 @@ async function send(verdict, leaving = false) {
     });
     if (answer.type === "opaqueredirect" || answer.ok) return entries[index].open.classList.add("sent");
     const problem = await answer.json().catch(() => ({ detail: answer.statusText }));
-    fail(card, index, problem.detail, answer.status === 401);
+    fail(card, index, problem);
   } catch (error) {
-    fail(card, index, `no answer: ${error.message}`, false);
+    fail(card, index, { detail: `no answer: ${error.message}` });
   }
 }
 
 /** A verdict that was not stored is said where it was given. */
-function fail(card, index, detail, signIn) {
-  const note = element("p", { class: "problem", role: "alert" }, `Not stored: ${detail} `);
-  if (signIn) note.append(element("a", { href: "/login?next=/feedback" }, "Sign in"));
+function fail(card, index, problem) {
+  const note = element("p", { class: "problem", role: "alert" });
+  explain(note, { ...problem, detail: `Not stored: ${problem.detail}` });
   card.querySelector("[data-said]").append(note);
   entries[index].state.textContent = "not stored";
 }
