@@ -48,7 +48,7 @@ def test_a_person_introduces_a_robot_with_two_hands_by_the_form(
     page.get_by_role("button", name="One more").first.click()
     assert page.get_by_label("model *").input_value() == "arm v2"
     for k, hand in enumerate(("left", "right")):
-        group = page.get_by_role("group", name=f"end_effectors {k + 1}")
+        group = page.get_by_role("group", name=f"end effectors {k + 1}")
         group.get_by_label("name *", exact=True).fill(hand)
         group.get_by_label("gripper type *").fill("pinch")
         group.get_by_label("max opening (m) *").fill("0.08")
