@@ -85,7 +85,7 @@ def _outcomes(kb: KnowledgeBase, who: str, added: Mapping[Any, _Facts]) -> list[
     for attempt, facts in _of_type(added, RT.GraspAttempt):
         outcome = added.get(_one(facts, RT.hasOutcome), {})
         held = _one(outcome, RT.success)
-        thing = handled.get(attempt)
+        thing = handled.get(attempt) or _object_of(kb, _one(facts, RT.executesGrasp))
         name = name_of(kb, thing) if thing is not None else "something"
         code = _one(outcome, RT.hasReason)
         reason = code.value.rpartition("reason_")[2] if isinstance(code, NamedNode) else ""
@@ -152,8 +152,21 @@ def name_of(kb: KnowledgeBase, thing: NamedNode) -> str:
 
 
 def _kinds(kb: KnowledgeBase, thing: NamedNode) -> Sequence[NamedNode]:
+    """Return the most specific kinds of an object: a mug, not also a container."""
     types = {quad.object for quad in kb.match(thing, RDF.type)} - {RT.ManipulableObject}
+    above = {
+        kind: {quad.object for quad in kb.match(kind, RDFS.subClassOf, None)} - {kind}
+        for kind in types
+        if isinstance(kind, NamedNode)
+    }
+    kinds = [kind for kind, found in above.items() if RT.ManipulableObject in found]
     return [
-        kind for kind in types
-        if isinstance(kind, NamedNode) and kb.match(kind, RDFS.subClassOf, RT.ManipulableObject)
+        kind for kind in kinds
+        if not any(kind in above[below] and below not in above[kind] for below in kinds)
     ]  # fmt: skip
+
+
+def _object_of(kb: KnowledgeBase, grasp: Any) -> Any:
+    """Return the object that a grasp belongs to, for robots that report no task around it."""
+    found = kb.match(None, RT.hasGrasp, grasp) if isinstance(grasp, NamedNode) else []
+    return found[0].subject if found else None

@@ -17,20 +17,39 @@ def page(document: JsonObject) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         '<link rel="icon" href="/static/icon.svg" type="image/svg+xml">',
         f"<title>{escape(info['title'])} over HTTP</title>",
-        '<link rel="stylesheet" href="/static/style.css"></head><body><main>',
+        '<link rel="stylesheet" href="/static/style.css"></head><body>',
+        '<header class="bar"><a class="brand" href="/"><img src="/static/icon.svg" alt="" '
+        'width="28" height="28"> RTASK</a><nav aria-label="Pages">'
+        '<a href="/operations">Operations</a><a href="/services">Services</a>'
+        '<a href="/sparql">SPARQL</a></nav></header><main>',
         f"<h1>{escape(info['title'])} over HTTP</h1><p>{escape(info['description'])}</p>",
         '<p>For programs: <a href="/openapi.json">openapi.json</a> (OpenAPI 3.1).</p>',
     ]
     schemas = document["components"]["schemas"]
-    for path, methods in document["paths"].items():
-        for method, described in methods.items():
-            parts.append(_operation(path, method, described, schemas))
+    all_of = [
+        (path, method, described)
+        for path, methods in document["paths"].items()
+        for method, described in methods.items()
+    ]
+    links = [
+        f'<li><a href="#{_anchor(*one)}">{one[1].upper()} {escape(one[0])}</a></li>'
+        for one in all_of
+    ]
+    parts.append(
+        f"<details><summary>{len(all_of)} requests</summary><ul>{''.join(links)}</ul></details>"
+    )
+    parts += [_operation(path, method, described, schemas) for path, method, described in all_of]
     return "\n".join([*parts, "</main></body></html>"])
+
+
+def _anchor(path: str, method: str, described: JsonObject) -> str:
+    """Return the id of a request's section, which no other request has."""
+    return escape(described.get("operationId") or f"{method}-{path.strip('/')}")
 
 
 def _operation(path: str, method: str, described: JsonObject, schemas: JsonObject) -> str:
     parts = [
-        f'<section id="{escape(described.get("operationId", path.strip("/")))}">',
+        f'<section id="{_anchor(path, method, described)}">',
         f"<h2><code>{method.upper()} {escape(path)}</code></h2>",
         f"<p>{escape(described['summary'])}. {_code(described.get('description', ''))}</p>",
     ]

@@ -65,14 +65,17 @@ def _before(seq: int) -> list[Event]:
 
 @blueprint.app_template_filter("clock")
 def clock(time_s: float) -> str:
-    """Return the time of day of an event, UTC.
+    """Return the time of day of an event, UTC; before today with its day.
 
     Examples
     --------
     >>> clock(3661.0)
-    '01:01:01'
+    '1 Jan 1970 01:01'
     """
-    return datetime.fromtimestamp(time_s, UTC).strftime("%H:%M:%S")
+    at = datetime.fromtimestamp(time_s, UTC)
+    if at.date() == datetime.now(UTC).date():
+        return at.strftime("%H:%M:%S")
+    return f"{at.day} {at:%b %Y %H:%M}"
 
 
 @blueprint.route(f"{_ADDRESS}/frame", methods=["GET"])

@@ -15,7 +15,9 @@ __all__ = ["belief_over", "clouds_of", "curve", "gripper_lines", "has_viewer"]
 
 _FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
 _VIEWER = Path(__file__).parent / "static" / "vendor" / "clouds.js"
-_CURVE_PX = (320, 100)
+_CURVE_PX = (340, 130)
+_LEFT_PX, _TOP_PX, _BOTTOM_PX = 42, 8, 20
+"""Room for the words at the axes of a curve."""
 
 
 def has_viewer() -> bool:
@@ -105,22 +107,33 @@ def belief_over(judged: Sequence[bool]) -> list[dict[str, float]]:
 
 
 def curve(belief: Sequence[dict[str, float]]) -> dict[str, Any]:
-    """Return the size and the points of SVG lines that show a belief.
+    """Return the size, the axes and the points of SVG lines that show a belief.
 
     Examples
     --------
     >>> curve(belief_over([True]))["mean"]
-    '160.0,33.3'
+    '191.0,42.0'
     """
     width, height = _CURVE_PX
-    step = width / (len(belief) + 1)
+    step = (width - _LEFT_PX) / (len(belief) + 1)
+    tall = height - _TOP_PX - _BOTTOM_PX
+
+    def level(share: float) -> float:
+        return _TOP_PX + tall * (1 - share)
 
     def points(name: str) -> list[str]:
         return [
-            f"{step * number:.1f},{height * (1 - one[name]):.1f}"
+            f"{_LEFT_PX + step * number:.1f},{level(one[name]):.1f}"
             for number, one in enumerate(belief, 1)
         ]
 
-    band = [*points("high"), *reversed(points("low"))]
-    return {"width": width, "height": height, "mean": " ".join(points("mean")),
-            "band": " ".join(band), "dots": [p.split(",") for p in points("mean")]}  # fmt: skip
+    mean = points("mean")
+    return {
+        "width": width,
+        "height": height,
+        "left": _LEFT_PX,
+        "levels": [(level(share), share) for share in (0.0, 0.5, 1.0)],
+        "mean": " ".join(mean),
+        "band": " ".join([*points("high"), *reversed(points("low"))]),
+        "dots": [point.split(",") for point in mean],
+    }

@@ -9,7 +9,7 @@ from endpoint.pages.render import Model, current_request, knowledge_base, page, 
 from endpoint.pages.robots import list_robots
 from rtask import __version__
 
-SHOWN_OBJECTS = 24
+SHOWN_OBJECTS = 12
 SHOWN_EVENTS = 6
 
 

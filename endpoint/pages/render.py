@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, cast
@@ -249,6 +250,21 @@ def query_url(text: str) -> str:
 def percent(value: float | None) -> str:
     """Format a share in percent; a dash for none."""
     return "–" if value is None else f"{100 * value:.0f} %"
+
+
+@blueprint.app_template_filter("moment")
+def moment(value: object) -> str:
+    """Format a time of the graph for a list: day, month, hour and minute; a dash for none.
+
+    Examples
+    --------
+    >>> moment("2026-01-02T12:05:59+00:00"), moment(None)
+    ('2 Jan 12:05', '–')
+    """
+    if not value:
+        return "–"
+    at = datetime.fromisoformat(str(value))
+    return f"{at.day} {at:%b %H:%M}"
 
 
 @blueprint.app_template_filter("when")

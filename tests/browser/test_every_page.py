@@ -11,10 +11,10 @@ from urllib.parse import quote, urljoin, urlsplit
 import httpx
 import pytest
 
-import ontology
-import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import ALL_LOOKS, fits, keep_picture, open_page
+from tests.browser.attempts import store_of_attempts
+from tests.browser.audits import AUDITS, CONTRAST, SIDEWAYS, SMALL_TARGETS
+from tests.browser.pages import ALL_LOOKS, PHONE, fits, keep_picture, open_page
 from tests.servers import RunningServer, bearer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -33,55 +33,25 @@ PATHS = (
 MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3."""
 
-# Pairs of text and ground that occur: quiet text on panels, marks, buttons.
-CONTRAST = """() => {
-  const style = getComputedStyle(document.documentElement);
-  const probe = document.createElement("i");
-  document.body.append(probe);
-  const rgb = (name) => {
-    probe.style.color = style.getPropertyValue(name);
-    return getComputedStyle(probe).color.match(/[\\d.]+/g).slice(0, 3).map(Number);
-  };
-  const luminance = (name) => {
-    const [r, g, b] = rgb(name).map((v) => {
-      const s = v / 255;
-      return s <= 0.04045 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4;
-    });
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
-  const pairs = [["--ink", "--ground"], ["--ink", "--panel"], ["--quiet", "--ground"],
-    ["--quiet", "--panel"], ["--quiet", "--soft"], ["--accent", "--panel"],
-    ["--accent", "--ground"], ["--accent-ink", "--accent"],
-    ["--good", "--good-soft"], ["--bad", "--bad-soft"]];
-  const found = pairs.map(([a, b]) => {
-    const [low, high] = [luminance(a), luminance(b)].sort((x, y) => x - y);
-    return [`${a} on ${b}`, (high + 0.05) / (low + 0.05)];
-  });
-  probe.remove();
-  return found;
+MAX_TABS = 400
+# Where the Tab key stands: empty behind the last control, "seen", or what is wrong there.
+FOCUS = """() => {
+  let one = document.activeElement;
+  if (!one || one === document.body) return "";
+  while (one.shadowRoot?.activeElement) one = one.shadowRoot.activeElement;
+  const { width, height, right, bottom } = one.getBoundingClientRect();
+  const what = one.outerHTML.slice(0, 120);
+  if (width < 1 || height < 1 || right < 0 || bottom < 0) return `out of sight: ${what}`;
+  const { outlineStyle } = getComputedStyle(one);
+  return outlineStyle !== "none" || one.matches(".cm-content") ? "seen" : `not marked: ${what}`;
 }"""
-# What a screen reader could not name, and what the keyboard could not reach.
-NAMELESS = """() => [...document.querySelectorAll("a[href], button, input, select, textarea")]
-  .filter((e) => e.type !== "hidden" && e.checkVisibility())
-  .filter((e) => !(e.textContent.trim() || e.ariaLabel || e.labels?.length || e.title
-    || e.querySelector("img[alt]:not([alt=''])") || e.ariaHidden === "true"))
-  .map((e) => e.outerHTML.slice(0, 120))"""
-# Tables become cards on a phone; only the answer of a query may have any number of columns.
-SIDEWAYS = """() => [...document.querySelectorAll(".scroll, main")]
-  .filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent.trim().slice(0, 60))"""
-IMAGES = """() => [...document.images].filter((i) => !i.hasAttribute("alt")).map((i) => i.src)"""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServer, str]]:
+    """Attempts with pictures, so that pages have what they show."""
     folder: Path = tmp_path_factory.mktemp("walk") / "store"
-    with rtask.open(folder, base="urn:lab/") as kb:
-        kb.update(
-            f"""PREFIX rt: <{ontology.NS}> PREFIX cora: <{ontology.PREFIXES["cora"]}>
-            INSERT DATA {{ <{OBJECT}> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue mug" .
-            <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" . }}""",
-            "ann",
-        )
+    store_of_attempts(folder, 6)
     with closing(TokenStore(folder)) as tokens:
         admin, _ = tokens.create("admin")
     with running_server(folder) as running:
@@ -101,8 +71,8 @@ def test_every_page_has_one_heading_fits_and_names_its_controls(
                 faults.append(f"{path}: {page.locator('h1').count()} h1, or wider than the screen")
             if look.startswith("phone"):
                 faults += [f"{path}: scrolls sideways: {one}" for one in page.evaluate(SIDEWAYS)]
-            faults += [f"{path}: nameless {one}" for one in page.evaluate(NAMELESS)]
-            faults += [f"{path}: image without words {one}" for one in page.evaluate(IMAGES)]
+            for fault, script in AUDITS.items():
+                faults += [f"{path}: {fault}: {one}" for one in page.evaluate(script)]
             keep_picture(page, f"walk-{path.strip('/').replace('/', '-')[:24]}-{look}")
         for pair, ratio in page.evaluate(CONTRAST):
             if ratio < MIN_CONTRAST:
@@ -110,6 +80,40 @@ def test_every_page_has_one_heading_fits_and_names_its_controls(
         page.goto(server.url)
         page.keyboard.press("Tab")
         assert page.evaluate("() => document.activeElement.className") == "skip"
+    assert faults == [], "\n".join(faults)
+
+
+def test_a_finger_hits_every_button(browser: Any, site: tuple[RunningServer, str]) -> None:
+    server, token = site
+    faults: list[str] = []
+    touch = {"viewport": PHONE, "has_touch": True, "is_mobile": True}
+    with open_page(browser, server.url, token, **touch) as page:
+        for path in PATHS:
+            page.goto(server.url + path)
+            faults += [f"{path}: {one}" for one in page.evaluate(SMALL_TARGETS)]
+    assert faults == [], "\n".join(faults)
+
+
+def test_tab_leads_through_every_page_and_the_focus_is_always_seen(
+    browser: Any, site: tuple[RunningServer, str]
+) -> None:
+    """The keyboard gets from the address bar to the end of each page, and is nowhere caught."""
+    server, token = site
+    faults: list[str] = []
+    with open_page(browser, server.url, token, **ALL_LOOKS["laptop-light"]) as page:
+        for path in PATHS:
+            page.goto(server.url + path)
+            stops = 0
+            while stops < MAX_TABS:
+                page.keyboard.press("Tab")
+                seen = page.evaluate(FOCUS)
+                if seen == "":
+                    break
+                if seen != "seen":
+                    faults.append(f"{path}: {seen}")
+                stops += 1
+            if not 5 < stops < MAX_TABS:
+                faults.append(f"{path}: {stops} stops of the Tab key")
     assert faults == [], "\n".join(faults)
 
 

@@ -218,7 +218,7 @@ def test_things_are_searched_for_from_the_header_by_keys(
     page.get_by_role("combobox", name="Search").fill("rt:Mug")
     page.keyboard.press("Enter")
     page.wait_for_url("**/resource?iri=rt%3AMug")
-    assert page.get_by_role("heading", level=1).inner_text() == "rt:Mug"
+    assert page.get_by_role("heading", level=1).inner_text() == "mug"
 
 
 @pytest.mark.parametrize("width", [1280, 360])

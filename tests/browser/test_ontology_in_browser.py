@@ -116,6 +116,8 @@ def test_a_derived_statement_leads_to_its_proof(
         page.wait_for_url("**/explain?**")
         has_count(page.get_by_text("Nobody states it. It follows:"), 1)
         assert page.locator("ol.proof ol.proof").count() >= 1
+        claim = page.locator(".claim").first.inner_text()
+        assert claim.split("\n")[0].strip() == "red cup is a drinking vessel"
         assert page.get_by_text("by ann").count() >= 1
         assert page.get_by_role("button", name="Withdraw this").count() == 0  # a stranger
         assert fits(page)
@@ -133,7 +135,7 @@ def test_a_withdrawn_leaf_removes_the_conclusion_on_another_open_page(
         with watching.expect_response(lambda r: "/changes?" in r.url):
             watching.goto(_proof_of_vessel(server))
         page.goto(_proof_of_vessel(server))
-        leaf = page.locator("ol.proof li").filter(has_text="rt:containLiquid").last
+        leaf = page.locator("ol.proof li").filter(has_text="contain liquid").last
         leaf.get_by_role("button", name="Withdraw this").click()
         page.get_by_text("It does not hold").wait_for()
         watching.get_by_text("It does not hold").wait_for()

@@ -48,12 +48,12 @@ def test_a_person_introduces_a_robot_with_two_hands_by_the_form(
     page.get_by_role("button", name="One more").first.click()
     assert page.get_by_label("model *").input_value() == "arm v2"
     for k, hand in enumerate(("left", "right")):
-        group = page.get_by_role("group", name=f"end_effectors {k + 1}")
+        group = page.get_by_role("group", name=f"end effectors {k + 1}")
         group.get_by_label("name *", exact=True).fill(hand)
-        group.get_by_label("gripper_type *").fill("pinch")
-        group.get_by_label("max_opening (m) *").fill("0.08")
-        group.get_by_label("max_payload (kg) *").fill("0.5")
-    group.get_by_label("max_payload (kg) *").press("Enter")  # sends, and adds no third hand
+        group.get_by_label("gripper type *").fill("pinch")
+        group.get_by_label("max opening (m) *").fill("0.08")
+        group.get_by_label("max payload (kg) *").fill("0.5")
+    group.get_by_label("max payload (kg) *").press("Enter")  # sends, and adds no third hand
     answer = json.loads(page.get_by_role("status").inner_text())
     assert set(answer) == {"robot", "graph", "commit"}
     hands, name = f"<{ontology.NS}hasEndEffector>", f"<{ontology.NS}name>"

@@ -54,7 +54,7 @@ def test_a_robot_comes_and_is_sent_away_on_open_pages(
             nao.send(op="advertise_service", service="/nao_1/say", type="lab/Say")
             nao.call("register_robot", name="nao-1", model="nao", end_effectors=[GRIPPER])
             page.get_by_text("/nao_1/say").wait_for()
-            page.get_by_text("50 and 95 %").wait_for()
+            page.get_by_text("answered in").wait_for()
             row.get_by_text(" ms,").wait_for()
             assert fits(page)
             assert fits(listed)

@@ -26,3 +26,20 @@ def test_a_commit_of_many_objects_tells_of_some_and_looks_up_no_more_names(monke
     assert len(told) == len(looked_up) == commits.MAX_TOLD
     assert {one.kind for one in told} == {"wrote"}
     assert told[0].words.startswith("told the graph of cup ")
+
+
+def test_an_outcome_without_a_task_names_the_object_by_its_most_specific_kind():
+    heard: list[Change] = []
+    with rtask.open(":memory:", base="urn:lab/") as kb:
+        kb.on_commit(heard.append)
+        kb.update(
+            f"""PREFIX rt: <{ontology.NS}> INSERT DATA {{
+            <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:hasGrasp <urn:lab/grasp/1> .
+            <urn:lab/attempt/1> a rt:GraspAttempt ; rt:executesGrasp <urn:lab/grasp/1> ;
+              rt:hasOutcome <urn:lab/outcome/1> .
+            <urn:lab/outcome/1> rt:success true . }}""",
+            "nao-1",
+        )
+        told = {one.kind: one for one in commits.commit_events(kb, heard[-1])}
+    assert told["outcome"].words == "held an unnamed mug"
+    assert told["outcome"].object == "urn:lab/object/1"

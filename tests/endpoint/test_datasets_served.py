@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -51,6 +52,29 @@ def test_a_folder_of_many_files_is_stored_and_what_is_there_is_not_sent_again(se
     assert put(server, "lab/Many", tmp_path / "parts") == 0
     (tmp_path / "parts" / "7" / "4207.txt").write_text("changed")
     assert put(server, "lab/Many", tmp_path / "parts") == 1
+
+
+def test_every_command_about_datasets_prints_json(server, tmp_path):
+    (tmp_path / "a.txt").write_text("1")
+
+    def told(*words: str) -> Any:
+        command = ["dataset", *words, "--server", server.url, "--json"]
+        done = CliRunner().invoke(cli, command, catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    told("create", "lab/Told")
+    told("put", "lab/Told", str(tmp_path / "a.txt"))
+    first = told("snapshot", "lab/Told", "-m", "first")
+    assert first["version"] == 1
+    fork = told("create", "lab/Fork", "--fork", "lab/Told@1")
+    assert fork["name"].startswith("lab/Fork")
+    told("remove", "lab/Told", "a.txt")
+    assert told("diff", "lab/Told", "1", "head")["removed"] == ["a.txt"]
+    assert told("get", "lab/Fork", "a.txt", str(tmp_path / "again.txt"))["bytes"] == 1
+    assert told("merge", "lab/Fork", "lab/Told@1")
+    assert "lab/Told" in json.dumps(told("list"))
+    assert told("show", "lab/Told@1")["files"].keys() == {"a.txt"}
 
 
 def test_a_path_that_begins_with_a_slash_is_known_again(server, tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -247,6 +249,12 @@ def test_the_commands_print_a_table_or_json(tmp_path):
     shown = run(simulate, ["act-test", "reach", "--robot", "panda", "-n", "1"])
     assert shown.exit_code == 0, shown.output
     assert "panda: reached 1 of 1 (ok 1)" in shown.output
+    for test in ("reach", "place"):  # in a process of its own: Bullet writes to its descriptor 1
+        command = ["simulate", "act-test", test, "--robot", "panda", "-n", "1", "--json"]
+        alone = subprocess.run(
+            [sys.executable, "-m", "rtask", *command], capture_output=True, text=True, check=True
+        )
+        assert json.loads(alone.stdout)["reached"] == 1
     out = tmp_path / "map"
     told = run(
         simulate,

@@ -140,8 +140,9 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     made = CliRunner().invoke(simulate, ["grasp-views", str(views), "--shapes", "1"])
     assert made.exit_code == 0, made.output
     assert "panda_hand 80" in made.output
-    done = CliRunner().invoke(train, [str(views), "--out", str(model)])
+    done = CliRunner().invoke(train, [str(views), "--out", str(model), "--json"])
     assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)
     assert GraspClassifier.load(model).about["digest"] == GraspSamples.load(views).digest
     wrong = CliRunner().invoke(train, [str(model), "--out", str(model)])
     assert "expected rtask-grasp-samples-1" in str(wrong.exception)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import threading
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +13,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 import ontology
 from endpoint.http.messages import RefusedError
+from endpoint.pages.graph.naming import names_of
 from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import (
     Model,
@@ -37,6 +39,7 @@ _STATED = {
     _OWL + "disjointUnionOf": "is exactly one of",
     ABOVE: "includes everything that is",
 }
+_NAME = re.compile(r"([a-z]\w*:[A-Za-z]\w*)")
 _TOLD = ("http://www.w3.org/2004/02/skos/core#definition", ontology.PREFIXES["rdfs"] + "comment")
 
 
@@ -110,6 +113,11 @@ def _read_tree() -> ClassTree:
     labels = {str(row["iri"]): str(row["label"] or short(str(row["iri"]))) for row in _terms()}
     for name in parents:
         labels.setdefault(name, short(name))
+    often = Counter(labels[name] for name in parents)
+    for name in parents:  # two ontologies may each have an agent
+        prefix, colon, _ = short(name).partition(":")
+        if colon and often[labels[name]] > 1:
+            labels[name] += f" ({prefix})"
     for below in children.values():
         below.sort(key=lambda name: labels[name].casefold())
     for above in parents.values():
@@ -173,7 +181,7 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
     direct, members = tree.counts.get(name, (0, 0))
     neighbours = select("class_neighbours", **{"class": term})
     axioms = [
-        {"how": _STATED[axiom.predicate], "text": axiom.text}
+        {"how": _STATED[axiom.predicate], "text": axiom.text, "parts": _parts_of(axiom.text)}
         for axiom in read_axioms(_schema_of(term))
         if axiom.subject == name and axiom.predicate in _STATED
     ]
@@ -193,6 +201,20 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
         "neighbours": neighbours,
         "members": select("class_members", **{"class": term}),
     }
+
+
+def _parts_of(text: str) -> list[dict[str, str]]:
+    """Return the pieces of an expression in Manchester syntax: names with their label and IRI."""
+    pieces = _NAME.split(text)
+    known = {piece: expand(piece) for piece in pieces[1::2]}
+    names = names_of(embedded_graph(), known.values())
+    return [
+        {"text": names.get(known[piece], piece), "iri": known[piece]}
+        if number % 2 and known[piece] != piece
+        else {"text": piece, "iri": ""}
+        for number, piece in enumerate(pieces)
+        if piece
+    ]
 
 
 def _schema_of(term: NamedNode) -> list[TripleKey]:

@@ -12,6 +12,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.http.terms import read_term
+from endpoint.pages.graph.naming import names_of
 from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import Model, blueprint, context, current_request, embedded_graph, page
 from endpoint.pages.signin import require_form
@@ -86,16 +87,19 @@ def explain() -> Model:
     terms = [str(term) for term in triple]
     proof = kb.explain(*triple)
     if proof is None:
-        return {"terms": terms, "holds": False, "asserted": [], "proof": None}
+        named = names_of(kb, [term[1:-1] for term in terms if term.startswith("<")])
+        return {"terms": terms, "names": named, "holds": False, "asserted": [], "proof": None}
     found = sorted(str(quad.graph_name) for quad in kb.match(*triple))
     inferred = str(kb.graphs.inferred)
     leaves = {leaf.triple: leaf for leaf in _leaves(proof)}
     said = _who_said(set(leaves))
+    step = _step(proof, said, _access())
     return {
         "terms": terms,
+        "names": names_of(kb, sorted(set(_iris(step)))),
         "holds": True,
         "asserted": [name.strip("<>") for name in found if name != inferred],
-        "proof": _step(proof, said, _access()),
+        "proof": step,
     }
 
 
@@ -159,6 +163,15 @@ def _step(proof: Any, said: dict[Any, list[dict[str, str]]], access: Access) -> 
         "schema": [[str(term) for term in triple] for triple in proof.schema],
         "premises": [_step(premise, said, access) for premise in proof.premises],
     }
+
+
+def _iris(step: Model) -> Iterator[str]:
+    """Return the IRIs in a proof, with those of the schema that its rules read."""
+    for term in (*step["terms"], *(term for triple in step["schema"] for term in triple)):
+        if term.startswith("<"):
+            yield term[1:-1]
+    for premise in step["premises"]:
+        yield from _iris(premise)
 
 
 def _access() -> Access:

@@ -8,6 +8,7 @@ import flask
 
 import ontology
 from endpoint.http.messages import RefusedError
+from endpoint.pages.graph.naming import names_of
 from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
 from rtask.rdf.terms import Literal, NamedNode, iri
 
@@ -34,15 +35,19 @@ def resource() -> Model:
         {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
         for row in outgoing
     ]
+    referring = [
+        {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
+        for row in incoming[:MAX_INCOMING]
+    ]
+    shown = [*(row["o"] for row in statements), *(row["s"] for row in referring)]
+    named = [term["text"] for term in shown if term["kind"] == "iri"]
     return {
         "iri": name,
+        "names": names_of(embedded_graph(), [name, *named]),
         "elsewhere": _is_elsewhere(name),
         "stated": [s for s in statements if s["graph"] != inferred],
         "derived": [s for s in statements if s["graph"] == inferred],
-        "incoming": [
-            {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
-            for row in incoming[:MAX_INCOMING]
-        ],
+        "incoming": referring,
         "more_incoming": len(incoming) > MAX_INCOMING,
     }
 

@@ -11,6 +11,9 @@ from urllib.parse import urlsplit
 
 __all__ = ["snippets"]
 
+MAX_FILE_BYTES = 3_000
+"""Of a file that stands whole in the code."""
+
 
 def snippets(
     site: str,
@@ -40,7 +43,7 @@ def snippets(
     >>> dict(code)["Python"].splitlines()[-1]
     'print(service.go(x=1))'
     """
-    sent = {name: _sendable(value) for name, value in args.items()}
+    sent = _sendable(args)
     body = {**sent, **({"$data": dict(data)} if data else {})}
     text = json.dumps(body, ensure_ascii=False)
     address = f"{site}/services/{service}/{method}"
@@ -68,5 +71,19 @@ def snippets(
 
 
 def _sendable(value: Any) -> Any:
-    """Return a value as JSON carries it."""
-    return base64.b64encode(value).decode() if isinstance(value, bytes) else value
+    """Return a value as JSON carries it; a large file as words that tell what to put there.
+
+    Examples
+    --------
+    >>> _sendable({"views": [{"cloud": b"ply"}], "scan": bytes(10_000)})
+    {'views': [{'cloud': 'cGx5'}], 'scan': 'base64 of a file of 10000 bytes'}
+    """
+    if isinstance(value, Mapping):
+        return {name: _sendable(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_sendable(one) for one in value]
+    if not isinstance(value, bytes):
+        return value
+    if len(value) > MAX_FILE_BYTES:
+        return f"base64 of a file of {len(value)} bytes"
+    return base64.b64encode(value).decode()

@@ -24,7 +24,16 @@ let timer = 0;
 let unspoken = [];
 
 const objectUrl = (iri) => `/object?iri=${encodeURIComponent(iri)}`;
-const clock = (seconds) => new Date(seconds * 1000).toISOString().slice(11, 19);
+const DAY = { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit" };
+
+/** Return the time of day, UTC; before today with its day, as the server writes it. */
+function clock(seconds) {
+  const at = new Date(seconds * 1000);
+  const text = at.toISOString();
+  if (text.slice(0, 10) === new Date().toISOString().slice(0, 10)) return text.slice(11, 19);
+  return at.toLocaleString("en-GB", { ...DAY, timeZone: "UTC" }).replace(",", "");
+}
+
 const mark = (held) => element("span", { class: `mark ${held ? "good" : "bad"}` }, held ? "✓" : "✗");
 
 function linked(words, iri) {

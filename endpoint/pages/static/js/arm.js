@@ -1,8 +1,9 @@
 // Arm and planning: two postures, obstacles, the path between them. All kinematics is the server's.
 
 import { addressOf, readAddress, round } from "./arm_address.js";
+import { ballRow, jointRow, pathRow } from "./arm_lists.js";
 import { call, Newest, Refused } from "./calls.js";
-import { element } from "./dom.js";
+import { element, explain } from "./dom.js";
 import { chart } from "./chart.js";
 import { numbersOf, pointOf, poseOf, spun, turned } from "./poses.js";
 import { SpaceView } from "./space.js";
@@ -39,7 +40,7 @@ const told = {
   },
   problem(refused) {
     problem.hidden = !refused;
-    problem.textContent = refused?.detail ?? "";
+    explain(problem, refused);
   },
   link(since) {
     lost.hidden = !since;
@@ -108,11 +109,7 @@ const size = () => Math.max(...reach().map((point) => Math.hypot(...point)), 0);
 
 function listJoints() {
   const { joints, lower, upper } = arms[state.arm];
-  sliders.replaceChildren(...joints.map((name, index) => {
-    const limits = { min: lower[index], max: upper[index], step: "any", "data-joint": index };
-    const label = element("label", {}, element("span", {}, name), element("input", { type: "range", ...limits }), element("input", { type: "number", ...limits, "aria-label": `${name}, rad or m` }));
-    return label;
-  }));
+  sliders.replaceChildren(...joints.map((name, index) => jointRow(name, index, lower[index], upper[index])));
   fillJoints();
 }
 
@@ -158,12 +155,7 @@ const solving = new Newest(async (pose) => {
 // The scene
 
 function listBalls() {
-  balls.replaceChildren(...state.balls.map((ball, index) => {
-    const cells = ball.map((value, axis) => element("td", { "data-label": ["x (m)", "y (m)", "z (m)", "radius (m)"][axis] },
-      element("input", { type: "number", step: "any", value: String(value), "data-ball": index, "data-axis": axis, "aria-label": `ball ${index + 1}, ${["x", "y", "z", "radius"][axis]} in m`, ...(axis === 3 ? { min: 0 } : {}) })));
-    return element("tr", {}, element("th", { scope: "row" }, String(index + 1)), ...cells,
-      element("td", {}, element("button", { type: "button", "data-remove": index, "aria-label": `Remove ball ${index + 1}` }, "Remove")));
-  }));
+  balls.replaceChildren(...state.balls.map(ballRow));
 }
 
 function addBall(at) {
@@ -227,22 +219,10 @@ async function smooth() {
   showPaths(1);
 }
 
-function nearestOf({ postures }) {
-  const values = postures.map((one) => one.clearance).filter((value) => value !== null);
-  return values.length ? Math.min(...values) : null;
-}
-
 function showPaths(index) {
   [chosen, frame] = [index, 0];
   results.hidden = false;
-  paths.replaceChildren(...found.map((one, number) => {
-    const pick = element("input", { type: "radio", name: "path", value: number });
-    pick.checked = number === chosen;
-    const near = nearestOf(one);
-    const cells = [one.path.length, one.length.toFixed(2), near === null ? "–" : `${(100 * near).toFixed(1)} cm`, `${one.took.toFixed(0)} ms`];
-    const labels = ["corners", "length", "nearest", "took"];
-    return element("tr", {}, element("th", { scope: "row" }, element("label", {}, pick, ` ${one.name}`)), ...cells.map((cell, n) => element("td", { "data-label": labels[n] }, String(cell))));
-  }));
+  paths.replaceChildren(...found.map((one, number) => pathRow(one, number, number === chosen)));
   player.elements.at.max = String(found[chosen].postures.length - 1);
   clearance.replaceChildren(...chart(found.map(({ name, postures }) => ({ name, values: postures.map((one) => one.clearance) })).filter((line) => line.values[0] !== null), { unit: "m", label: "Clearance along the path", from: 0 }));
   said.textContent = `${found[chosen].name}: ${found[chosen].path.length} corners`;
@@ -287,7 +267,7 @@ async function useRobot(given) {
   try {
     described = await call(`${KINEMATICS}/describe`, { $data: { robot: given.robot } });
   } catch (error) {
-    told.problem({ detail: error instanceof Refused ? error.message : "The server does not answer. Reload the page." });
+    told.problem(error instanceof Refused ? error.problem : { detail: "The server does not answer. Reload the page." });
     return;
   }
   told.problem(null);

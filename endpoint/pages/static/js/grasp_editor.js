@@ -1,6 +1,6 @@
 // The grasp editor: an outline, the settings, and the grasps that the service plans for them.
 
-import { element } from "./dom.js";
+import { element, explain } from "./dom.js";
 import { GraspDrawing } from "./grasp_drawing.js";
 import { saveAs, tableOf } from "./grasp_files.js";
 import { Outline, readPoints } from "./outline.js";
@@ -54,7 +54,7 @@ function noGrasps() {
 
 function showProblem(refused) {
   problem.hidden = !refused;
-  problem.textContent = refused?.detail ?? "";
+  explain(problem, refused);
   for (const field of settings.elements) {
     if (refused?.field === field.name) field.setAttribute("aria-invalid", "true");
     else field.removeAttribute("aria-invalid");

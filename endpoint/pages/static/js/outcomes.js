@@ -1,7 +1,8 @@
 // Outcomes, one card at a time, judged by keys, buttons or swipes. Without this file every card is
 // on the page with a form of its own.
 
-import { element } from "./dom.js";
+import { element, explain } from "./dom.js";
+import { bindSwitch } from "./keys.js";
 
 const TAKE_BACK_MS = 10_000;
 const SWIPE_PX = 80;
@@ -12,21 +13,21 @@ const waiting = []; // verdicts that can still be taken back, the oldest first
 let current = 0;
 let askingWhy = false;
 
-function button(words, key, act) {
-  const made = element("button", { type: "button" }, words, " ", element("kbd", {}, key));
+function button(words, key, act, look = "") {
+  const made = element("button", { type: "button", class: look }, words, " ", element("kbd", {}, key));
   made.addEventListener("click", act);
   return made;
 }
 
 const status = element("p", { class: "status quiet", role: "status" });
-const keysOn = element("input", { type: "checkbox", id: "keys-on", checked: "" });
+const keysOn = element("input", { type: "checkbox", id: "keys-on" });
 const why = element("div", { class: "why", role: "group", "aria-label": "Why it did not hold", hidden: "" });
 const tools = element("div", { class: "tools judging", role: "group", "aria-label": "Judge this attempt" });
 const list = element("ol", { class: "attempt-list", "aria-label": "Attempts" });
 const entries = cards.map((card, index) => {
   const state = element("span", { class: "mark" }, stateOf(card));
   const open = element("button", { type: "button" }, card.dataset.title, " ",
-    element("small", {}, card.dataset.robot), state);
+    element("small", {}, `${card.dataset.robot}, ${card.dataset.time}`), state);
   open.addEventListener("click", () => show(index));
   list.append(element("li", {}, open));
   return { open, state };
@@ -104,16 +105,16 @@ async function send(verdict, leaving = false) {
     });
     if (answer.type === "opaqueredirect" || answer.ok) return entries[index].open.classList.add("sent");
     const problem = await answer.json().catch(() => ({ detail: answer.statusText }));
-    fail(card, index, problem.detail, answer.status === 401);
+    fail(card, index, problem);
   } catch (error) {
-    fail(card, index, `no answer: ${error.message}`, false);
+    fail(card, index, { detail: `no answer: ${error.message}` });
   }
 }
 
 /** A verdict that was not stored is said where it was given. */
-function fail(card, index, detail, signIn) {
-  const note = element("p", { class: "problem", role: "alert" }, `Not stored: ${detail} `);
-  if (signIn) note.append(element("a", { href: "/login?next=/feedback" }, "Sign in"));
+function fail(card, index, problem) {
+  const note = element("p", { class: "problem", role: "alert" });
+  explain(note, { ...problem, detail: `Not stored: ${problem.detail}` });
   card.querySelector("[data-said]").append(note);
   entries[index].state.textContent = "not stored";
 }
@@ -206,11 +207,12 @@ function follow() {
 
 function start() {
   tools.append(
-    button("Held", "Y", () => judge(true)),
-    button("Did not hold", "N", askWhy),
+    button("Held", "Y", () => judge(true), "yes"),
+    button("Did not hold", "N", askWhy, "no"),
     button("Skip", "S", () => show(current + 1)),
     button("Take back", "U", takeBack),
   );
+  bindSwitch(keysOn);
   const side = element("div", { class: "side-list" },
     element("label", {}, keysOn, " Letter keys"), list);
   deck.classList.add("deck");

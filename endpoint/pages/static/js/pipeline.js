@@ -1,5 +1,6 @@
 // Follows each change of a pipeline at once, without leaving the place on the page.
 
+import { explain } from "./dom.js";
 import { problemOf } from "./calls.js";
 import { followJob } from "./job_stream.js";
 import { showResults } from "./results.js";
@@ -48,7 +49,7 @@ async function send(form, button) {
   if (response?.redirected && !new URL(response.url).pathname.startsWith("/tools/pipeline")) return location.assign(response.url);
   const text = await response?.text() ?? "";
   if (!replace(text)) {
-    if (said) said.textContent = response ? problemOf(response, text).detail : "No answer from the server; nothing was changed.";
+    if (said) explain(said, response ? problemOf(response, text) : { detail: "No answer from the server; nothing was changed." });
     return;
   }
   // A run that goes on has an address of its own.

@@ -1,5 +1,6 @@
 // Draws a robot, its gripper and its sensor while they are described.
 
+import { explain } from "./dom.js";
 import { call, Newest } from "./calls.js";
 import { SpaceView } from "./space.js";
 
@@ -33,7 +34,7 @@ function showRobot({ manipulators }) {
 
 const reading = new Newest(async ({ method, request }) => showRobot(await call(`${form.dataset.setup}/${method}`, request)), {
   busy: (is) => form.setAttribute("aria-busy", String(is)),
-  problem: (refused) => refused && (views.robot.said.textContent = refused.detail),
+  problem: (refused) => refused && explain(views.robot.said, refused),
   link: (since) => since && (views.robot.said.textContent = "No answer from the server, trying again."),
 });
 

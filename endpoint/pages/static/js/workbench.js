@@ -1,6 +1,6 @@
 // The SPARQL workbench. Without this file the form still works: the server draws the table.
 
-import { element } from "./dom.js";
+import { element, explain } from "./dom.js";
 import "./editor.js";
 
 const ROWS_JSON = "application/sparql-results+json";
@@ -73,7 +73,9 @@ async function render(response, text, started) {
     const details = await response.json().catch(() => ({ detail: response.statusText }));
     if (editor.shadowRoot) editor.mark(details.line ? details : null);
     else selectLine(details.line);
-    return [element("p", { class: "problem", role: "alert" }, details.detail)];
+    const said = element("p", { class: "problem", role: "alert" });
+    explain(said, details);
+    return [said];
   }
   if (type !== ROWS_JSON) return [element("pre", {}, (await response.text()) || "no triples")];
   const result = await response.json();
