@@ -39,8 +39,8 @@ from rtask.sparql.tokens import shape
 
 __all__ = ["KnownQueries", "KnownQuery"]
 
-# What clients leave unescaped in a query string, and escapes: no `&` (another field), no `#`.
-_SAFE = rb"[A-Za-z0-9\-._~!$'()*,;:@/?=+]*"
+# What clients leave unescaped in a value, and escapes: no `&` (another field), no `#`.
+_SAFE = rb"[A-Za-z0-9\-._~!$'()*,;:@/?+]*"
 _VALUE = re.compile(_SAFE + rb"(?:%[0-9A-Fa-f]{2}" + _SAFE + rb")*")
 _MAX_VALUE = 8 << 10
 _MAX_FORMS = 2_048
@@ -128,9 +128,8 @@ class KnownQueries:
         started = time.perf_counter()
         if len(value) > _MAX_VALUE or not _VALUE.fullmatch(value):
             return None
-        escaped = value.decode("ascii")
         try:
-            text = decoded(escaped)
+            text = decoded(value)
         except UnicodeDecodeError:
             return None
         if "\x00" in text:
@@ -141,7 +140,7 @@ class KnownQueries:
             return None
         if not context.queries.has_room or not context.limiter.try_admit(head.caller):
             return None
-        return KnownQuery(head, "query=" + escaped, text, form, is_steady, started)
+        return KnownQuery(head, "query=" + value.decode("ascii"), text, form, is_steady, started)
 
     def _form(self, text: str) -> tuple[str, bool]:
         """Return the form of a query that may be answered here; else an empty one."""

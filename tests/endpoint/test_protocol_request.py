@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from urllib.parse import quote
+import random
+from urllib.parse import quote, unquote_plus
 
 import pytest
 
-from endpoint.http.messages import RefusedError, Request
+from endpoint.http.messages import RefusedError, Request, parse_fields
 from endpoint.sparql.request import (
     QUERY,
     UPDATE,
@@ -136,3 +137,29 @@ def test_time_limit_and_inference_are_read() -> None:
     operation = parse_operation(get("query=ASK{}&timeout=2.5&inferred=0"))
     assert isinstance(operation, QueryRequest)
     assert (operation.timeout_s, operation.inferred) == (2.5, False)
+
+
+def test_escapes_are_decoded_as_the_standard_library_decodes_them() -> None:
+    chance = random.Random(3)
+    pieces = [
+        "a",
+        "Z",
+        "=",
+        "+",
+        "%2B",
+        "%3D",
+        "%0A",
+        "%0d",
+        "%20",
+        "%C3%A9",
+        "%5C",
+        "_",
+        "/",
+        "\n",
+    ]
+    for _ in range(2_000):
+        value = "".join(chance.choice(pieces) for _ in range(chance.randrange(12)))
+        assert parse_fields(f"query={value}", "form") == [("query", unquote_plus(value))]
+    for broken in ("%FF", "%C3", "%C3+%A9"):
+        with pytest.raises(RefusedError, match="not UTF-8"):
+            parse_fields(f"query={broken}", "form")

@@ -11,10 +11,12 @@ import fcntl
 import json
 import logging
 import os
+import select
 import signal
 import socket
 import sys
 import threading
+import time
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,10 +34,11 @@ from rtask.kb.store.graph_store import GraphStore
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["KeeperProcess", "ReaderGone", "ReaderProcess"]
+__all__ = ["KeeperProcess", "ReaderGone", "ReaderProcess", "wait_for"]
 
 _log = logging.getLogger(__name__)
 _PIPE_BYTES = 1 << 20
+_QUESTIONS_BYTES = 256 << 10
 _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
@@ -79,12 +82,15 @@ class ReaderProcess:
         self._frames: deque[CommitFrame] = deque()
         self._pid = self._pid_handle = -1
         self._closed = False
-        self._control, theirs = socket.socketpair()
-        self._control.settimeout(_SEND_TIMEOUT_S)
+        # Pipes, for a message through a socket takes twice the time; descriptors need a socket.
+        self._hello, theirs = socket.socketpair()
+        their_questions, self._questions = os.pipe()
         self.answers, their_answers = os.pipe()
+        os.set_blocking(self._questions, False)
         with contextlib.suppress(OSError, AttributeError):
+            fcntl.fcntl(self._questions, fcntl.F_SETPIPE_SZ, _QUESTIONS_BYTES)
             fcntl.fcntl(self.answers, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-        self.given = (theirs.detach(), their_answers)
+        self.given: tuple[int, ...] = (theirs.detach(), their_questions, their_answers)
 
     @property
     def pid(self) -> int:
@@ -107,9 +113,8 @@ class ReaderProcess:
         if self._pid > 0:
             return
         try:
-            self._control.settimeout(timeout_s)
-            _, payload, descriptors = Incoming(self._control).next()
-            self._control.settimeout(_SEND_TIMEOUT_S)
+            self._hello.settimeout(timeout_s)
+            _, payload, descriptors = Incoming(self._hello).next()
         except (EOFError, OSError) as error:
             raise ReaderGone from error
         facts = json.loads(payload)
@@ -132,8 +137,7 @@ class ReaderProcess:
             data = message(b"Q", question)
             if self._frames:
                 data = b"".join([*self._waiting(), data])
-            # The socket has a time limit, and therefore does not block as a descriptor.
-            if os.write(self._control.fileno(), data) == len(data):
+            if os.write(self._questions, data) == len(data):
                 return True
         except OSError:
             pass
@@ -155,10 +159,19 @@ class ReaderProcess:
             self._lock.release()
 
     def _flush(self, last: bytes) -> None:
-        try:
-            self._control.sendall(b"".join([*self._waiting(), last]))
-        except OSError as error:
-            raise ReaderGone from error
+        if self._closed:
+            raise ReaderGone
+        data = memoryview(b"".join([*self._waiting(), last]))
+        until = time.monotonic() + _SEND_TIMEOUT_S
+        while data:
+            try:
+                data = data[os.write(self._questions, data) :]
+            except BlockingIOError:
+                left = until - time.monotonic()
+                if not wait_for(self._questions, select.POLLOUT, left):
+                    raise ReaderGone from None
+            except OSError as error:
+                raise ReaderGone from error
 
     def _waiting(self) -> list[bytes]:
         """Take the queued commits, encoded."""
@@ -179,7 +192,7 @@ class ReaderProcess:
             if self._closed or self._pid < 0:
                 # a process that has not announced itself yet exits when its socket is closed
                 with contextlib.suppress(OSError):
-                    self._control.shutdown(socket.SHUT_RDWR)
+                    self._hello.shutdown(socket.SHUT_RDWR)
                 return
             with contextlib.suppress(ProcessLookupError):
                 if self._pid_handle >= 0:
@@ -194,7 +207,8 @@ class ReaderProcess:
             if self._closed:
                 return
             self._closed = True
-            self._control.close()
+            self._hello.close()
+            os.close(self._questions)
             os.close(self.answers)
             if self._pid_handle >= 0:
                 os.close(self._pid_handle)
@@ -330,7 +344,7 @@ class KeeperProcess:
                 self._connection.sendall(order[sent:])
             finally:
                 _close_all(item.given)
-                item.given = (-1, -1)
+                item.given = ()
         if waiting:
             self._connection.sendall(b"".join(waiting))
 
@@ -367,7 +381,7 @@ class KeeperProcess:
             self._changed.notify_all()
         for reader in unsent:
             _close_all(reader.given)
-            reader.given = (-1, -1)
+            reader.given = ()
         self.ready.set()
 
     def retire(self) -> None:
@@ -412,5 +426,11 @@ def _start(connection: socket.socket) -> subprocess.Popen[bytes]:
 
 def _close_all(descriptors: tuple[int, ...]) -> None:
     for descriptor in descriptors:
-        if descriptor >= 0:
-            os.close(descriptor)
+        os.close(descriptor)
+
+
+def wait_for(descriptor: int, event: int, timeout_s: float | None = None) -> bool:
+    """Wait until a descriptor is readable or writable; tell whether it is, or its end has come."""
+    poll = select.poll()  # unlike `select.select` it takes descriptors above 1023
+    poll.register(descriptor, event)
+    return bool(poll.poll(None if timeout_s is None else max(0.0, 1e3 * timeout_s)))

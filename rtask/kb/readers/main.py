@@ -105,7 +105,7 @@ class Keeper:
             gc.freeze()
             self._connection.sendall(message(b"R"))
 
-    def _fork(self, order: dict[str, Any], control: int, answers: int) -> None:
+    def _fork(self, order: dict[str, Any], hello: int, questions: int, answers: int) -> None:
         if order["updates"]:
             _prepare_updates()
         keeper = os.getpid()
@@ -115,11 +115,13 @@ class Keeper:
                 self._connection.close()
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                _read(self._store, order, socket.socket(fileno=control), answers, keeper)
+                _die_with(keeper)
+                store = _started(self._store, order, socket.socket(fileno=hello))
+                _read(store, questions, answers)
             os._exit(0)
         self._readers[pid] = order["number"]
-        os.close(control)
-        os.close(answers)
+        for descriptor in (hello, questions, answers):
+            os.close(descriptor)
 
     def _reap(self) -> None:
         while self._readers:
@@ -130,18 +132,21 @@ class Keeper:
             self._connection.sendall(message(b"E", json.dumps(ended).encode()))
 
 
-def _read(
-    store: ox.Store, order: dict[str, Any], control: socket.socket, answers: int, keeper: int
-) -> NoReturn:
-    """Run as a reader: announce the process, then apply commits and answer queries."""
-    _die_with(keeper)
+def _started(store: ox.Store, order: dict[str, Any], hello: socket.socket) -> ox.Store:
+    """Prepare this process to be a reader, and announce it; return the store that it reads."""
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 2)
     if order["snapshot"]:
         store = ox.Store.read_only(order["snapshot"])
     limit_memory(order["memory"])
-    _send_hello(control)
-    incoming = Questions(control)
+    with hello:
+        _send_hello(hello)
+    return store
+
+
+def _read(store: ox.Store, questions: int, answers: int) -> NoReturn:
+    """Apply commits and answer queries."""
+    incoming = Questions(questions)
     while True:
         kind, payload = incoming.next()
         if kind == b"F":
@@ -172,15 +177,15 @@ def _die_with(keeper: int) -> None:
         os._exit(0)
 
 
-def _send_hello(control: socket.socket) -> None:
+def _send_hello(hello: socket.socket) -> None:
     """Send a pidfd, so that the other side cannot kill an unrelated process with the same pid."""
     facts = {"pid": os.getpid(), "rss": resident_bytes()}
-    hello = message(b"H", json.dumps(facts).encode())
+    data = message(b"H", json.dumps(facts).encode())
     if not hasattr(os, "pidfd_open"):
-        control.sendall(hello)
+        hello.sendall(data)
         return
     own = os.pidfd_open(os.getpid())
-    socket.send_fds(control, [hello], [own])
+    socket.send_fds(hello, [data], [own])
     os.close(own)
 
 

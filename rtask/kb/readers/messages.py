@@ -4,10 +4,10 @@ This file is part of the keeper's script and needs only the standard library and
 
 A message consists of a type byte, a length and a payload. To the keeper: ``L`` a dump of the store
 follows in ``D`` pieces, the last one empty; ``F`` a change; ``K`` fork a reader on the descriptors
-sent along. From the keeper: ``R`` the dump is loaded; ``E`` a reader has ended. To a reader: ``F``
-a change; ``Q`` a query; ``U`` an update, answered with its exact change. From a reader, through a
-pipe: ``M`` the kind and media type of the answer; ``C`` a piece of it; ``E`` its end; ``X`` an
-error.
+sent along. From the keeper: ``R`` the dump is loaded; ``E`` a reader has ended. From a reader,
+through a socket, once: ``H`` it is ready. To a reader, through a pipe: ``F`` a change; ``Q`` a
+query; ``U`` an update, answered with its exact change. From a reader, through a pipe: ``M`` the
+kind and media type of the answer; ``C`` a piece of it; ``E`` its end; ``X`` an error.
 
 A change, whether it comes from a commit or from an update that a reader evaluated, is a line of
 JSON followed by the removed and the added statements as N-Quads. A query is a line of JSON with
@@ -17,6 +17,7 @@ options followed by its text; queries of one client have the same options.
 from __future__ import annotations
 
 import json
+import os
 import socket
 import struct
 from collections.abc import Collection, Iterable, Iterator
@@ -80,10 +81,10 @@ class Incoming:
 
 
 class Questions:
-    """Messages from a socket without file descriptors, read ahead to save system calls."""
+    """Messages from a pipe, read ahead to save system calls."""
 
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
+    def __init__(self, pipe: int) -> None:
+        self._pipe = pipe
         self._ahead = b""
 
     def next(self) -> tuple[bytes, bytes]:
@@ -94,32 +95,28 @@ class Questions:
         EOFError
             When the other side has closed.
         """
-        ahead = self._ahead or self._connection.recv(_READ_AHEAD)
-        if len(ahead) >= HEADER.size:
-            kind, length = HEADER.unpack_from(ahead)
-            end = HEADER.size + length
-            if len(ahead) >= end:
-                self._ahead = ahead[end:]
-                return kind, ahead[HEADER.size : end]
-        elif not ahead:
-            raise EOFError
-        self._ahead = ahead
-        kind, length = HEADER.unpack(self._exactly(HEADER.size))
-        return kind, self._exactly(length)
+        ahead = self._ahead or self._read()
+        while len(ahead) < HEADER.size:
+            ahead += self._read()
+        kind, length = HEADER.unpack_from(ahead)
+        end = HEADER.size + length
+        if len(ahead) < end:
+            ahead = self._read_until(ahead, end)
+        self._ahead = ahead[end:]
+        return kind, ahead[HEADER.size : end]
 
-    def _exactly(self, length: int) -> bytes:
-        ahead = self._ahead
-        if len(ahead) < length:
-            parts, left = [ahead], length - len(ahead)
-            while left > 0:
-                part = self._connection.recv(max(left, _READ_AHEAD))
-                if not part:
-                    raise EOFError
-                parts.append(part)
-                left -= len(part)
-            ahead = b"".join(parts)
-        self._ahead = ahead[length:]
-        return ahead[:length]
+    def _read(self) -> bytes:
+        data = os.read(self._pipe, _READ_AHEAD)
+        if not data:
+            raise EOFError
+        return data
+
+    def _read_until(self, ahead: bytes, end: int) -> bytes:
+        parts, size = [ahead], len(ahead)
+        while size < end:
+            parts.append(self._read())
+            size += len(parts[-1])
+        return b"".join(parts)
 
 
 class ReceivedChange(NamedTuple):

@@ -27,7 +27,7 @@ from rtask.errors import (
     TooLargeError,
     UsageError,
 )
-from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
+from rtask.kb.readers.keeper import ReaderGone, ReaderProcess, wait_for
 from rtask.kb.readers.messages import HEADER
 from rtask.sparql.syntax import syntax_error
 
@@ -307,7 +307,7 @@ def _read(descriptor: int, size: int) -> bytes:
         try:
             return os.read(descriptor, size)
         except BlockingIOError:
-            select.select([descriptor], [], [])
+            wait_for(descriptor, select.POLLIN)
 
 
 def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:

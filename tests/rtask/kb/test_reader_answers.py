@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
+import resource
+import select
 import threading
 import time
 import zlib
@@ -24,6 +27,7 @@ from rtask.errors import (
     TooLargeError,
     UsageError,
 )
+from rtask.kb.readers.keeper import wait_for
 from rtask.kb.readers.pool import Readers
 from rtask.kb.readers.request import ReaderLimits
 from rtask.knowledge_base import KnowledgeBase
@@ -298,3 +302,20 @@ def test_what_is_asked_without_waiting_sees_every_commit_with_its_notes(tmp_path
                 asked += 1
                 assert len(json.loads(found)["results"]["bindings"]) == expected
         assert asked == 40
+
+
+def test_a_pipe_is_waited_for_whatever_its_number() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard < 2_000:
+        pytest.skip("this machine allows too few open files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2_000), hard))
+    reading, writing = os.pipe()
+    high = fcntl.fcntl(reading, fcntl.F_DUPFD_CLOEXEC, 1_500)
+    try:
+        assert not wait_for(high, select.POLLIN, 0.0)
+        os.write(writing, b"x")
+        assert wait_for(high, select.POLLIN)
+    finally:
+        for descriptor in (reading, writing, high):
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
