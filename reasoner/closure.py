@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator
@@ -29,6 +30,8 @@ from reasoner.terms.vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
 _NO_SUBJECTS = (TripleTerm, Literal)
+_BATCH = 100_000
+"""Triples whose terms are held at a time while they are encoded."""
 LISTED_CONTRADICTIONS = 100
 LISTED_TRIPLES = 5_000
 """More triples of a change are made only when somebody looks at them."""
@@ -352,18 +355,26 @@ class Closure:
 
     def _encode(self, triples: Iterable[GivenTriple]) -> list[Fact]:
         """Encode triples, without triple terms and statements about their reifiers."""
-        batch = list(triples)
-        self._reifiers |= {s for s, p, _ in batch if p == _REIFIES and _is_term(s)}
-        reifiers = self._reifiers
-        plain: list[Triple] = [
-            (s, p, o)
-            for s, p, o in batch
-            if not isinstance(s, _NO_SUBJECTS)
-            and not isinstance(o, TripleTerm)
-            and s not in reifiers
-        ]
-        self._skipped += len(batch) - len(plain)
-        return self._terms.encode_all(plain)
+        reifiers, known, count = self._reifiers, len(self._reifiers), 0
+        facts: list[Fact] = []
+        rest = iter(triples)
+        while batch := list(itertools.islice(rest, _BATCH)):
+            count += len(batch)
+            reifiers |= {s for s, p, _ in batch if p == _REIFIES and _is_term(s)}
+            plain: list[Triple] = [
+                (s, p, o)
+                for s, p, o in batch
+                if not isinstance(s, _NO_SUBJECTS)
+                and not isinstance(o, TripleTerm)
+                and s not in reifiers
+            ]
+            facts += self._terms.encode_all(plain)
+        if len(reifiers) > known and count > _BATCH:
+            # A batch may be about a reifier that a later one brought.
+            skipped = {self._terms.find(term) for term in reifiers}
+            facts = [fact for fact in facts if fact[0] not in skipped]
+        self._skipped += count - len(facts)
+        return facts
 
     def _find(self, triple: Triple) -> Fact | None:
         s, p, o = map(self._terms.find_equal, triple)

@@ -299,8 +299,14 @@ def arrange(
 ) -> tuple[Step, ...]:
     """Order atoms most-bound-first, each condition as soon as its variables are bound.
 
+    Of two atoms with one bound end, that of a known variable comes first: a constant such as `true`
+    may have thousands of subjects.
+
     >>> chain = (Atom(-2, 300, -3), Atom(-1, 301, -2))
     >>> [atom.p for atom in arrange(chain, (), frozenset({-1}))]
+    [301, 300]
+    >>> flagged = (Atom(-2, 300, 99), Atom(-2, 301, -1))
+    >>> [atom.p for atom in arrange(flagged, (), frozenset({-1}))]
     [301, 300]
     """
     left, waiting, known = list(atoms), list(conditions), set(bound)
@@ -330,11 +336,12 @@ def arrange(
     return tuple(steps)
 
 
-def _selectivity(atom: Atom, known: set[int]) -> tuple[int, bool]:
-    is_bound = [x >= 0 or x in known for x in (atom.s, atom.o)]
+def _selectivity(atom: Atom, known: set[int]) -> tuple[int, int, bool]:
+    is_known = [x in known for x in (atom.s, atom.o)]
+    is_bound = [x >= 0 or there for x, there in zip((atom.s, atom.o), is_known, strict=True)]
     if atom.p == TYPE and atom.s < 0 and not is_bound[0] and atom.o >= 0:
-        return 0, True  # a whole class is seldom a good start
-    return sum(is_bound), is_bound[0]
+        return 0, 0, True  # a whole class is seldom a good start
+    return sum(is_bound), sum(is_known), is_bound[0]
 
 
 def bind(atom: Atom, fact: Fact, terms: Dictionary, env: Bindings) -> bool:

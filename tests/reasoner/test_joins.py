@@ -7,7 +7,7 @@ import pytest
 import rtask
 from reasoner import Closure, ClosureTooLargeError, Config, LabelledRule
 from rtask.errors import TooLargeError
-from rtask.rdf.terms import NamedNode
+from rtask.rdf.terms import Literal, NamedNode
 
 HEAD = "PREFIX ex: <urn:ex:> CONSTRUCT { ?a ex:bad ?c } WHERE "
 NEVER = "FILTER(?x = ?y && ?y = ?z && ?x != ?z)"
@@ -62,6 +62,22 @@ def test_a_rule_of_many_facts_and_few_combinations_is_not_refused() -> None:
     facts = [(node(f"a{k}"), node("p"), node(f"h{k}")) for k in range(3000)]
     facts += [(node(f"c{k}"), node("q"), node(f"a{k}")) for k in range(3000)]
     closure.stage(add=facts).apply()
+
+
+def test_a_new_fact_is_joined_with_what_it_names_before_a_common_value() -> None:
+    """Else each grasp that is stored goes through all attempts that ever succeeded."""
+    lifted = (
+        "PREFIX ex: <urn:ex:> CONSTRUCT { ?thing ex:liftedBy ?a } WHERE "
+        "{ ?o ex:success true . ?a ex:outcome ?o ; ex:executes ?g . ?g ex:of ?thing }"
+    )
+    facts = []
+    for k in range(3000):
+        facts.append((node(f"o{k}"), node("success"), Literal(True)))
+        facts.append((node(f"a{k}"), node("outcome"), node(f"o{k}")))
+        facts.append((node(f"a{k}"), node("executes"), node(f"g{k}")))
+    closure = Closure.build((), facts, rules=[lifted], config=Config(max_joins=0))
+    closure.stage(add=[(node(f"g{k}"), node("of"), node("mug")) for k in range(100)]).apply()
+    assert len(closure.match(node("mug"), node("liftedBy"))) == 100
 
 
 def test_what_was_accepted_in_parts_is_accepted_again_as_a_whole() -> None:

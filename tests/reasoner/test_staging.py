@@ -125,14 +125,16 @@ def _integer(text: str) -> Literal:
     return Literal(text, datatype=NamedNode("http://www.w3.org/2001/XMLSchema#integer"))
 
 
-def test_triple_terms_and_their_reifiers_are_no_input():
+@pytest.mark.parametrize("batch", [1, 2, 100_000])
+def test_triple_terms_and_their_reifiers_are_no_input(batch, monkeypatch):
+    monkeypatch.setattr("reasoner.closure._BATCH", batch)
     a, p = NamedNode("urn:t:a"), NamedNode("urn:t:p")
     reifies = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#reifies")
     reifier = NamedNode("urn:t:r")
     statements = [
-        (reifier, reifies, ox.Triple(a, p, a)),
         (reifier, p, Literal(0.9)),
         (a, p, a),
+        (reifier, reifies, ox.Triple(a, p, a)),
     ]
     closure = Closure.build(triples(":p rdfs:domain :C ."), statements)
     assert list(closure.inferred()) == [triple(":a a :C")]

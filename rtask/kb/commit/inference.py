@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
@@ -161,23 +161,24 @@ class Inference:
     def _build(self) -> Any:
         from reasoner import Closure, ClosureTooLargeError
 
-        schema: list[TripleKey] = []
-        data: list[TripleKey] = []
-        for graph in self._store.named_graphs():
-            if not self._graphs.is_input(graph):
-                continue
-            target = schema if self._catalogue.is_ontology(graph) else data
-            for quad in self._store.quads_for_pattern(None, None, None, graph):
-                target.append((quad.subject, quad.predicate, quad.object))
-        _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
+        inputs = [graph for graph in self._store.named_graphs() if self._graphs.is_input(graph)]
+        is_ontology = self._catalogue.is_ontology
+        schema = self._triples(graph for graph in inputs if is_ontology(graph))
+        data = self._triples(graph for graph in inputs if not is_ontology(graph))
         try:
             closure = Closure.build(schema, data, rules=self._rules_in_force())
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
+        _log.debug("built the closure of %d statements", closure.size)
         clashes = closure.contradictions()
         if clashes:
             _log.warning("%d contradictions, e.g. %s", len(clashes), clashes[0].message)
         return closure
+
+    def _triples(self, graphs: Iterable[GraphName]) -> Iterator[TripleKey]:
+        """Yield the statements of graphs as they are read."""
+        for graph in graphs:
+            yield from map(triple_key, self._store.quads_for_pattern(None, None, None, graph))
 
     def _rules_in_force(self) -> list[Any]:
         return [*shipped_rules(), *map(labelled, self.rules())]

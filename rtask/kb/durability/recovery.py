@@ -26,6 +26,7 @@ from rtask.kb.durability.settings import Settings, write_durably
 from rtask.kb.store.apply import apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.replacement import is_large_removal, replace_contents
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
 
@@ -261,19 +262,26 @@ def _store_touched(store: GraphStore, touched: dict[Quad, bool], merged: bool) -
     added = [quad for quad, is_there in touched.items() if is_there and quad not in store]
     touched.clear()
     if removed or added:
-        union = union_change(store, removed, added) if merged else Overlay(store)
-        apply(store, Writes([*removed, *union.removed], [*union.added, *added]))
+        _apply(store, Writes(removed, added), merged)
 
 
 def replay(store: GraphStore, record: Record, merged: bool) -> None:
     """Apply a record to a store that may contain it already."""
     removed = [quad for quad in record.removed() if quad in store]
     added = [quad for quad in record.added() if quad not in store]
-    union = union_change(store, removed, added) if merged else Overlay(store)
     created, dropped = record.graphs("created"), record.graphs("dropped")
-    writes = Writes([*removed, *union.removed], [*union.added, *added], created, dropped)
     if removed or added or created or dropped:
-        apply(store, writes)
+        _apply(store, Writes(removed, added, created, dropped), merged)
+
+
+def _apply(store: GraphStore, change: Writes, merged: bool) -> None:
+    """Make a change of named graphs, which a journal holds, and that of their union."""
+    if merged and is_large_removal(store, change):
+        replace_contents(store, change)
+        return
+    union = union_change(store, change.removed, change.added) if merged else Overlay(store)
+    removed, added = [*change.removed, *union.removed], [*union.added, *change.added]
+    apply(store, Writes(removed, added, change.created, change.dropped))
 
 
 def fill_gap(journal: JournalFile, journalled: int, stored: int) -> None:

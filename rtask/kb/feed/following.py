@@ -89,6 +89,10 @@ class Follower:
         self._merged = merged
         self._lock = threading.RLock()
         self._is_looking = False
+        self._gate = threading.Condition()
+        self._inside = threading.local()
+        self._beginning = 0
+        self._is_excluding = False
         self._closed = threading.Event()
         self._place = self._place_of(writer.committer.last_seq)
         store.gate = self
@@ -109,13 +113,37 @@ class Follower:
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
         """Begin a read in this block that sees the commits made so far."""
+        if getattr(self._inside, "is_on", False):
+            yield  # part of a read that is beginning, and sees what that one sees
+            return
         self.look()
-        yield
+        with self._gate:
+            self._gate.wait_for(lambda: not self._is_excluding)
+            self._beginning += 1
+        self._inside.is_on = True
+        try:
+            yield
+        finally:
+            self._inside.is_on = False
+            self._leave()
 
     @contextlib.contextmanager
     def reading_now(self) -> Iterator[bool]:
         """Begin a read in this block if no commits have to be applied first."""
-        yield not self._has_news()
+        with self._gate:
+            may_begin = not self._is_excluding and not self._has_news()
+            self._beginning += may_begin
+        try:
+            yield may_begin
+        finally:
+            if may_begin:
+                self._leave()
+
+    def _leave(self) -> None:
+        """End the beginning of a read."""
+        with self._gate:
+            self._beginning -= 1
+            self._gate.notify_all()
 
     def flush(self) -> None:
         """Apply the commits made so far."""
@@ -123,9 +151,16 @@ class Follower:
 
     @contextlib.contextmanager
     def excluding(self) -> Iterator[None]:
-        """Let no read begin in the block."""
-        with self._lock:
+        """Let no read begin in the block; it is entered when those that begin have begun."""
+        with self._gate:
+            self._is_excluding = True
+            self._gate.wait_for(lambda: not self._beginning)
+        try:
             yield
+        finally:
+            with self._gate:
+                self._is_excluding = False
+                self._gate.notify_all()
 
     # Following
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,8 +14,12 @@ import pytest
 
 import rtask
 from rtask.errors import ClosedError, StoreError, StoreLockedError
+from rtask.kb.durability import recovery
 from rtask.kb.durability.journal import encode
 from rtask.kb.durability.published import hold_newest
+from rtask.kb.store import replacement
+from rtask.kb.store.embedded import EmbeddedStore
+from rtask.kb.store.writes import Writes
 
 WRITER = """
 import sys, rtask
@@ -31,6 +36,11 @@ for line in sys.stdin:
         kb.load(rest, graph="urn:big")
     elif word == "drop":
         kb.update("DROP GRAPH <urn:big>")
+    elif word == "fill":
+        triples = (f"<urn:f{n}> <urn:q> {n}" for n in range(int(rest)))
+        kb.update(f"INSERT DATA {{ GRAPH <urn:filled> {{ {' . '.join(triples)} }} }}")
+    elif word == "empty":
+        kb.update("DROP GRAPH <urn:filled>")
     elif word == "checkpoint":
         kb.checkpoint()
     elif word == "kill":
@@ -146,6 +156,48 @@ def test_a_reader_follows_bulk_loads_removals_and_the_next_writer(tmp_path: Path
         with writing(folder) as another:
             another.say("add 4")
             assert _count(kb) == 7
+
+
+@pytest.mark.slow
+def test_a_reader_takes_a_large_removal_in_by_loading_what_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replacement, "MIN_REPLACED", 100)
+    replaced = []
+    real = recovery.replace_contents
+
+    def noted(store: EmbeddedStore, change: Writes) -> None:
+        real(store, change)
+        replaced.append(len(change.removed))
+
+    monkeypatch.setattr(recovery, "replace_contents", noted)
+    folder = tmp_path / "kb"
+    with writing(folder) as writer, rtask.open(folder, mode="r") as kb:
+        writer.say("add 2")
+        writer.say("fill 300")
+        assert len(kb.match(None, "urn:q")) == 300
+        stopped, seen = threading.Event(), set()
+
+        def read() -> None:
+            while True:
+                seen.add(_count(kb))
+                if stopped.is_set():
+                    return
+
+        reading = threading.Thread(target=read)
+        reading.start()
+        writer.say("empty")
+        assert kb.match(None, "urn:q") == []
+        stopped.set()
+        reading.join()
+        assert seen == {2}, "a read saw the store half emptied"
+        assert replaced
+        assert replaced[0] >= 300
+        (row,) = kb.select(COUNT, timeout_s=60.0)  # a reader process gets what stays as well
+        assert row.value("n") == 2
+        assert [finding for finding in kb.verify() if finding.severity == "error"] == []
+        writer.say("add 1")
+        assert _count(kb) == 3
 
 
 @pytest.mark.slow
