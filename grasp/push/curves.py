@@ -111,7 +111,7 @@ def _turns(ring: FloatArray) -> FloatArray:
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    return np.arctan2(cross, (before * after).sum(axis=1))
+    return np.asarray(np.arctan2(cross, (before * after).sum(axis=1)))
 
 
 @njit(cache=True, nogil=True)

@@ -11,6 +11,7 @@ from grasp.push.figures.drawing import Canvas
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import EndEffector
 from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 
 __all__ = ["candidates_svg"]
 
@@ -123,9 +124,10 @@ def _half(candidate: GraspCandidate) -> float:
 
 
 def _fingers(candidate: GraspCandidate, gripper: EndEffector) -> list[Shaded]:
-    """Return the faces towards the eye of both open fingers, far ones first."""
+    """Return the faces towards the eye of the open fingers, far ones first."""
     pose, found = candidate.frame_from_gripper, list[Shaded]()
-    for low, high in gripper.boxes(2 * _half(candidate))[:2]:
+    fingers = 3 if isinstance(gripper, ThreeFingerHand) else 2
+    for low, high in gripper.boxes(2 * _half(candidate))[:fingers]:
         bits = np.array([[k & 1, k >> 1 & 1, k >> 2 & 1] for k in range(8)])
         corners = _seen(np.where(bits, high, low) @ pose[:3, :3].T + pose[:3, 3])
         rings = [corners[face] for face in _FACES]

@@ -15,6 +15,7 @@ import numpy as np
 from grasp.spatial.gripper import ParallelGripper, nao_hand, panda_hand, parallel_jaw
 from grasp.spatial.gripper_urdf import gripper_from_urdf
 from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 
 __all__ = [
     "end_effector_from_data",
@@ -34,16 +35,21 @@ _TEXTS = ("name", "gripper_type", "joint")
 _OPTIONAL = (
     "palm", "wrist", "finger_thickness", "parent_from_gripper", "compliance", "stem_radius",
 )  # fmt: skip
-_KINDS = ("parallel", "suction")
+_KINDS = {
+    "parallel": (ParallelGripper, "a gripper"),
+    "suction": (SuctionCup, "a suction cup"),
+    "three-finger": (ThreeFingerHand, "a three-finger hand"),
+}
 
 
-def end_effector_named(text: str) -> ParallelGripper | SuctionCup:
-    """Return the gripper or suction cup of a short text.
+def end_effector_named(text: str) -> ParallelGripper | SuctionCup | ThreeFingerHand:
+    """Return the gripper, suction cup or three-finger hand of a short text.
 
     Parameters
     ----------
     text
-        As for :func:`gripper_named`, or ``suction:RADIUS`` (m); a file may describe either.
+        As for :func:`gripper_named`, or ``suction:RADIUS`` or ``three:OPENING`` (m); a file may
+        describe any.
 
     Raises
     ------
@@ -57,15 +63,18 @@ def end_effector_named(text: str) -> ParallelGripper | SuctionCup:
     """
     if Path(text).suffix.lower() in _ENDINGS:
         return read_end_effector(Path(text))
-    kind, _, radius = text.partition(":")
-    if kind != "suction":
+    kind, _, size = text.partition(":")
+    if kind not in ("suction", "three"):
         return gripper_named(text)
     try:
-        return SuctionCup("suction_cup", radius=float(radius))
+        if kind == "suction":
+            return SuctionCup("suction_cup", radius=float(size))
+        return ThreeFingerHand("three_finger_hand", max_opening=float(size))
     except ValueError as error:
-        raise ValueError(
-            f"gripper {text!r}: expected a radius in m, as in suction:0.015"
-        ) from error
+        wanted = "a radius in m, as in suction:0.015" if kind == "suction" else (
+            "an opening in m, as in three:0.1"
+        )  # fmt: skip
+        raise ValueError(f"gripper {text!r}: expected {wanted}") from error
 
 
 def gripper_named(text: str) -> ParallelGripper:
@@ -109,17 +118,18 @@ def read_gripper(path: Path) -> ParallelGripper:
     Raises
     ------
     ValueError
-        As there; or the file describes a suction cup.
+        As there; or the file describes another kind.
     OSError
         The file cannot be read.
     """
     found = read_end_effector(path)
-    if isinstance(found, SuctionCup):
-        raise ValueError(f"{path.name} describes a suction cup; two jaws are needed here")
+    if not isinstance(found, ParallelGripper):
+        what = "a suction cup" if isinstance(found, SuctionCup) else "a three-finger hand"
+        raise ValueError(f"{path.name} describes {what}; two jaws are needed here")
     return found
 
 
-def read_end_effector(path: Path) -> ParallelGripper | SuctionCup:
+def read_end_effector(path: Path) -> ParallelGripper | SuctionCup | ThreeFingerHand:
     """Return the end effector that a file describes.
 
     Parameters
@@ -127,8 +137,10 @@ def read_end_effector(path: Path) -> ParallelGripper | SuctionCup:
     path
         JSON or TOML with the fields of :class:`~grasp.spatial.gripper.ParallelGripper` (``name``
         and ``max_opening`` at least) or, with ``kind = "suction"``, those of
-        :class:`~grasp.spatial.suction_cup.SuctionCup` (``name`` at least), lengths in m, forces in
-        N, pressures in Pa; or a URDF with two fingers that slide towards each other.
+        :class:`~grasp.spatial.suction_cup.SuctionCup` (``name`` at least) or, with ``kind =
+        "three-finger"``, of :class:`~grasp.spatial.three_finger.hand.ThreeFingerHand` (``name`` and
+        ``max_opening``), lengths in m, forces in N, pressures in Pa; or a URDF with two fingers
+        that slide towards each other.
 
     Raises
     ------
@@ -157,8 +169,12 @@ def read_end_effector(path: Path) -> ParallelGripper | SuctionCup:
         raise ValueError(f"{path.name}: {error}") from error
 
 
-def end_effector_from_data(data: Mapping[str, Any]) -> ParallelGripper | SuctionCup:
-    """Return the end effector of the fields of a file; ``kind`` is ``parallel`` or ``suction``.
+def end_effector_from_data(
+    data: Mapping[str, Any],
+) -> ParallelGripper | SuctionCup | ThreeFingerHand:
+    """Return the end effector of the fields of a file.
+
+    ``kind`` is ``parallel`` (the default), ``suction`` or ``three-finger``.
 
     Examples
     --------
@@ -167,11 +183,13 @@ def end_effector_from_data(data: Mapping[str, Any]) -> ParallelGripper | Suction
     """
     kind = data.get("kind", "parallel")
     if kind not in _KINDS:
-        raise ValueError(f"kind: expected {' or '.join(_KINDS)}, got {kind!r}")
+        raise ValueError(f"kind: expected {', '.join(_KINDS)}, got {kind!r}")
     rest = {name: value for name, value in data.items() if name != "kind"}
     if kind == "parallel":
         return gripper_from_data(rest)
-    return SuctionCup(**_values(SuctionCup, rest, "a suction cup"))
+    made, what = _KINDS[kind]
+    found: SuctionCup | ThreeFingerHand = made(**_values(made, rest, what))
+    return found
 
 
 def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:

@@ -38,6 +38,8 @@ class FloatingHand:
         Boxes of the hand that do not move in it.
     fingers
         Of each finger its boxes (n, 2, 3), m, where its joint is at 0, and the axis of its joint.
+    turns
+        By how much the boxes of each finger are turned about the approach, rad; () = none is.
     """
 
     def __init__(
@@ -46,13 +48,14 @@ class FloatingHand:
         world_from_gripper: Floats,
         palm: Floats,
         fingers: Sequence[tuple[Floats, Sequence[float]]] = (),
+        turns: Sequence[float] = (),
     ) -> None:
         self.world = world
         client = world.client
         start = world_from_gripper[:3, 3] - APPROACH_M * world_from_gripper[:3, 2]
         orientation = Rotation.from_matrix(world_from_gripper[:3, :3])
         x, y, z = orientation.inv().apply(np.eye(3)).tolist()
-        slides, turns = client.JOINT_PRISMATIC, client.JOINT_REVOLUTE
+        slides, rocks = client.JOINT_PRISMATIC, client.JOINT_REVOLUTE
         count, empty = HAND + 1 + len(fingers), [-1] * HAND
         self.body = int(
             client.createMultiBody(
@@ -61,7 +64,13 @@ class FloatingHand:
                 baseOrientation=orientation.as_quat().tolist(),
                 linkMasses=[1.0] * (HAND + 1) + [0.2] * len(fingers),
                 linkCollisionShapeIndices=[
-                    *empty, self._shape(palm), *(self._shape(boxes) for boxes, _ in fingers)
+                    *empty, self._shape(palm),
+                    *(
+                        self._shape(boxes, turn)
+                        for (boxes, _), turn in zip(
+                            fingers, turns or [0.0] * len(fingers), strict=True
+                        )
+                    ),
                 ],
                 linkVisualShapeIndices=[-1] * count,
                 linkPositions=[[0.0, 0.0, 0.0]] * count,
@@ -69,7 +78,7 @@ class FloatingHand:
                 linkInertialFramePositions=[[0.0, 0.0, 0.0]] * count,
                 linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * count,
                 linkParentIndices=[*range(HAND + 1), *[HAND + 1] * len(fingers)],
-                linkJointTypes=[slides, slides, slides, turns, *[slides] * (1 + len(fingers))],
+                linkJointTypes=[slides, slides, slides, rocks, *[slides] * (1 + len(fingers))],
                 linkJointAxis=[z, x, y, x, [0, 0, 1], *(list(axis) for _, axis in fingers)],
                 flags=client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS,
             )
@@ -83,14 +92,15 @@ class FloatingHand:
             self._drive(joint, 0.0, 1.0, _ARM_N)
         self._drive(_ROCK, 0.0, 1.0, _ROCK_N_M)
 
-    def _shape(self, boxes: Floats) -> int:
-        """Return a collision shape of boxes (b, 2, 3), m."""
-        client = self.world.client
+    def _shape(self, boxes: Floats, turn: float = 0.0) -> int:
+        """Return a collision shape of boxes (b, 2, 3), m, turned about the approach, rad."""
+        client, turned = self.world.client, Rotation.from_rotvec([0.0, 0.0, turn])
         return int(
             client.createCollisionShapeArray(
                 shapeTypes=[client.GEOM_BOX] * len(boxes),
                 halfExtents=(np.ptp(boxes, axis=1) / 2).tolist(),
-                collisionFramePositions=boxes.mean(axis=1).tolist(),
+                collisionFramePositions=turned.apply(boxes.mean(axis=1)).tolist(),
+                collisionFrameOrientations=[turned.as_quat().tolist()] * len(boxes),
             )
         )
 

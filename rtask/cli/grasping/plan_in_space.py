@@ -16,12 +16,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.gripper import EndEffector, ParallelGripper
     from grasp.spatial.hand_search.classifier import GraspClassifier
     from grasp.spatial.meshes.mesh import Mesh
     from grasp.spatial.suction_cup import SuctionCup
-    from rtask.engine.perception.clutter import ClutterView
+    from grasp.spatial.three_finger.hand import ThreeFingerHand
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -119,7 +118,7 @@ def _shape(
 def _planned(
     shape: Shape,
     known: ObjectShape | None,
-    gripper: ParallelGripper | SuctionCup,
+    gripper: ParallelGripper | SuctionCup | ThreeFingerHand,
     options: dict[str, Any],
 ) -> Proposals:
     import numpy as np
@@ -129,6 +128,8 @@ def _planned(
     from grasp.spatial.interchange import read_grasps
     from grasp.spatial.meshes.mesh import Mesh
     from grasp.spatial.suction_cup import SuctionCup
+    from grasp.spatial.three_finger.hand import ThreeFingerHand
+    from rtask.cli.grasping.other_hands import plan_with_cup, plan_with_three_fingers
     from rtask.errors import UsageError
 
     wanted = SpatialOptions(
@@ -137,7 +138,9 @@ def _planned(
         most=max(options["top"], 50),
     )  # fmt: skip
     if isinstance(gripper, SuctionCup):
-        return _with_cup(shape, known, gripper, wanted, options)
+        return plan_with_cup(shape, known, gripper, wanted, options)
+    if isinstance(gripper, ThreeFingerHand):
+        return plan_with_three_fingers(shape, known, gripper, wanted, options)
     if options["grasps"] is not None and not isinstance(shape, Mesh):
         raise UsageError("--grasps needs the mesh that they are grasps of")
     if options["scene"]:
@@ -159,85 +162,14 @@ def _planned(
     return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
 
 
-def _with_cup(
-    shape: Shape,
-    known: ObjectShape | None,
-    cup: SuctionCup,
-    wanted: SpatialOptions,
-    options: dict[str, Any],
-) -> Proposals:
-    """Plan where a suction cup takes a mesh, what a cloud shows, or any thing of a scene."""
-    import numpy as np
-
-    from grasp.spatial.candidate import Proposals
-    from grasp.spatial.collision import Support, Surroundings
-    from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction import plan_suction, plan_suction_on_cloud, plan_suction_on_scene
-    from rtask.errors import UsageError
-
-    for name in ("grasps", "save_grasps", "store", "classifier"):
-        if options[name]:
-            raise UsageError(
-                f"--{name.replace('_', '-')} is for grippers with two jaws, not a suction cup"
-            )
-    if options["scene"]:
-        view = _view(shape, options)
-        if isinstance(view, str):
-            return Proposals(reason=view)
-        eyes = np.array([options["viewpoint"]])
-        found = plan_suction_on_scene(
-            view.points, view.labels, cup, Support(view.table_height), eyes, wanted
-        )
-        return replace(found, notes=(_things(view), *found.notes))
-    points = shape.vertices if isinstance(shape, Mesh) else shape
-    finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
-    support = None
-    if len(finite) and not options["floating"]:
-        support = Support(0.0 if known is not None else float(finite[:, 2].min()))
-    if isinstance(shape, Mesh):
-        return plan_suction(shape, cup, Surroundings(support), wanted)
-    eye = options["viewpoint"]
-    viewpoints = None if eye is None else np.array([eye])
-    if known is not None and len(known.viewpoints):
-        viewpoints = known.viewpoints
-    return plan_suction_on_cloud(shape, cup, support, viewpoints, wanted)
-
-
-def _view(shape: Shape, options: dict[str, Any]) -> ClutterView | str:
-    """Return what a cloud with z up shows on its table, or why it shows nothing."""
-    import numpy as np
-
-    from features.geometry import look_at, transform
-    from grasp.spatial.meshes.mesh import Mesh
-    from rtask.engine.perception.clutter import view_clutter
-    from rtask.errors import UsageError
-
-    if isinstance(shape, Mesh):
-        raise UsageError("--mode scene needs the cloud of a table, not a mesh")
-    eye = options["viewpoint"]
-    if eye is None:
-        raise UsageError("--mode scene needs --viewpoint: the place of the camera, in m")
-    finite = shape[np.isfinite(shape).all(axis=1)]
-    if not len(finite):
-        return "the cloud holds no finite point"
-    frame_from_camera = look_at(np.array(eye), np.median(finite, axis=0))
-    view = view_clutter(
-        transform(np.linalg.inv(frame_from_camera), finite), None, frame_from_camera
-    )
-    return view or "no table: no level plane below the camera is large enough"
-
-
-def _things(view: ClutterView) -> str:
-    return f"{len(view.segments)} things on a table at {1000 * view.table_height:.0f} mm"
-
-
 def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
     """Plan on everything that a cloud with z up shows on its table."""
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.scene_plan import SceneOptions
+    from rtask.cli.grasping.other_hands import scene_view, things_in
     from rtask.engine.perception.clutter import plan_in_view
 
-    view = _view(shape, options)
+    view = scene_view(shape, options)
     if isinstance(view, str):
         return Proposals(reason=view)
     wanted = SceneOptions(
@@ -245,7 +177,7 @@ def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -
         most=max(options["top"], 50),
     )  # fmt: skip
     found = plan_in_view(view, gripper, wanted)
-    return replace(found, notes=(_things(view), *found.notes))
+    return replace(found, notes=(things_in(view), *found.notes))
 
 
 def _classifier(options: dict[str, Any]) -> GraspClassifier | None:

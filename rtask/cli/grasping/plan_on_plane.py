@@ -46,8 +46,8 @@ grasp.add_command(batch)
     "--gripper",
     default="panda",
     show_default=True,
-    help="Space: nao, panda, jaw:STROKE or suction:RADIUS in m, or a file that describes one: "
-    "JSON, TOML or URDF.",
+    help="Space: nao, panda, jaw:STROKE, suction:RADIUS or three:OPENING in m, or a file that "
+    "describes one: JSON, TOML or URDF.",
 )
 @click.option(
     "--gripper-type",

@@ -180,7 +180,7 @@ def test_a_cup_is_data_as_grippers_are(tmp_path: Path) -> None:
     assert end_effector_named("panda") == panda_hand()
     with pytest.raises(ValueError, match="did you mean 'pressure'"):
         end_effector_from_data({"kind": "suction", "name": "vac", "presure": 1})
-    with pytest.raises(ValueError, match="parallel or suction, got 'magnet'"):
+    with pytest.raises(ValueError, match="parallel, suction, three-finger, got 'magnet'"):
         end_effector_from_data({"kind": "magnet", "name": "m"})
     with pytest.raises(ValueError, match="radius is positive, got -1"):
         end_effector_from_data({"kind": "suction", "name": "vac", "radius": -1})

@@ -1,0 +1,1 @@
+"""Hands whose three fingers close on a common axis."""

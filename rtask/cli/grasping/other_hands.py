@@ -1,0 +1,134 @@
+"""``rtask grasp plan`` in space with a suction cup or three fingers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.collision import Support
+    from grasp.spatial.grasp_plan import SpatialOptions
+    from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.suction_cup import SuctionCup
+    from grasp.spatial.three_finger.hand import ThreeFingerHand
+    from rtask.engine.perception.clutter import ClutterView
+    from rtask.engine.records.shapes import ObjectShape
+
+    Shape = Mesh | NDArray[np.float64]
+
+__all__ = ["plan_with_cup", "plan_with_three_fingers", "scene_view", "things_in"]
+
+
+def plan_with_cup(
+    shape: Shape,
+    known: ObjectShape | None,
+    cup: SuctionCup,
+    wanted: SpatialOptions,
+    options: dict[str, Any],
+) -> Proposals:
+    """Plan where a suction cup takes a mesh, what a cloud shows, or any thing of a scene."""
+    import numpy as np
+
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.collision import Support, Surroundings
+    from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.suction import plan_suction, plan_suction_on_cloud, plan_suction_on_scene
+
+    _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "a suction cup")
+    if options["scene"]:
+        view = scene_view(shape, options)
+        if isinstance(view, str):
+            return Proposals(reason=view)
+        eyes = np.array([options["viewpoint"]])
+        found = plan_suction_on_scene(
+            view.points, view.labels, cup, Support(view.table_height), eyes, wanted
+        )
+        return replace(found, notes=(things_in(view), *found.notes))
+    support, viewpoints = _standing(shape, known, options)
+    if isinstance(shape, Mesh):
+        return plan_suction(shape, cup, Surroundings(support), wanted)
+    return plan_suction_on_cloud(shape, cup, support, viewpoints, wanted)
+
+
+def plan_with_three_fingers(
+    shape: Shape,
+    known: ObjectShape | None,
+    hand: ThreeFingerHand,
+    wanted: SpatialOptions,
+    options: dict[str, Any],
+) -> Proposals:
+    """Plan where three fingers close on a mesh, or on what a cloud shows."""
+    from grasp.spatial.collision import Surroundings
+    from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
+    from rtask.errors import UsageError
+
+    _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "three fingers")
+    if options["scene"]:
+        raise UsageError("--mode scene is for grippers with two jaws and suction cups")
+    support, viewpoints = _standing(shape, known, options)
+    if isinstance(shape, Mesh):
+        return plan_three_finger(shape, hand, Surroundings(support), wanted)
+    return plan_three_finger_on_cloud(shape, hand, support, viewpoints, wanted)
+
+
+def _refuse_for(options: dict[str, Any], names: tuple[str, ...], what: str) -> None:
+    from rtask.errors import UsageError
+
+    for name in names:
+        if options[name]:
+            raise UsageError(
+                f"--{name.replace('_', '-')} is for grippers with two jaws, not {what}"
+            )
+
+
+def _standing(
+    shape: Shape, known: ObjectShape | None, options: dict[str, Any]
+) -> tuple[Support | None, NDArray[np.float64] | None]:
+    """Return what an object stands on, and where the cameras were that saw it."""
+    import numpy as np
+
+    from grasp.spatial.collision import Support
+    from grasp.spatial.meshes.mesh import Mesh
+
+    points = shape.vertices if isinstance(shape, Mesh) else shape
+    finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
+    support = None
+    if len(finite) and not options["floating"]:
+        support = Support(0.0 if known is not None else float(finite[:, 2].min()))
+    viewpoints = None if options["viewpoint"] is None else np.array([options["viewpoint"]])
+    if known is not None and len(known.viewpoints):
+        viewpoints = known.viewpoints
+    return support, viewpoints
+
+
+def scene_view(shape: Shape, options: dict[str, Any]) -> ClutterView | str:
+    """Return what a cloud with z up shows on its table, or why it shows nothing."""
+    import numpy as np
+
+    from features.geometry import look_at, transform
+    from grasp.spatial.meshes.mesh import Mesh
+    from rtask.engine.perception.clutter import view_clutter
+    from rtask.errors import UsageError
+
+    if isinstance(shape, Mesh):
+        raise UsageError("--mode scene needs the cloud of a table, not a mesh")
+    eye = options["viewpoint"]
+    if eye is None:
+        raise UsageError("--mode scene needs --viewpoint: the place of the camera, in m")
+    finite = shape[np.isfinite(shape).all(axis=1)]
+    if not len(finite):
+        return "the cloud holds no finite point"
+    frame_from_camera = look_at(np.array(eye), np.median(finite, axis=0))
+    view = view_clutter(
+        transform(np.linalg.inv(frame_from_camera), finite), None, frame_from_camera
+    )
+    return view or "no table: no level plane below the camera is large enough"
+
+
+def things_in(view: ClutterView) -> str:
+    return f"{len(view.segments)} things on a table at {1000 * view.table_height:.0f} mm"
