@@ -121,8 +121,10 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
         author = {} if agent is None else {"operator": agent}
         with connection(data, None) as client:
             for other, kept in merges_of(found):
-                request = {"operation": "merge", "object": other, "into": kept, **author}
-                commits.append(str(client.call("curate_object", **request)["commit"]))
+                request: dict[str, Any] = {"object": other, "into": kept, **author}
+                commits.append(
+                    str(client.call("curate_object", operation="merge", **request)["commit"])
+                )
     if as_json:
         print_json({"twins": [asdict(pair) for pair in found], "commits": commits})
     else:
