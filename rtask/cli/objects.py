@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
-from rtask.cli.connection import connection, open_graph
+from rtask.cli.connection import connection, open_graph, open_to_read
 from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
 
 __all__ = ["objects"]
@@ -20,7 +21,7 @@ _agent_option = agent_option(
 
 @click.group()
 def objects() -> None:
-    """Show, name, merge, split and forget objects, and undo such changes."""
+    """Show, name, merge, split and forget objects, find twins, and undo such changes."""
 
 
 @objects.command()
@@ -94,6 +95,45 @@ def merge(
 ) -> None:
     """Merge the object NAME into the object INTO: they are one and the same."""
     _curate((data, server), as_json, operation="merge", object=name, into=into, operator=agent)
+
+
+@objects.command()
+@click.option("--views", default=4, show_default=True, type=click.IntRange(min=1),
+              help="Views of each object that are tried, oldest first.")  # fmt: skip
+@click.option("--merge", "merges", is_flag=True, help="Merge them, each into the earlier object.")
+@data_option
+@_agent_option
+@json_option
+def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool) -> None:
+    """Find products that are stored twice: each is recognised as the other. Exit code 1 if any.
+
+    Look at both before merging: what looks alike may differ in what no camera sees. A merge can be
+    undone, as `rtask objects undo` says.
+    """
+    from rtask.cli.progress import Working
+    from rtask.engine.curation.twins import find_twins, merges_of
+    from rtask.extras import naming_extras
+
+    with open_to_read(data) as kb, naming_extras("rtask objects twins"), Working("comparing"):
+        found = find_twins(kb, views)
+    commits = list[str]()
+    if merges and found:
+        author = {} if agent is None else {"operator": agent}
+        with connection(data, None) as client:
+            for other, kept in merges_of(found):
+                request: dict[str, Any] = {"object": other, "into": kept, **author}
+                commits.append(
+                    str(client.call("curate_object", operation="merge", **request)["commit"])
+                )
+    if as_json:
+        print_json({"twins": [asdict(pair) for pair in found], "commits": commits})
+    else:
+        for pair in found:
+            click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
+        for commit in commits:
+            click.echo(f"merged: {commit}")
+    if found and not merges:
+        raise SystemExit(1)
 
 
 @objects.command()

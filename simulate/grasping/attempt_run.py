@@ -249,7 +249,12 @@ class AttemptRun:
             return way
         kept = self._follow(way.transport, watch=True)
         self._end("transport")
-        self._set_down(way)
+        if kept:
+            self._set_down(way)
+        else:  # set down, the empty hand would push about what lies there
+            self._open(self.plan.opening)
+            self._end("place")
+            self._withdraw(way.back)
         self._end("home")
         after = look()
         self.placed = judge_placed(kept, before, after)
@@ -269,7 +274,10 @@ class AttemptRun:
         self._measure_error(way.tool)
         self._open(1.0)
         self._end("place")
-        self._follow(way.retreat)
+        self._withdraw(way.retreat)
+
+    def _withdraw(self, way: Trajectory) -> None:
+        self._follow(way)
         self.robot.rest_hand(self.arm)
         self.robot.take_stance(UPRIGHT)
         self._steps(_REST_S - (self.world.time - self._phase_started))

@@ -113,12 +113,14 @@ def _filled(seen: HeightMap) -> float:
 class PlacePlan:
     """Waypoints over the box, down into it, and home once the hand is open.
 
-    ``tool`` (3,) m, base frame, is the tool position at release.
+    ``back`` leads home from over the box, for a hand that lost the object on the way; ``tool`` (3,)
+    m, base frame, is the tool position at release.
     """
 
     transport: Trajectory
     lower: Trajectory
     retreat: Trajectory
+    back: Trajectory
     tool: Floats
 
 
@@ -206,6 +208,7 @@ def _complete(
         transport,
         time_path(line[::-1], SPEED["approach"] * chain.velocity, CARRYING_ACCELERATION),
         join([time_path(line, 2 * SPEED["approach"] * chain.velocity), back]),
+        back,
         tool,
     )
 

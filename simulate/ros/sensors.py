@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from features.geometry import Frame
 from rtask.interop.ros.clouds import cloud_message
@@ -33,7 +34,8 @@ class Sensors:
 
     Topics are relative, so that a namespace tells robots apart; ``/joint_states``, ``/tf`` and
     ``/clock`` are absolute, as on real robots. Clouds and images are rendered only while somebody
-    subscribes.
+    subscribes. The frames have the names of drivers of Xtion and Kinect, and those that the
+    simulated sensor has in Gatto 2016, 1.5: ``CameraDepth3_frame/rgb/image_raw`` and so on.
 
     Parameters
     ----------
@@ -54,22 +56,31 @@ class Sensors:
         import tf2_msgs.msg
         import tf2_ros
         from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import CameraInfo, CompressedImage, JointState, PointCloud2
+        from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState, PointCloud2
 
         self._robot, self._rates, self._prefix = robot, rates, prefix
         self._camera = Camera(robot.world.client)
         self._noise, self._rng = SensorNoise(), np.random.default_rng(0)
         self._next_joints = self._next_frame = 0.0
-        camera = "camera/rgb"
+        camera, gazebo = "camera/rgb", f"{next(iter(robot.description.cameras))}_frame"
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if is_clock else None
         self._joints = rospy.Publisher("/joint_states", JointState, queue_size=1)
         self._tf = rospy.Publisher("/tf", tf2_msgs.msg.TFMessage, queue_size=10)
-        self._cloud = rospy.Publisher("camera/depth_registered/points", PointCloud2, queue_size=1)
+        self._clouds = [
+            rospy.Publisher(name, PointCloud2, queue_size=1)
+            for name in ("camera/depth_registered/points", f"{gazebo}/depth/points")
+        ]
         self._image = rospy.Publisher(
             f"{camera}/image_raw/compressed", CompressedImage, queue_size=1
         )
-        self._info = rospy.Publisher(f"{camera}/camera_info", CameraInfo, queue_size=1, latch=True)
-        self._info.publish(self._camera_info())
+        self._colour = rospy.Publisher(f"{gazebo}/rgb/image_raw", Image, queue_size=1)
+        self._depth = rospy.Publisher(f"{gazebo}/depth/image_raw", Image, queue_size=1)
+        self._infos = [
+            rospy.Publisher(f"{space}/camera_info", CameraInfo, queue_size=1, latch=True)
+            for space in (camera, f"{gazebo}/rgb", f"{gazebo}/depth")
+        ]
+        for info in self._infos:
+            info.publish(self._camera_info())
         self._fixed = tf2_ros.StaticTransformBroadcaster()
         self._fixed.sendTransform(self._fixed_transforms())
 
@@ -91,7 +102,8 @@ class Sensors:
             self._publish_joints(stamp)
         if time >= self._next_frame:
             self._next_frame = time + 1 / self._rates.frames_hz
-            if self._cloud.get_num_connections() or self._image.get_num_connections():
+            frames = (*self._clouds, self._image, self._colour, self._depth)
+            if any(topic.get_num_connections() for topic in frames):
                 self._publish_joints(stamp)  # where the camera is at the time of the frame
                 self._publish_frame(stamp)
 
@@ -114,9 +126,11 @@ class Sensors:
         frame = self._frame()
         assert frame.rgb is not None
         header = self._header(stamp)
-        if self._cloud.get_num_connections():
-            points = frame.points()
-            self._cloud.publish(cloud_message(points, frame.rgb, header))
+        clouds = [topic for topic in self._clouds if topic.get_num_connections()]
+        if clouds:
+            message = cloud_message(frame.points(), frame.rgb, header)
+            for topic in clouds:
+                topic.publish(message)
         if self._image.get_num_connections():
             from sensor_msgs.msg import CompressedImage
 
@@ -126,6 +140,10 @@ class Sensors:
             self._image.publish(
                 CompressedImage(header, "rgb8; jpeg compressed bgr8", data.tobytes())
             )
+        if self._colour.get_num_connections():
+            self._colour.publish(_image_message(frame.rgb, "rgb8", header))
+        if self._depth.get_num_connections():
+            self._depth.publish(_image_message(frame.depth_m.astype("<f4"), "32FC1", header))
 
     def _frame(self) -> Frame:
         world_from_camera = self._robot.world_from_base @ self._robot.base_from_camera()
@@ -177,3 +195,12 @@ class Sensors:
         fill(made.transform.translation, pose["position"], make_message)
         fill(made.transform.rotation, pose["orientation"], make_message)
         return made
+
+
+def _image_message(pixels: NDArray[Any], encoding: str, header: Any) -> Any:
+    """Return a sensor_msgs/Image of pixels (h, w) or (h, w, 3)."""
+    from sensor_msgs.msg import Image
+
+    rows = np.ascontiguousarray(pixels)
+    height, width = rows.shape[:2]
+    return Image(header, height, width, encoding, 0, rows.strides[0], rows.tobytes())

@@ -12,15 +12,26 @@ from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from rtask.errors import ServiceError
 from rtask.services import Call, Service, data_resource, method, startup
 from rtask.wire.message import Answer
-from rtask.wire.types import Array, ArrayOf, Carried, Number, Pose, Unit, Whole
+from rtask.wire.types import (
+    Array,
+    ArrayOf,
+    Carried,
+    JointTrajectory,
+    Number,
+    Pose,
+    Unit,
+    Whole,
+)
+from simulate.motion.joint_messages import goal_message
 from simulate.motion.kinematics import Chain
 from simulate.motion.rrt import IsFree, PlanOptions, edge_is_free, plan_path, shortcut
+from simulate.motion.trajectory import ACCELERATION, time_path
 from simulate.robots.description import Floats
 from simulate.services.kinematics import (
     chain_named,
@@ -84,11 +95,20 @@ class Traced(Answer):
     postures: list[Posture]
 
 
+class Timed(Answer):
+    """A path with its times, as a robot's driver takes it."""
+
+    trajectory: JointTrajectory
+    """of a control_msgs/FollowJointTrajectory goal; times as in ROS 1 and in ROS 2"""
+    duration_s: Annotated[float, Unit("s")]
+    """from its first posture, where the arm has to be, to its last"""
+
+
 class Trajopt(Service):
     """Motion planning of one robot among balls."""
 
     name = "example/Trajopt"
-    version = "1.1.0"
+    version = "1.2.0"
     robot = data_resource("binary", default="robots/PlanarArm", summary="as for example/Kinematics")
 
     @startup
@@ -198,6 +218,41 @@ class Trajopt(Service):
         options = PlanOptions(resolution=_RESOLUTION, shortcuts=tries)
         rng = np.random.default_rng(seed)
         return _answer(shortcut(_corners(chain, path), is_free, rng, options))
+
+    @method
+    def time(
+        self,
+        manipulator: str,
+        path: list[Array],
+        obstacles: Obstacles | None = None,
+        link_radius: Radius = 0.02,
+        speed: Annotated[Number, Gt(0), Le(1)] = 0.3,
+        acceleration: Annotated[Number, Gt(0), Le(100)] = ACCELERATION,
+    ) -> Timed:
+        """Give a path times, so that a robot can follow it (Gatto 2016, 4.2).
+
+        Corners are rounded where that touches no obstacle; elsewhere the robot stops at them.
+
+        Parameters
+        ----------
+        manipulator
+            Name of the arm.
+        path
+            Postures at its corners; free of obstacles.
+        obstacles
+            Balls, [[x, y, z, radius], ...] in m; default: none.
+        link_radius
+            Half the thickness of the links.
+        speed
+            Share of the joints' velocity limits.
+        acceleration
+            Largest of every joint, rad/s^2 (m/s^2).
+        """
+        chain = chain_named(self.chains, manipulator)
+        is_free = _is_free(chain, obstacles, link_radius)
+        way = time_path(_corners(chain, path), speed * chain.velocity, acceleration, is_free)
+        trajectory = goal_message(way, chain.names)["trajectory"]
+        return Timed(trajectory=trajectory, duration_s=way.duration)
 
     @method
     def trace(

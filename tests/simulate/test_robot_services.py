@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import simulate.services
-from rtask.errors import ServiceError
+from rtask.errors import ServiceError, UsageError
 from rtask.services import ServiceHost
+from simulate.motion.joint_messages import read_trajectory
 from simulate.motion.kinematics import Chain
 from simulate.robots import describe
 
@@ -100,6 +101,25 @@ def test_a_path_leads_around_what_is_in_the_way(host, robot, start, goal, obstac
     smoothed = service.smooth("arm", planned.path, [obstacle], tries=200)
     assert smoothed.length <= planned.length
     assert service.check("arm", smoothed.path, [obstacle]).free
+
+
+def test_a_path_gets_times_that_a_driver_of_the_arm_can_follow(host):
+    service = host.connect("example/Trajopt", {"robot": "robots/PlanarArm"})
+    corners = [[-1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [1.0, 0.0, 0.0]]
+    timed = service.time("arm", corners, speed=0.5)
+    told = timed.trajectory
+    way = read_trajectory(told, told["joint_names"], np.array(corners[0]))
+    assert way.duration == pytest.approx(timed.duration_s)
+    np.testing.assert_allclose(way.positions[[0, -1]], [corners[0], corners[-1]], atol=1e-9)
+    speeds = np.abs(np.diff(way.positions, axis=0) / np.diff(way.times)[:, None])
+    slow = service.time("arm", corners, speed=0.25)
+    assert slow.duration_s > 1.5 * timed.duration_s
+    again = read_trajectory(slow.trajectory, told["joint_names"], np.array(corners[0]))
+    slower = np.abs(np.diff(again.positions, axis=0) / np.diff(again.times)[:, None])
+    # Within a step of 10 ms, a mean over it.
+    assert slower.max() == pytest.approx(speeds.max() / 2, rel=0.05)
+    with pytest.raises(UsageError, match="speed: 0 is not above 0"):
+        service.time("arm", corners, speed=0.0)
 
 
 def test_a_goal_inside_an_obstacle_is_refused(host):

@@ -47,6 +47,7 @@ _OF_FILES = {
     "episodes list": "as export",
     "episodes import": "writes pictures and clouds into the folder",
     "history": "reads the journal, whose statements no address gives",
+    "objects twins": "reads the views of the folder",
     "load": "loads files of this machine; a server takes them by the graph store protocol",
     "ontology unload": "maintenance", "ontology upgrade": "maintenance",
     "quarantine": "maintenance", "rebuild": "maintenance", "validate": "maintenance",

@@ -11,6 +11,7 @@ import rtask
 from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import iri
 
 pytestmark = pytest.mark.slow
 
@@ -100,3 +101,22 @@ def test_objects_are_merged_shown_taken_back_and_forgotten(capsys, folder):
     gone = json.loads(told(capsys, "objects", "forget", one, "--purge", "-d", data, "--json"))
     assert gone["object"] == one
     assert "no object" in refused(capsys, "objects", "show", one, "-d", data)
+
+
+def test_what_is_stored_twice_is_found_and_merged(folder, bench, capsys):
+    where, things = folder
+    with rtask.open(where, reason=False) as kb, Engine(kb) as engine:
+        robot = bench.Robot("nao-1", engine)
+        others = [
+            robot.insert(bench.sight(other))["objects"][0]["object"]
+            for other in (bench.CAN, bench.PEN)
+        ]
+        assert len({*things, *others}) == 4
+    assert refused(capsys, "objects", "twins", "--data", where) == ""  # only the code tells of them
+    merged = json.loads(told(capsys, "objects", "twins", "--merge", "--data", where, "--json"))
+    (pair,) = merged["twins"]
+    assert [pair["first"], pair["second"]] == things
+    assert 0.5 < pair["confidence"] <= 1.0
+    with rtask.open(where, mode="r") as kb:
+        assert kb.match(None, RT.mergedInto, iri(things[0]))[0].subject.value == things[1]
+    assert json.loads(told(capsys, "objects", "twins", "--data", where, "--json"))["twins"] == []

@@ -19,6 +19,9 @@ import pytest
 
 import ontology
 import rtask
+from rtask.interop.episodes.episode import episodes_of
+from rtask.interop.episodes.lerobot import write_lerobot
+from rtask.interop.episodes.motion import Motion
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -118,6 +121,21 @@ def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) 
     assert set(where.values()) <= {"left box", "right box"}
     for question in ("eq05", "eq06", "eq08", "eq09", "eq11", "eq14", "eq17", "eq19"):
         assert answers[question], question
+
+
+def test_the_joints_of_its_attempts_make_data_sets(finished: Any, tmp_path: Path) -> None:
+    folder, result = finished
+    tried = sum(met["tries"] for met in result["objects"])  # attempts in which something moved
+    with rtask.open(folder / "store", mode="r") as kb:
+        found = [one for one in episodes_of(kb) if one.motion]
+        motions = [Motion.from_bytes(kb.blobs.read(one.motion)) for one in found]
+        assert {motion.joints[-1] for motion in motions} <= {"nao_left_hand", "nao_right_hand"}
+        hand = motions[0].joints[-1]
+        written = write_lerobot(kb, found, tmp_path / "set", hand=hand)
+    assert len(found) == tried >= len(result["robots"])
+    assert written.episodes == sum(motion.joints[-1] == hand for motion in motions)
+    info = json.loads((tmp_path / "set/meta/info.json").read_text("utf-8"))
+    assert info["total_frames"] > 20 * written.episodes  # a second each, at least
 
 
 def test_most_objects_in_reach_are_held(finished: Any) -> None:

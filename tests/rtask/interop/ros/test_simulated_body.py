@@ -68,6 +68,26 @@ KEPT = {
 }
 
 
+def test_the_camera_has_the_topics_of_the_thesis(robot, body):
+    space = "/CameraDepth3_frame"
+    topics = {
+        f"{space}/rgb/image_raw": "Image",
+        f"{space}/depth/image_raw": "Image",
+        f"{space}/depth/points": "PointCloud2",
+        f"{space}/rgb/camera_info": "CameraInfo",
+        f"{space}/depth/camera_info": "CameraInfo",
+    }
+    for topic, kind in topics.items():
+        robot("listen", topic=topic, type=f"sensor_msgs/{kind}")
+    heard = {topic: robot("hear", topic=topic) for topic in topics}
+    for topic, message in heard.items():
+        assert message["header"]["frame_id"] == "camera_depth_optical_frame", topic
+        assert (message["height"], message["width"]) == (480, 640), topic
+    assert heard[f"{space}/rgb/image_raw"]["encoding"] == "rgb8"
+    assert heard[f"{space}/depth/image_raw"]["encoding"] == "32FC1"
+    assert heard[f"{space}/depth/camera_info"]["K"][0] == pytest.approx(467.74, abs=0.01)
+
+
 def record(bag, roscore):
     """Record the kept topics for some seconds with ROS's own program."""
     done = subprocess.run(

@@ -1,0 +1,135 @@
+"""Twins: objects of the graph whose stored views are recognised as each other's.
+
+A product that was met twice without being recognised is stored as two objects, and is then told
+apart by nothing: its views are as much like the one as like the other, so that recognition answers
+"multiple".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rtask.engine.stored import StoredView, stored_views
+
+if TYPE_CHECKING:
+    from features.recognition.index.recognition_index import RecognitionIndex
+    from features.recognition.recogniser import Recogniser
+    from features.recognition.views.view import ViewFeatures
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Twins", "find_twins", "merges_of"]
+
+_Described = tuple[StoredView, "ViewFeatures"]
+
+
+@dataclass(frozen=True)
+class Twins:
+    """Two objects that seem to be one.
+
+    Parameters
+    ----------
+    first, second
+        IRIs, the earlier one first.
+    confidence
+        The lower of the best ones with which a view of either was recognised as the other.
+    """
+
+    first: str
+    second: str
+    confidence: float
+
+
+def find_twins(
+    kb: GraphCore, views_each: int = 4, min_confidence: float | None = None
+) -> list[Twins]:
+    """Return the pairs of objects of which each is recognised as the other, surest first.
+
+    Each object is left out of an index of its own for this, and some of its views are recognised
+    against all others.
+
+    Parameters
+    ----------
+    kb
+        The graph; nothing changes.
+    views_each
+        How many views of each object are tried, oldest first.
+    min_confidence
+        From which a view counts as recognised; None = as in recognition.
+    """
+    from features.recognition.index.recognition_index import RecognitionIndex
+    from features.recognition.recogniser import Recogniser
+
+    index = RecognitionIndex()
+    objects: dict[str, list[_Described]] = {}
+    for view in stored_views(kb):
+        features = view.features(kb)
+        if features is not None:
+            index.add(view.view, view.object, view.class_iri, features)
+            objects.setdefault(view.object, []).append((view, features))
+    recogniser = Recogniser(index)
+    taken_for = {
+        thing: _recognised_without(index, recogniser, views, views_each, min_confidence)
+        for thing, views in objects.items()
+    }
+    return _mutual(taken_for)
+
+
+def _recognised_without(
+    index: RecognitionIndex,
+    recogniser: Recogniser,
+    views: Sequence[_Described],
+    views_each: int,
+    min_confidence: float | None,
+) -> dict[str, float]:
+    """Return the objects as which an object's views are recognised, with the best confidence."""
+    for view, _ in views:
+        index.remove(view.view)
+    found: dict[str, float] = {}
+    for _, features in views[:views_each]:
+        answer = recogniser.recognise(features, min_confidence=min_confidence, max_results=1)
+        if answer.accepted:
+            match = answer.matches[0]
+            found[match.object_iri] = max(match.confidence, found.get(match.object_iri, 0.0))
+    for view, features in views:
+        index.add(view.view, view.object, view.class_iri, features)
+    return found
+
+
+def _mutual(taken_for: Mapping[str, Mapping[str, float]]) -> list[Twins]:
+    """Return the pairs in which each was taken for the other.
+
+    >>> _mutual({"a": {"b": 0.9}, "b": {"a": 0.8}, "c": {"a": 1.0}})
+    [Twins(first='a', second='b', confidence=0.8)]
+    """
+    order = {thing: k for k, thing in enumerate(taken_for)}
+    pairs = [
+        Twins(one, other, min(sure, taken_for[other][one]))
+        for one, others in taken_for.items()
+        for other, sure in others.items()
+        if order[one] < order[other] and one in taken_for[other]
+    ]
+    return sorted(pairs, key=lambda pair: -pair.confidence)
+
+
+def merges_of(pairs: Sequence[Twins]) -> list[tuple[str, str]]:
+    """Return which object to merge into which, so that each ends in the first of its group.
+
+    >>> merges_of([Twins("a", "b", 0.9), Twins("b", "c", 0.8), Twins("a", "c", 0.7)])
+    [('b', 'a'), ('c', 'a')]
+    """
+    into: dict[str, str] = {}
+
+    def kept(thing: str) -> str:
+        while thing in into:
+            thing = into[thing]
+        return thing
+
+    merges = []
+    for pair in pairs:
+        first, second = kept(pair.first), kept(pair.second)
+        if first != second:
+            into[second] = first
+            merges.append((second, first))
+    return merges
