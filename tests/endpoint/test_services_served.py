@@ -171,6 +171,8 @@ def test_the_client_calls_by_proxy_with_arrays_and_bytes(server):
         assert arm.forward(np.zeros(2))[0, 3] == 2.0
         assert arm.weigh(b"abc") == 3
         assert arm.stretch([1.0])["distance"] == 1.0
+        assert [pose[0, 3] for pose in arm.map.forward([[0], [0, 0]])] == [1.0, 2.0]
+        assert arm.submit.weigh(b"ab").result(60) == 2
         with pytest.raises(CallFailedError, match="scale: 11 is above 10"):
             arm.forward([0], scale=11)
         with pytest.raises(CallFailedError, match="did you mean lab/Arm"):

@@ -53,6 +53,23 @@ def test_a_proxy_has_the_signatures_and_returns_single_values_as_they_are(host):
         arm.forward()
 
 
+def test_a_proxy_calls_later_and_for_many_requests_at_once(host):
+    arm = host.connect("lab/Arm@1.*")
+    far, near = arm.submit.forward([0.0], scale=3), arm.submit.forward([0.0])
+    assert (far.result(60)[0, 3], near.result(60)[0, 3]) == (3.0, 1.0)
+    with pytest.raises(UsageError, match="scale: 11 is above 10"):
+        arm.submit.forward([0.0], scale=11).result(60)
+    requests = [[0.0] * (n % 3 + 1) for n in range(20)]
+    found = arm.map.forward(requests, parallel=4)
+    assert [pose[0, 3] for pose in found] == [n % 3 + 1 for n in range(20)]
+    named = arm.map.forward({"joints": [0.0], "scale": n} for n in range(3))
+    assert [pose[0, 3] for pose in named] == [0.0, 1.0, 2.0]
+    for way in (arm.submit, arm.map):
+        assert way.forward.__doc__.startswith("Pose of the hand")
+        with pytest.raises(UnknownTermError, match="did you mean 'forward'"):
+            way.foward([0])
+
+
 @pytest.mark.parametrize(
     ("args", "words"),
     [
