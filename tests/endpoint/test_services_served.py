@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import time
 from collections.abc import Iterator
@@ -199,6 +200,40 @@ def test_the_command_line_calls_a_server(server):
     assert json.loads(called.output) == {"distance": 2.0, "joints": [1.0, 2.0]}
     listed = run(cli, ["service", "list", "--server", server.url])
     assert "lab/Arm@1.2.0  A planar arm" in listed.output
+
+
+def test_a_pipeline_moves_a_small_part_of_the_bytes_of_its_calls(http):
+    points = np.random.default_rng(3).uniform(0, 1, (30_000, 3)).astype(np.float32)
+    moved = 0
+
+    def call(method: str, **request: Any) -> dict[str, Any]:
+        nonlocal moved
+        answer = http.post(f"/services/{method}", json=request).raise_for_status()
+        moved += len(answer.request.content) + len(answer.content)
+        return answer.json()
+
+    data = base64.b64encode(points.tobytes()).decode()
+    read = call("lab/Scan/read", data=data)
+    shifted = call("lab/Scan/move", points=read["points"], by=[1, 0, 0])
+    one_by_one, apart = call("lab/Scan/centre", points=shifted["points"])["centre"], moved
+    moved = 0
+    steps = [
+        {"id": "read", "call": "lab/Scan/read", "inputs": {"data": {"$input": "data"}}},
+        {
+            "id": "shifted",
+            "call": "lab/Scan/move",
+            "inputs": {"points": {"$ref": "read.points"}, "by": [1, 0, 0]},
+        },
+        {
+            "id": "mean",
+            "call": "lab/Scan/centre",
+            "inputs": {"points": {"$ref": "shifted.points"}},
+        },
+    ]
+    output = {"centre": {"$ref": "mean.centre"}}
+    found = call("rtask/Pipeline/run", inputs={"data": data}, steps=steps, output=output)
+    assert found["output"]["centre"] == one_by_one
+    assert moved < 0.15 * apart
 
 
 def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http, tmp_path):
