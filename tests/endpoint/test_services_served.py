@@ -270,6 +270,34 @@ def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http,
     assert http.post("/services/lab/Reach/run", json={"joints": [0, 0]}).status_code == 404
 
 
+def test_services_are_compared_and_the_results_kept_as_a_version(server, http, tmp_path):
+    (tmp_path / "cases.jsonl").write_text('{"joints": [0, 0]}\n{"joints": "x"}\n')
+    file = tmp_path / "reach.toml"
+    file.write_text(
+        'method = "stretch"\nservices = ["lab/Arm@1.*"]\ncases = "cases.jsonl"\n'
+        'measures = ["distance"]\nresults = "lab/Results"\n'
+    )
+    command = ["service", "benchmark", str(file), "--server", server.url]
+    done = CliRunner().invoke(cli, command)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("lab/Arm@1.2.0\n    2 calls, 1 failed; median ")
+    assert done.stdout.endswith("    distance: mean 2 [2, 2]\nresults: lab/Results@1\n")
+    again = json.loads(CliRunner().invoke(cli, [*command, "--json"]).stdout)
+    assert [row["failed"] for row in again["rows"]] == [1]
+    files = http.get("/datasets/lab/Results").json()["files"]
+    assert 1 <= len(files) <= 2  # one for each second in which a benchmark began
+    text = http.get(f"/datasets/lab/Results/files/{min(files)}").text
+    records = [json.loads(line) for line in text.splitlines()]
+    assert [one["service"] for one in records] == ["lab/Arm@1.2.0"] * 2
+    assert "joints: expected a list" in records[1]["error"]
+    file.write_text(file.read_text().replace("1.*", "1.1.9"))
+    for wrong, words in (
+        (command[:3], "name it by --server"),
+        (command, "has no method 'stretch'"),
+    ):
+        assert words in str(CliRunner().invoke(cli, wrong).exception)
+
+
 def test_the_description_covers_services(http):
     described = http.get("/openapi.json").json()
     validate(described)
