@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rtask.cli.options import json_option, option, print_json, server_option
-from rtask.errors import UsageError
+from rtask.errors import UsageError, nearest
+
+if TYPE_CHECKING:
+    from rtask.services.benchmark import Run
 
 __all__ = ["service"]
 
@@ -25,6 +29,8 @@ class _Services:
     listing: Callable[[], list[dict[str, Any]]]
     description: Callable[[str], dict[str, Any]]
     call: Callable[..., dict[str, Any]]
+    dataset: Callable[[str], str]
+    """Returns the exact version of a dataset."""
 
 
 _load_option = click.option(
@@ -158,6 +164,51 @@ def save_pipeline(file: Path, server: str | None, as_json: bool) -> None:
     click.echo(f"{found['name']}@{found['version']}: {found['summary']}")
 
 
+@service.command("benchmark")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@server_option
+@_load_option
+@json_option
+def benchmark(file: Path, server: str | None, sources: tuple[str, ...], as_json: bool) -> None:
+    """Compare services on datasets, by the same cases.
+
+    FILE is TOML: method, services, cases (a file with a request as JSON in each line), and
+    perhaps resource and datasets, measures (numbers of the answer), repeat, timeout_s, and results
+    (a dataset of the server that keeps every call's result as a version).
+    """
+    from rtask.cli.progress import Working
+    from rtask.services.benchmark import read_benchmark, run_benchmark, summarise
+
+    plan = read_benchmark(file)
+    if plan.results and not server:
+        raise UsageError("results are kept by a server: name it by --server, or leave results out")
+    with _offered(server, sources) as offered:
+        described = [offered.description(name) for name in plan.services]
+        for one in described:
+            if plan.method not in one["methods"]:
+                hint = nearest(plan.method, list(one["methods"]))
+                raise UsageError(f"{one['name']} has no method {plan.method!r}{hint}")
+        exact = replace(
+            plan,
+            services=tuple(f"{one['name']}@{one['version']}" for one in described),
+            datasets=tuple(offered.dataset(name) for name in plan.datasets),
+        )
+        with Working("calling services") as working:
+            runs = run_benchmark(exact, offered.call, working.tell)
+    rows = summarise(runs)
+    kept = _keep(server, plan.results, runs, file) if server and plan.results else ""
+    if as_json:
+        print_json({"rows": [asdict(row) for row in rows], "results": kept})
+        return
+    for row in rows:
+        click.echo(f"{row.service}  {row.dataset}".rstrip())
+        click.echo(f"    {row.calls} calls, {row.failed} failed; median {_shown(row.ms)} ms")
+        for name, found in row.measures.items():
+            click.echo(f"    {name}: mean {_shown(found)}")
+    if kept:
+        click.echo(f"results: {kept}")
+
+
 @service.command("run", context_settings={"ignore_unknown_options": True})
 @click.argument("script", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
@@ -207,7 +258,12 @@ def _offered(server: str | None, sources: tuple[str, ...]) -> Iterator[_Services
         if sources:
             raise UsageError("--load is for services of this machine; a server has its own")
         with rtask.connect(server, token=os.environ.get("RTASK_TOKEN")) as client:
-            yield _Services(client.services, client.describe_service, client.call_service)
+            yield _Services(
+                client.services,
+                client.describe_service,
+                client.call_service,
+                lambda name: _exact_dataset(server, name),
+            )
         return
     from rtask.services.offered import open_host
 
@@ -216,4 +272,38 @@ def _offered(server: str | None, sources: tuple[str, ...]) -> Iterator[_Services
         def call(name: str, method: str, args: Any, data: Any, timeout_s: Any) -> dict[str, Any]:
             return host.call(name, method, args, None, data, timeout_s).as_json()
 
-        yield _Services(host.listing, host.description, call)
+        def dataset(name: str) -> str:
+            return host.datasets.find(name).name
+
+        yield _Services(host.listing, host.description, call, dataset)
+
+
+def _exact_dataset(server: str, name: str) -> str:
+    from rtask.client.datasets import DatasetClient
+
+    with DatasetClient(server, os.environ.get("RTASK_TOKEN")) as client:
+        return str(client.describe(name)["name"])
+
+
+def _keep(server: str, name: str, runs: Sequence[Run], file: Path) -> str:
+    """Store results as records of a dataset, and return the version that holds them."""
+    from rtask.client.datasets import DatasetClient
+    from rtask.services.datasets.records import write_records
+
+    began = datetime.now(UTC).isoformat(timespec="seconds")
+    records = {
+        f"{number:06d}": {"id": f"{began}-{number}", "benchmark": file.stem, **asdict(run)}
+        for number, run in enumerate(runs)
+    }
+    with DatasetClient(server, os.environ.get("RTASK_TOKEN")) as client:
+        if name not in client.names():
+            client.create(name, key="id")
+        client.put(name, f"{file.stem}/{began}.jsonl", write_records(records))
+        return str(client.snapshot(name, f"benchmark {file.stem}")["name"])
+
+
+def _shown(found: tuple[float, float, float] | None) -> str:
+    if found is None:
+        return "-"
+    value, low, high = found
+    return f"{value:.4g} [{low:.4g}, {high:.4g}]"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,8 @@ __all__ = ["Offer", "Proxy", "offer_of", "offer_read"]
 
 _POSE = "geometry_msgs/Pose"
 _ARRAYS = ("float64[]", "geometry_msgs/Point[]")
+_THREADS = 32
+_PARALLEL = 8
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,8 @@ class Proxy:
     """The methods of a service, with their signatures and documentation.
 
     A method whose answer is one value returns that value; others return the answer. Numpy arrays
-    and (4, 4) poses are taken and returned as such.
+    and (4, 4) poses are taken and returned as such. A method that is called ``submit`` or ``map``
+    takes the place of the attribute of that name.
 
     Parameters
     ----------
@@ -52,7 +58,16 @@ class Proxy:
     offers
         Its methods.
     caller
-        Carries out a method with its arguments.
+        Carries out a method with its arguments; may be called from several threads at once.
+
+    Attributes
+    ----------
+    submit
+        The same methods, each of which returns a :class:`concurrent.futures.Future` at once:
+        ``proxy.submit.forward([0, 0, 0])``.
+    map
+        The same methods for many requests: ``proxy.map.forward(requests, parallel=8)``. A request
+        is the first argument, or a dict of arguments. Answers have the order of the requests.
     """
 
     def __init__(
@@ -60,16 +75,62 @@ class Proxy:
     ) -> None:
         self.service = name
         self._names = [one.name for one in offers]
-        for one in offers:
-            setattr(self, one.name, _bound(one, caller))
+        methods = {one.name: _bound(one, caller) for one in offers}
+        self.submit = _Methods(self._unknown, {n: self._later(f) for n, f in methods.items()})
+        self.map = _Methods(self._unknown, {n: _for_many(f) for n, f in methods.items()})
+        vars(self).update(methods)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        raise UnknownTermError(f"{self.service} has no method {name!r}{nearest(name, self._names)}")
+        raise self._unknown(name)
 
     def __repr__(self) -> str:
         return f"<{self.service}: {', '.join(self._names)}>"
+
+    @cached_property
+    def _threads(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(_THREADS, thread_name_prefix=self.service)
+
+    def _later(self, function: Callable[..., Any]) -> Callable[..., Future[Any]]:
+        @functools.wraps(function)
+        def submit(*args: Any, **kwargs: Any) -> Future[Any]:
+            return self._threads.submit(function, *args, **kwargs)
+
+        return submit
+
+    def _unknown(self, name: str) -> UnknownTermError:
+        return UnknownTermError(
+            f"{self.service} has no method {name!r}{nearest(name, self._names)}"
+        )
+
+
+class _Methods:
+    """The methods of a proxy, called in another way."""
+
+    def __init__(
+        self, unknown: Callable[[str], UnknownTermError], methods: Mapping[str, Callable[..., Any]]
+    ) -> None:
+        vars(self).update(methods)
+        self._unknown = unknown
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        raise self._unknown(name)
+
+
+def _for_many(function: Callable[..., Any]) -> Callable[..., list[Any]]:
+    def carry_out(requests: Iterable[Any], *, parallel: int = _PARALLEL) -> list[Any]:
+        def one(request: Any) -> Any:
+            return function(**request) if isinstance(request, Mapping) else function(request)
+
+        with ThreadPoolExecutor(parallel) as threads:
+            return list(threads.map(one, requests))
+
+    carry_out.__name__ = carry_out.__qualname__ = function.__name__
+    carry_out.__doc__ = function.__doc__
+    return carry_out
 
 
 def _bound(offer: Offer, caller: Callable[[str, dict[str, Any]], Any]) -> Callable[..., Any]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rtask.errors import ForbiddenError, MissingDataError
+from rtask.errors import ForbiddenError, MissingDataError, UsageError
 from rtask.kb.commit.access import Access
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.commit import Commit
+    from pyoxigraph import Quad
+
+    from rtask.kb.commit.commit import Change, Commit
     from rtask.kb.core import GraphCore
+    from rtask.rdf.terms import NamedNode, Subject, Value
 
 __all__ = ["Files", "GraphResource", "Resource", "WritableFiles"]
 
@@ -93,9 +98,55 @@ class GraphResource:
         self._graph = graph
         self._writable = writable
 
+    @property
+    def seq(self) -> int:
+        """Number of the newest commit."""
+        return self._graph.seq
+
     def query(self, text: str, **options: Any) -> Any:
         """Answer a SPARQL query; see :meth:`rtask.KnowledgeBase.query`."""
         return self._graph.query(text, **options)
+
+    def ask(self, text: str) -> bool:
+        """Answer an ASK query.
+
+        Raises
+        ------
+        UsageError
+            The query is another one.
+        """
+        answer = self._graph.query(text)
+        if not isinstance(answer, bool):
+            raise UsageError("expected an ASK query")
+        return answer
+
+    def match(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+    ) -> list[Quad]:
+        """Return the statements that match a pattern; None matches everything."""
+        return self._graph.match(subject, predicate, value, graph)
+
+    @contextmanager
+    def at(self, seq: int) -> Iterator[GraphResource]:
+        """Yield the graph as it was after a commit, a copy in memory that nobody changes.
+
+        Several queries of one call that must agree with each other ask the graph at :attr:`seq`.
+
+        Raises
+        ------
+        UsageError, GoneError, UnsupportedError
+            As :meth:`rtask.KnowledgeBase.as_of`.
+        """
+        with self._graph.as_of(seq) as then:
+            yield GraphResource(then, writable=False)
+
+    def follow(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call back with each commit from now on; return a function that ends this."""
+        return self._graph.on_commit(listener)
 
     def update(self, text: str, access: Access) -> Commit | None:
         """Carry out a SPARQL update under the name of a caller, ``call.caller``.

@@ -74,7 +74,8 @@ class Model:
 
 def shard_times(executor: Executor, trials: Trials, nodes: int) -> np.ndarray:
     """Return the processor seconds (nodes,) of each node's shard."""
-    return np.array(executor.map(TimedTrials(trials), shard(0, SAMPLES, nodes)))
+    found = dict(executor.finished(TimedTrials(trials), shard(0, SAMPLES, nodes)))
+    return np.array([found[node] for node in sorted(found)])
 
 
 def start_ups(times: int = 5) -> list[float]:

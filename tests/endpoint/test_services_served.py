@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import time
 from collections.abc import Iterator
@@ -171,6 +172,8 @@ def test_the_client_calls_by_proxy_with_arrays_and_bytes(server):
         assert arm.forward(np.zeros(2))[0, 3] == 2.0
         assert arm.weigh(b"abc") == 3
         assert arm.stretch([1.0])["distance"] == 1.0
+        assert [pose[0, 3] for pose in arm.map.forward([[0], [0, 0]])] == [1.0, 2.0]
+        assert arm.submit.weigh(b"ab").result(60) == 2
         with pytest.raises(CallFailedError, match="scale: 11 is above 10"):
             arm.forward([0], scale=11)
         with pytest.raises(CallFailedError, match="did you mean lab/Arm"):
@@ -197,6 +200,40 @@ def test_the_command_line_calls_a_server(server):
     assert json.loads(called.output) == {"distance": 2.0, "joints": [1.0, 2.0]}
     listed = run(cli, ["service", "list", "--server", server.url])
     assert "lab/Arm@1.2.0  A planar arm" in listed.output
+
+
+def test_a_pipeline_moves_a_small_part_of_the_bytes_of_its_calls(http):
+    points = np.random.default_rng(3).uniform(0, 1, (30_000, 3)).astype(np.float32)
+    moved = 0
+
+    def call(method: str, **request: Any) -> dict[str, Any]:
+        nonlocal moved
+        answer = http.post(f"/services/{method}", json=request).raise_for_status()
+        moved += len(answer.request.content) + len(answer.content)
+        return answer.json()
+
+    data = base64.b64encode(points.tobytes()).decode()
+    read = call("lab/Scan/read", data=data)
+    shifted = call("lab/Scan/move", points=read["points"], by=[1, 0, 0])
+    one_by_one, apart = call("lab/Scan/centre", points=shifted["points"])["centre"], moved
+    moved = 0
+    steps = [
+        {"id": "read", "call": "lab/Scan/read", "inputs": {"data": {"$input": "data"}}},
+        {
+            "id": "shifted",
+            "call": "lab/Scan/move",
+            "inputs": {"points": {"$ref": "read.points"}, "by": [1, 0, 0]},
+        },
+        {
+            "id": "mean",
+            "call": "lab/Scan/centre",
+            "inputs": {"points": {"$ref": "shifted.points"}},
+        },
+    ]
+    output = {"centre": {"$ref": "mean.centre"}}
+    found = call("rtask/Pipeline/run", inputs={"data": data}, steps=steps, output=output)
+    assert found["output"]["centre"] == one_by_one
+    assert moved < 0.15 * apart
 
 
 def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http, tmp_path):
@@ -231,6 +268,34 @@ def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http,
     gone = {"pipeline": "lab/Reach", "version": "1.0.0"}
     assert http.post("/services/rtask/Pipeline/remove", json=gone).is_success
     assert http.post("/services/lab/Reach/run", json={"joints": [0, 0]}).status_code == 404
+
+
+def test_services_are_compared_and_the_results_kept_as_a_version(server, http, tmp_path):
+    (tmp_path / "cases.jsonl").write_text('{"joints": [0, 0]}\n{"joints": "x"}\n')
+    file = tmp_path / "reach.toml"
+    file.write_text(
+        'method = "stretch"\nservices = ["lab/Arm@1.*"]\ncases = "cases.jsonl"\n'
+        'measures = ["distance"]\nresults = "lab/Results"\n'
+    )
+    command = ["service", "benchmark", str(file), "--server", server.url]
+    done = CliRunner().invoke(cli, command)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("lab/Arm@1.2.0\n    2 calls, 1 failed; median ")
+    assert done.stdout.endswith("    distance: mean 2 [2, 2]\nresults: lab/Results@1\n")
+    again = json.loads(CliRunner().invoke(cli, [*command, "--json"]).stdout)
+    assert [row["failed"] for row in again["rows"]] == [1]
+    files = http.get("/datasets/lab/Results").json()["files"]
+    assert 1 <= len(files) <= 2  # one for each second in which a benchmark began
+    text = http.get(f"/datasets/lab/Results/files/{min(files)}").text
+    records = [json.loads(line) for line in text.splitlines()]
+    assert [one["service"] for one in records] == ["lab/Arm@1.2.0"] * 2
+    assert "joints: expected a list" in records[1]["error"]
+    file.write_text(file.read_text().replace("1.*", "1.1.9"))
+    for wrong, words in (
+        (command[:3], "name it by --server"),
+        (command, "has no method 'stretch'"),
+    ):
+        assert words in str(CliRunner().invoke(cli, wrong).exception)
 
 
 def test_the_description_covers_services(http):

@@ -17,6 +17,7 @@ from rtask.wire.message import Answer
 from rtask.wire.types import Array, Bytes, Pose, Unit
 
 CLOSED: list[str] = []
+HEARD: list[Any] = []
 
 
 class Stretch(Answer):
@@ -139,6 +140,27 @@ class Detour(Service):
         assert call.chain == ("lab/Detour",)
         distance: float = found.distance
         return distance
+
+
+class Scan(Service):
+    """Points of a scan, in steps whose middle results are large."""
+
+    name = "lab/Scan"
+
+    @method(output="points")
+    def read(self, data: bytes) -> Array:
+        """Return the coordinates that bytes hold, float32."""
+        return np.frombuffer(data, np.float32).astype(float)
+
+    @method(output="points")
+    def move(self, points: Array, by: Array) -> Array:
+        """Return the coordinates of points, moved."""
+        return (points.reshape(-1, 3) + by).ravel()
+
+    @method(output="centre")
+    def centre(self, points: Array) -> Array:
+        """Return the centre of points."""
+        return points.reshape(-1, 3).mean(axis=0)
 
 
 class Fragile(Service):
@@ -270,3 +292,33 @@ class Counter(Service):
         """Count all statements."""
         rows = self.graph.query("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }")
         return int(next(iter(rows))["n"].value)
+
+    @method(scope="write")
+    def note(self, text: str, call: Call) -> None:
+        """Write to the graph."""
+        self.graph.update(f'INSERT DATA {{ <urn:note> <urn:says> "{text}" }}', call.caller)
+
+
+class NoteTaker(Counter):
+    """A service that may write to the graph, and looks back."""
+
+    name = "lab/NoteTaker"
+    graph = data_resource("graph", writable=True)
+
+    @startup
+    def listen(self) -> None:
+        self.stop = self.graph.follow(HEARD.append)
+
+    @shutdown
+    def leave(self) -> None:
+        self.stop()
+
+    @method(output="texts")
+    def before(self, seq: int) -> list[str]:
+        """Return the notes after a commit, and whether they are there now."""
+        with self.graph.at(seq) as then:
+            texts = [quad.object.value for quad in then.match("urn:note", "urn:says")]
+            there = [self.graph.ask(f'ASK {{ <urn:note> <urn:says> "{one}" }}') for one in texts]
+            assert all(there), "nothing was removed"
+            assert then.seq == seq
+            return sorted(texts)

@@ -28,9 +28,11 @@ from rtask.services import (
     startup,
 )
 from tests.rtask.services.lab import (
+    HEARD,
     Arm,
     Counter,
     Notebook,
+    NoteTaker,
 )
 
 
@@ -51,6 +53,23 @@ def test_a_proxy_has_the_signatures_and_returns_single_values_as_they_are(host):
         arm.foward([0])
     with pytest.raises(TypeError, match="joints"):
         arm.forward()
+
+
+def test_a_proxy_calls_later_and_for_many_requests_at_once(host):
+    arm = host.connect("lab/Arm@1.*")
+    far, near = arm.submit.forward([0.0], scale=3), arm.submit.forward([0.0])
+    assert (far.result(60)[0, 3], near.result(60)[0, 3]) == (3.0, 1.0)
+    with pytest.raises(UsageError, match="scale: 11 is above 10"):
+        arm.submit.forward([0.0], scale=11).result(60)
+    requests = [[0.0] * (n % 3 + 1) for n in range(20)]
+    found = arm.map.forward(requests, parallel=4)
+    assert [pose[0, 3] for pose in found] == [n % 3 + 1 for n in range(20)]
+    named = arm.map.forward({"joints": [0.0], "scale": n} for n in range(3))
+    assert [pose[0, 3] for pose in named] == [0.0, 1.0, 2.0]
+    for way in (arm.submit, arm.map):
+        assert way.forward.__doc__.startswith("Pose of the hand")
+        with pytest.raises(UnknownTermError, match="did you mean 'forward'"):
+            way.foward([0])
 
 
 @pytest.mark.parametrize(
@@ -117,6 +136,26 @@ def test_a_service_asks_the_graph_and_may_not_write_what_it_only_reads():
     with rtask.open(":memory:", plain=True) as kb, ServiceHost([Counter], kb) as host:
         kb.update("INSERT DATA { <urn:a> <urn:b> <urn:c>, <urn:d> }")
         assert host.call("lab/Counter", "count")["count"] == 2
+        with pytest.raises(ForbiddenError, match="declares its graph as read only"):
+            host.call("lab/Counter", "note", {"text": "x"})
+
+
+@pytest.mark.slow
+def test_a_service_writes_as_its_caller_follows_the_graph_and_looks_back(tmp_path: Path):
+    HEARD.clear()
+    with rtask.open(tmp_path / "store") as kb, ServiceHost([NoteTaker], kb) as host:
+        nao = Access("nao-1", "robot")
+        host.call("lab/NoteTaker", "note", {"text": "first"}, nao)
+        seq = kb.seq
+        host.call("lab/NoteTaker", "note", {"text": "second"}, nao)
+        assert host.call("lab/NoteTaker", "before", {"seq": seq})["texts"] == ["first"]
+        both = host.call("lab/NoteTaker", "before", {"seq": kb.seq})["texts"]
+        assert both == ["first", "second"]
+        assert [change.commit.seq for change in HEARD] == [seq, kb.seq]
+        (quad,) = [one for one in kb.match("urn:note") if one.object.value == "first"]
+        assert str(quad.graph_name.value).endswith("/graph/agent/nao-1")
+    with pytest.raises(MissingDataError, match="needs a graph"), ServiceHost([NoteTaker]) as host:
+        host.call("lab/NoteTaker", "before", {"seq": 1})
 
 
 def test_a_nested_call_keeps_its_deadline_and_a_circle_is_refused(host):
