@@ -1,4 +1,4 @@
-"""Logging as JSON lines, one for each request and each log record.
+"""Logging as JSON lines, one for each request and each log record; on a terminal in words.
 
 A separate thread writes the lines, so that a terminal or pipe that nobody reads cannot block the
 server. Lines that cannot be written in time are dropped and counted.
@@ -35,6 +35,31 @@ def redacted(text: str) -> str:
     return _SECRET.sub(lambda match: match.group(1) + "***", text)
 
 
+def _as_json(line: Mapping[str, Any]) -> str:
+    return json.dumps(line, ensure_ascii=False, default=str)
+
+
+def in_words(line: Mapping[str, Any]) -> str:
+    """Return a line as a person reads it: the time of day, and what was asked or said.
+
+    Examples
+    --------
+    >>> in_words({"time": "2026-01-01T10:00:00.000+00:00", "level": "warning", "message": "full"})
+    '10:00:00 warning: full'
+    >>> in_words({"time": "2026-01-01T10:00:00.000+00:00", "method": "GET", "path": "/objects",
+    ...           "status": 200, "ms": 12.5, "agent": "ann"})
+    '10:00:00 200 GET /objects, 12 ms, ann'
+    """
+    clock = str(line.get("time", ""))[11:19]
+    if "path" not in line:
+        level = str(line.get("level", "info"))
+        said = f"{'' if level == 'info' else f'{level}: '}{line.get('message', '')}"
+        return "\n".join([f"{clock} {said}", *filter(None, [line.get("exception")])])
+    who = line.get("agent") or line.get("role")
+    asked = f"{clock} {line['status']} {line['method']} {line['path']}, {line['ms']:.0f} ms"
+    return f"{asked}, {who}" if who else asked
+
+
 class LineWriter:
     """Writes lines to a stream from a thread of its own.
 
@@ -67,12 +92,13 @@ class LineWriter:
         self._flush()
 
     def _flush(self) -> None:
+        stream = self._stream or sys.stderr
+        written = in_words if stream.isatty() else _as_json
         texts = []
         while self._lines:
-            texts.append(json.dumps(self._lines.popleft(), ensure_ascii=False, default=str))
+            texts.append(written(self._lines.popleft()))
         if not texts:
             return
-        stream = self._stream or sys.stderr
         try:
             stream.write("\n".join(texts) + "\n")
             stream.flush()
