@@ -38,11 +38,11 @@ def resource() -> Model:
     if not outgoing and not incoming and not name.startswith(_VOCABULARIES):
         raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
     inferred = embedded_graph().graphs.inferred.value
-    statements = [
+    statements: list[Model] = [
         {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
         for row in outgoing
     ]
-    referring = [
+    referring: list[Model] = [
         {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
         for row in incoming[:MAX_INCOMING]
     ]
