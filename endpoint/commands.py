@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -94,6 +95,8 @@ def serve(
         def ready(url: str) -> None:
             kb.publish(url=url)
             click.echo(f"ready {url} data {store or folder or 'in memory'}")
+            if sys.stderr.isatty():
+                click.echo(f"Open {url} in a browser; Ctrl-C ends the server.", err=True)
 
         lines = writer if log_level in ("debug", "info") else None
         context = ServerContext.create(

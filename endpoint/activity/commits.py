@@ -34,8 +34,11 @@ def commit_events(kb: KnowledgeBase, change: Change) -> list[Event]:
         found = [*_objects(kb, who, added), *_outcomes(kb, who, added), *_verdicts(who, added)]
     if not found:
         size = change.commit.added + change.commit.removed
-        words = f"changed {size} statement{'' if size == 1 else 's'}"
-        found = [Event("wrote", who, words, change.note or "")]
+        count = f"{size} statement{'' if size == 1 else 's'}"
+        told = (
+            (f"changed the graph: {change.note}", count) if change.note else (f"changed {count}",)
+        )
+        found = [Event("wrote", who, *told)]
     numbered = found[:MAX_TOLD]
     return [Event(**{**vars(event), "seq": seq, "time_s": at}) for event in numbered]
 

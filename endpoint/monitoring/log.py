@@ -1,4 +1,4 @@
-"""Logging as JSON lines, one for each request and each log record.
+"""Logging as JSON lines, one for each request and each log record; on a terminal in words.
 
 A separate thread writes the lines, so that a terminal or pipe that nobody reads cannot block the
 server. Lines that cannot be written in time are dropped and counted.
@@ -39,6 +39,35 @@ def redacted(text: str) -> str:
     return _SECRET.sub(lambda match: match.group(1) + "***", text)
 
 
+def in_words(line: Mapping[str, Any]) -> str:
+    """Return a line as a person reads it: the time of day, and what was asked or said.
+
+    Examples
+    --------
+    >>> in_words({"time": "2026-01-01T10:00:00.000+00:00", "level": "warning", "message": "full"})
+    '10:00:00 warning: full'
+    >>> in_words({"time": "2026-01-01T10:00:00.000+00:00", "method": "GET", "path": "/objects",
+    ...           "status": 200, "ms": 12.5, "agent": "ann"})
+    '10:00:00 200 GET /objects, 12 ms, ann'
+    """
+    clock = str(line.get("time", ""))[11:19]
+    if "path" not in line:
+        level = str(line.get("level", "info"))
+        said = f"{'' if level == 'info' else f'{level}: '}{line.get('message', '')}"
+        return "\n".join([f"{clock} {said}", *filter(None, [line.get("exception")])])
+    who = line.get("agent") or line.get("role")
+    asked = f"{clock} {line['status']} {line['method']} {line['path']}, {line['ms']:.0f} ms"
+    return f"{asked}, {who}" if who else asked
+
+
+def _spoken(line: Mapping[str, Any] | str) -> str:
+    return in_words(json.loads(line) if isinstance(line, str) else line)
+
+
+def _encoded(line: Mapping[str, Any] | str) -> str:
+    return line if isinstance(line, str) else as_json(line)
+
+
 class LineWriter:
     """Writes lines to a stream from a thread of its own.
 
@@ -71,13 +100,13 @@ class LineWriter:
         self._flush()
 
     def _flush(self) -> None:
+        stream = self._stream or sys.stderr
+        written = _spoken if stream.isatty() else _encoded
         texts = []
         while self._lines:
-            line = self._lines.popleft()
-            texts.append(line if isinstance(line, str) else as_json(line))
+            texts.append(written(self._lines.popleft()))
         if not texts:
             return
-        stream = self._stream or sys.stderr
         try:
             stream.write("\n".join(texts) + "\n")
             stream.flush()

@@ -114,7 +114,8 @@ def main() -> None:
                 page.goto(server.url + address.format(**known))
                 if "object" in name:
                     page.locator("[data-place][data-drawn]").wait_for()
-                    page.locator("[data-cloud]").scroll_into_view_if_needed()
+                    if size == PHONE:
+                        page.locator("[data-cloud]").scroll_into_view_if_needed()
                 if "arm" in name:
                     _plan_for_panda(page)
                 if "pipeline" in name:

@@ -52,6 +52,7 @@ def test_there_is_a_whisker_or_a_dot_for_each_grasp_and_the_best_is_the_longest(
         chances = [one["probability"] for one in planned["grasps"]]
         assert 0.0 in chances  # else there would be no dot to see
         assert page.locator("[data-row]").count() == len(chances)
+        assert f": {len(chances)} grasps" in page.locator("[data-said]").inner_text()
         assert page.locator(".failed").count() == chances.count(0.0)
         lengths = dict(page.locator("[data-whisker]").evaluate_all(LENGTHS))
         assert len(lengths) == len(chances) - chances.count(0.0)

@@ -34,7 +34,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
             f"""{PREFIXES} INSERT DATA {{
             <urn:lab/cup> a rt:ManipulableObject ; rt:objectId "lab/1" ; rt:name "red cup" ;
               rt:hasFunction rt:containLiquid ; rt:hasFeature <urn:lab/handle> .
-            <urn:lab/handle> a rt:HandleShape . }}""",
+            <urn:lab/handle> a rt:HandleShape .
+            <urn:lab/mug> a rt:Mug ; rt:objectId "lab/2" ; rt:name "blue mug" . }}""",
             "ann",
         )
     with closing(TokenStore(folder)) as tokens:
@@ -122,6 +123,22 @@ def test_a_derived_statement_leads_to_its_proof(
         assert page.get_by_role("button", name="Withdraw this").count() == 0  # a stranger
         assert fits(page)
         keep_picture(page, f"proof-{look}")
+
+
+def test_a_proof_of_three_steps_is_told_from_the_conclusion_to_what_was_stated(
+    browser: Any, site: tuple[RunningServer, str]
+) -> None:
+    server, _ = site
+    with open_page(browser, server.url, **LOOKS["phone-dark"]) as page:
+        asked = {"s": "urn:lab/mug", "p": "rdf:type", "o": "rt:Container"}
+        page.goto(f"{server.url}/explain?{urlencode(asked)}")
+        claims = page.locator(".proof .claim").evaluate_all(
+            "all => all.map(one => [...one.querySelectorAll('a[title]')]"
+            ".map(link => link.textContent).join(' '))"
+        )
+        assert claims == ["blue mug is a container", "blue mug is a cup", "blue mug is a mug"]
+        has_count(page.locator("ol.proof ol.proof ol.proof"), 1)
+        assert fits(page)
 
 
 def test_a_withdrawn_leaf_removes_the_conclusion_on_another_open_page(

@@ -202,6 +202,58 @@ def test_the_code_beside_it_is_the_call_that_programs_make(
     assert [one["mass"] for one in answer["output"]["weigh"]] == [1.0, 1.0, 1.0]
 
 
+CHAIN = ("rtask/Segmentation/segment", "rtask/Engine/search_object", "rtask/Engine/recall_grasps")
+JOINED = {
+    "search_object": ("data", "segment › objects › first › cloud"),
+    "recall_grasps": ("object", "search_object › similar_objects › first › object"),
+}
+"""By step: the input that takes an output of the step before, as the list of outputs names it."""
+
+
+def _by_mouse(page: Any, field: Any, words: str) -> None:
+    field.select_option(label=words)
+
+
+def _by_keys(page: Any, field: Any, words: str) -> None:
+    field.focus()
+    page.keyboard.type(words)  # the browser chooses what begins so
+
+
+def _press(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name).focus()
+    page.keyboard.press("Enter")
+
+
+def test_what_is_seen_recognised_and_grasped_is_composed_alike_by_mouse_and_by_keys(
+    browser: Any, server: RunningServer
+) -> None:
+    composed = []
+    for choose in (_by_mouse, _by_keys):
+        with open_page(browser, server.url, **LOOKS["laptop-light"]) as page:
+            page.goto(f"{server.url}/tools/pipeline")
+            for number, method in enumerate(CHAIN, 1):
+                choose(page, page.get_by_label("next step"), method)
+                if choose is _by_mouse:
+                    page.get_by_role("button", name="Add the step").click()
+                else:
+                    _press(page, "Add the step")
+                page.locator(".step").nth(number - 1).wait_for()
+            for step, (port, words) in JOINED.items():
+                source = page.locator(f"#step-{step} select[name$='.{port}'][name^=from]")
+                if not source.is_visible():  # inputs that may be left blank are folded away
+                    summary = page.locator(f"#step-{step} summary").first
+                    summary.focus()
+                    page.keyboard.press("Enter")
+                choose(page, source, words)
+                path = words.replace("first", "0").replace(" › ", ".")
+                page.wait_for_url(lambda url, path=path: path in url)
+            composed.append(_pipeline(page))
+    assert composed[0] == composed[1]
+    inputs = {one["id"]: one["inputs"] for one in composed[0]["steps"]}
+    assert inputs["search_object"]["data"] == {"$ref": "segment.objects.0.cloud"}
+    assert inputs["recall_grasps"]["object"] == {"$ref": "search_object.similar_objects.0.object"}
+
+
 def test_keyboard_alone_composes_renames_and_removes(browser: Any, server: RunningServer) -> None:
     with open_page(browser, server.url, **LOOKS["phone-dark"]) as page:
         _compose(page, server.url)
@@ -240,6 +292,37 @@ def test_what_is_wrong_is_said_where_it_is(browser: Any, server: RunningServer) 
         page.get_by_label("The pipeline as JSON").fill('{"steps": [')
         page.get_by_role("button", name="Take this JSON").click()
         page.get_by_text("not JSON that can be read").wait_for()
+
+
+def _smoothed(name: str, path: str) -> dict[str, Any]:
+    inputs = {"manipulator": "arm", "path": {"$ref": path}}
+    return {"id": name, "call": "example/Trajopt/smooth", "inputs": inputs}
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [
+        (
+            [_smoothed("a", "b.path"), _smoothed("b", "a.path")],
+            "these steps wait for each other: a, b",
+        ),
+        ([COMPOSED["steps"][0], _smoothed("way", "cut.parts.0.cloud")], "does not fit"),
+    ],
+    ids=["circle", "misfit"],
+)
+def test_what_cannot_be_joined_is_refused_with_the_reason(
+    browser: Any, server: RunningServer, steps: list[dict[str, Any]], words: str
+) -> None:
+    with open_page(browser, server.url, expected=("status of 4", "400 ", "422 ")) as page:
+        page.goto(
+            f"{server.url}/tools/pipeline?{urlencode({'pipeline': json.dumps({'steps': steps})})}"
+        )
+        files = page.locator("input[type=file]")
+        if files.count():
+            file = {"name": "six.ply", "mimeType": "application/octet-stream", "buffer": CLOUD}
+            files.first.set_input_files(file)
+        page.get_by_role("button", name="Run", exact=True).click()
+        page.locator(".problem").get_by_text(words).first.wait_for()
 
 
 def test_without_scripts_the_form_adds_removes_and_runs(

@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 import httpx
 import pytest
 
+import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
 from tests.browser.pages import LOOKS, fits, keep_picture, open_page
@@ -92,3 +93,25 @@ def test_without_scripts_only_operators_send_a_robot_away(
             page.goto(server.url + PAGE)
             page.get_by_role("button", name="Disconnect it").click()
             page.get_by_text("not connected").wait_for()
+
+
+def test_an_open_page_says_when_the_server_is_away_and_catches_up(
+    browser: Any, tmp_path: Path
+) -> None:
+    folder = tmp_path / "store"
+    lost = ("ERR_", "Failed to load")  # the browser complains of the server that is away
+    with running_server(folder) as first, open_page(browser, first.url, expected=lost) as page:
+        page.goto(f"{first.url}/robots")
+        page.get_by_text("No robot yet").wait_for()
+        first.stop()
+        page.get_by_role("status").get_by_text("Not live since").wait_for()
+        with rtask.open(folder) as kb:  # while nobody serves it
+            robot_class = f"{ontology.PREFIXES['cora']}Robot"
+            kb.update(
+                f"""INSERT DATA {{ <urn:nao-9> a <{robot_class}> ;
+                <{ontology.NS}name> "nao-9" }}""",
+                "ann",
+            )
+        with running_server(folder, "-p", str(first.port)):
+            page.get_by_role("link", name="nao-9").wait_for()
+            page.get_by_text("Not live since").wait_for(state="hidden")

@@ -43,3 +43,15 @@ def test_an_outcome_without_a_task_names_the_object_by_its_most_specific_kind():
         told = {one.kind: one for one in commits.commit_events(kb, heard[-1])}
     assert told["outcome"].words == "held an unnamed mug"
     assert told["outcome"].object == "urn:lab/object/1"
+
+
+def test_a_commit_that_tells_nothing_else_is_told_by_its_note():
+    heard: list[Change] = []
+    with rtask.open(":memory:", plain=True) as kb:
+        kb.on_commit(heard.append)
+        for note in ("tidy up", ""):
+            with kb.transaction(agent="ann", note=note) as tx:
+                tx.add("urn:a", "urn:p", f"b{note}")
+        noted, bare = (commits.commit_events(kb, change)[0] for change in heard)
+    assert (noted.words, noted.detail) == ("changed the graph: tidy up", "1 statement")
+    assert (bare.words, bare.detail) == ("changed 1 statement", "")

@@ -232,6 +232,26 @@ def test_each_request_is_one_line_that_holds_no_secret(tokens: TokenStore) -> No
     assert text.rpartition("_")[2] not in out.getvalue()
 
 
+class Terminal(io.StringIO):
+    """A stream that a person reads."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_on_a_terminal_a_request_is_a_line_of_words(tokens: TokenStore) -> None:
+    text, _ = tokens.create("robot", agent="nao-1")
+    out = Terminal()
+    writer = LineWriter(out)
+    application = open_application(tokens, Config(), writer=writer)
+    application.handle(ask("SELECT * {}", **bearer(text)))
+    application.close()
+    writer.close()
+    assert re.fullmatch(r"\d\d:\d\d:\d\d 200 (GET|POST) /\S+, \d+ ms, nao-1\n", out.getvalue()), (
+        out.getvalue()
+    )
+
+
 def test_a_log_that_nobody_reads_holds_nothing_up() -> None:
     reading, writing = os.pipe()
     with os.fdopen(writing, "w") as stream:

@@ -257,6 +257,8 @@ def test_stated_and_derived_statements_are_apart(client: FlaskClient) -> None:
     assert {row["graph"] for row in model["derived"]} == {"urn:lab/graph/inferred"}
     types = {row["o"]["text"] for row in model["derived"]}
     assert RT + "DrinkingVessel" in types
+    assert model["names"][RT + "DrinkingVessel"] == "drinking vessel"
+    assert model["page"] == "/object"
 
 
 def test_a_prefixed_name_is_understood(client: FlaskClient) -> None:

@@ -10,9 +10,16 @@ import ontology
 from endpoint.http.messages import RefusedError
 from endpoint.pages.graph.naming import names_of
 from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
+from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import Literal, NamedNode, iri
 
 MAX_INCOMING = 50
+_PAGES = {
+    RT.ManipulableObject.value: "/object",
+    ontology.PREFIXES["cora"] + "Robot": "/robot",
+    ontology.PREFIXES["owl"] + "Class": "/classes",
+}
+"""Where things of a class have a page for people."""
 # Terms of standards are linked to from many pages, whether or not the graph describes them.
 _VOCABULARIES = tuple(
     start for start in ontology.PREFIXES.values() if start not in (ontology.NS, ontology.BASE)
@@ -31,11 +38,11 @@ def resource() -> Model:
     if not outgoing and not incoming and not name.startswith(_VOCABULARIES):
         raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
     inferred = embedded_graph().graphs.inferred.value
-    statements = [
+    statements: list[Model] = [
         {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
         for row in outgoing
     ]
-    referring = [
+    referring: list[Model] = [
         {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
         for row in incoming[:MAX_INCOMING]
     ]
@@ -44,12 +51,19 @@ def resource() -> Model:
     return {
         "iri": name,
         "names": names_of(embedded_graph(), [name, *named]),
+        "page": _page_of(statements),
         "elsewhere": _is_elsewhere(name),
         "stated": [s for s in statements if s["graph"] != inferred],
         "derived": [s for s in statements if s["graph"] == inferred],
         "incoming": referring,
         "more_incoming": len(incoming) > MAX_INCOMING,
     }
+
+
+def _page_of(statements: list[Model]) -> str:
+    """Return the address of the page for people about the subject of statements; empty for none."""
+    kinds = {row["o"]["text"] for row in statements if row["p"]["text"] == RDF.type.value}
+    return next((address for kind, address in _PAGES.items() if kind in kinds), "")
 
 
 def _is_elsewhere(name: str) -> bool:

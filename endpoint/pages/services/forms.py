@@ -29,6 +29,13 @@ from rtask.wire.forms import controls_of
 
 _DATA = DATA + "."
 _METHOD = "$method"
+_TOOLS = {
+    "example/Grasping": ("/tools/grasp", "Draw the part in the grasp editor"),
+    "example/Kinematics": ("/tools/arm", "Pose an arm by hand"),
+    "example/Trajopt": ("/tools/arm", "Plan for an arm that is drawn"),
+    "rtask/Pipeline": ("/tools/pipeline", "Compose a pipeline"),
+}
+"""Pages that do what a service does with a drawing instead of a form."""
 _OWN = ("secret", "more", "job", _METHOD)
 
 
@@ -127,6 +134,7 @@ def _shown(
     return flask.render_template(
         "service.html",
         service=definition,
+        tool=_TOOLS.get(definition.name),
         method=method,
         ros=(ros_service(definition.name, method.name), ros_type(definition, method)),
         controls=controls_of(method.request, values, more),

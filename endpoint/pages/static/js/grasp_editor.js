@@ -25,15 +25,18 @@ let dragged = -1;
 let wasDragged = false;
 let remembering = 0;
 
+const PLANNING = ", planning …";
 const planner = new Planner(root.dataset.editor, {
   answer(planned, request) {
     [answer, asked, selected] = [planned, request, -1];
+    said.textContent = said.textContent.replace(PLANNING, `: ${planned.grasps.length} grasps`);
     showProblem(null);
     listGrasps();
     draw();
   },
   problem(refused) {
     noGrasps();
+    said.textContent = said.textContent.replace(PLANNING, "");
     showProblem(refused);
   },
   link(since) {
@@ -82,7 +85,10 @@ function changed() {
   const request = { polygon: outline.vertices.map((vertex) => [...vertex]), ...filledIn() };
   if (dragged >= 0 && request.method === "simulation") return planner.cancel(); // it takes long: asked when the vertex is let go
   remember();
-  if (count >= 3) return planner.ask(request);
+  if (count >= 3) {
+    said.textContent += PLANNING;
+    return planner.ask(request);
+  }
   planner.cancel();
   noGrasps();
   showProblem(null);

@@ -1,6 +1,8 @@
 // Draws a part of the page again when the graph changes: an element with `data-follow`, the address
 // of a stream of changes. Parts marked `data-keep` are replaced only if they differ.
 
+import { element } from "./dom.js";
+
 const SETTLE_MS = 250;
 const WITHOUT_TRACE = ["frame"]; // pictures come many times a second
 
@@ -9,6 +11,15 @@ const REACHED = "a[href], button, input, select, textarea, summary";
 function follow(part) {
   let source = null;
   let timer = 0;
+  const lost = element("p", { class: "problem", role: "status", hidden: "" });
+  part.before(lost);
+
+  /** Say that what is shown may be old, and since when. */
+  function tellLost(is) {
+    if (is && lost.hidden) lost.textContent = `Not live since ${new Date().toTimeString().slice(0, 5)}, trying again.`;
+    lost.hidden = !is;
+    part.classList.toggle("stale", is);
+  }
 
   async function redraw() {
     timer = 0;
@@ -28,13 +39,16 @@ function follow(part) {
 
   function listen() {
     source = new EventSource(part.dataset.follow);
-    source.addEventListener("hello", () => part.classList.remove("stale"));
     const soon = () => {
       timer ||= setTimeout(redraw, SETTLE_MS);
     };
+    source.addEventListener("hello", () => {
+      if (!lost.hidden) soon(); // not all that happened meanwhile is told again
+      tellLost(false);
+    });
     source.addEventListener("change", soon);
     source.addEventListener("activity", ({ data }) => WITHOUT_TRACE.includes(JSON.parse(data).kind) || soon());
-    source.onerror = () => part.classList.add("stale");
+    source.onerror = () => tellLost(true);
   }
 
   // A hidden tab holds no connection; it catches up when it is looked at.
