@@ -147,6 +147,8 @@ class PointLines:
                 query.answer(Instead.ASK_IN_THREAD)
                 return
             self._waiting.append(query)
+            if len(self._lines) < _most_lines(readers):
+                self._start_reader()
         if self._timer is None:
             self._timer = self._loop.call_later(TICK_S, self._tick)
 
@@ -177,7 +179,7 @@ class PointLines:
             elif not line.queries or not readers.is_wanted:
                 self._send(readers, line, query, now)
                 return True
-        if len(self._lines) >= max(1, readers.limits.reserved):
+        if len(self._lines) >= _most_lines(readers):
             return False
         try:
             reader = readers.open_line()
@@ -299,7 +301,6 @@ class PointLines:
                 line.reader.kill()
             elif not self._end_if_stalled(line, now) and now - line.since > STALL_S:
                 line.is_stalled = True
-                self._start_reader()
                 self._ask_again(line.take_over())
         if self._waiting:
             self._advance()
@@ -318,3 +319,8 @@ class PointLines:
             return False
         line.reader.kill()
         return True
+
+
+def _most_lines(readers: Readers) -> int:
+    """Return how many readers may be busy with point queries."""
+    return max(1, readers.limits.reserved)
