@@ -76,6 +76,8 @@ class Server:
     def ask(self, mix: list[Question], counted: bool) -> list[tuple[str, bytes]]:
         """Ask the queries of a mix one after the other; return media types and bodies."""
         answers = []
+        self._connection.close()  # it may have been idle for too long
+        self._connection.connect()
         cpu, spent = self._side.cpu_s(), 0.0
         for question in mix:
             accept = "text/turtle" if question.is_graph else JSON_TYPE

@@ -411,7 +411,7 @@ class Committer:
 def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
     """Return all that a commit changes in named graphs."""
     return Writes(
-        QuadChain(change.removed, *_written_if_large(derived.removed), notes.removed),
+        QuadChain(change.removed, derived.removed, notes.removed),
         QuadChain(*_written_if_large(change.added), *_written_if_large(derived.added), notes.added),
         list(change.created),
         list(change.dropped),

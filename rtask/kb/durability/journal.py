@@ -15,7 +15,7 @@ import os
 import threading
 import time
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,7 @@ from rtask.rdf.terms import DefaultGraph, GraphName, iri
 
 __all__ = ["Journal", "JournalFile", "KeptJournal", "NoJournal", "Record", "body_of"]
 
+Piece = bytes | memoryview
 SEGMENT_BYTES = 64 << 20
 _KEPT_BYTES = 1 << 30
 _BLOCK = 10_000
@@ -165,16 +166,21 @@ class JournalFile:
         StorageFullError
             The disk is full; nothing of the record is kept.
         """
-        self.append_record(_encode(record, change), record.seq)
+        self._append(_encode(record, change), record.seq)
 
     def append_record(self, data: bytes, seq: int) -> None:
         """Write an encoded record."""
+        self._append([data], seq)
+
+    def _append(self, pieces: Sequence[Piece], seq: int) -> None:
+        """Write the pieces of an encoded record; a large one is never put together."""
         self._open(seq)
         self._before, self._written_before = self._size, self._written
         try:
-            view = memoryview(data)
-            while view:
-                view = view[os.write(self._handle, view) :]
+            for piece in pieces:
+                view = memoryview(piece)
+                while view:
+                    view = view[os.write(self._handle, view) :]
         except BaseException as error:
             self.withdraw()
             if not isinstance(error, OSError):
@@ -184,8 +190,9 @@ class JournalFile:
                     f"the disk is full: the journal in {self._folder} cannot grow"
                 ) from error
             raise StoreError(f"the journal in {self._folder} cannot be written: {error}") from error
-        self._size += len(data)
-        self.written_bytes += len(data)
+        size = sum(map(len, pieces))
+        self._size += size
+        self.written_bytes += size
         self._written = seq
 
     def withdraw(self) -> None:
@@ -324,8 +331,7 @@ class JournalFile:
             path.unlink()
 
 
-def _encode(record: CommitRecord, change: Writes) -> bytes:
-    body = body_of(change.removed, change.added)
+def _encode(record: CommitRecord, change: Writes) -> list[Piece]:
     header = {
         "seq": record.seq,
         "time": record.ended.isoformat(),
@@ -340,37 +346,44 @@ def _encode(record: CommitRecord, change: Writes) -> bytes:
     for key, graphs in (("created", change.created), ("dropped", change.dropped)):
         if graphs:
             header[key] = [getattr(graph, "value", "") for graph in graphs]
-    return encode(header, body)
+    body = [*_pieces(b"D ", change.removed), *_pieces(b"A ", change.added)]
+    return [_header(header, body), *body]
 
 
 def body_of(removed: Collection[Quad], added: Collection[Quad]) -> bytes:
     """Return the lines of a record."""
-    return _lines(b"D ", removed) + _lines(b"A ", added)
+    return b"".join((*_pieces(b"D ", removed), *_pieces(b"A ", added)))
 
 
 def encode(header: dict[str, Any], body: bytes) -> bytes:
     """Return the bytes of a record."""
-    whole = {**header, "bytes": len(body), "crc32": zlib.crc32(body)}
-    return json.dumps(whole, ensure_ascii=False).encode() + b"\n" + body
+    return _header(header, [body]) + body
 
 
-def _lines(mark: bytes, quads: Collection[Quad]) -> bytes:
-    if not quads:
-        return b""
-    blocks = []
+def _header(header: dict[str, Any], body: Iterable[Piece]) -> bytes:
+    size = crc32 = 0
+    for piece in body:
+        size, crc32 = size + len(piece), zlib.crc32(piece, crc32)
+    whole = {**header, "bytes": size, "crc32": crc32}
+    return json.dumps(whole, ensure_ascii=False).encode() + b"\n"
+
+
+def _pieces(mark: bytes, quads: Collection[Quad]) -> Iterator[Piece]:
+    """Yield the lines of quads, each with a mark before it."""
     for part in parts_of(quads):
-        written = part.written if isinstance(part, InGraph) else None
-        if written is not None:
+        triples = part.text() if isinstance(part, InGraph) and len(part) > _BLOCK else None
+        if triples:
             assert isinstance(part, InGraph)
-            end = b" .\n" if isinstance(part.graph, DefaultGraph) else f" {part.graph} .\n".encode()
-            blocks.append(mark + written.text[:-3].replace(b" .\n", end + mark) + end)
+            graph = b"" if isinstance(part.graph, DefaultGraph) else f" {part.graph}".encode()
+            yield mark
+            yield memoryview(triples.replace(b" .\n", graph + b" .\n" + mark))[: -len(mark)]
             continue
         rest = iter(part)
         while block := list(itertools.islice(rest, _BLOCK)):
             text = serialize(block, format=RdfFormat.N_QUADS)
             assert text is not None
-            blocks.append(mark + text[:-1].replace(b"\n", b"\n" + mark) + b"\n")
-    return b"".join(blocks)
+            yield mark
+            yield memoryview(text.replace(b"\n", b"\n" + mark))[: -len(mark)]
 
 
 def read_segment(path: Path, torn_end: bool, start: int = 0) -> Iterator[tuple[Record, int]]:

@@ -43,6 +43,12 @@ class InGraph(Collection[Quad]):
         """The triples, if they have their text."""
         return self.triples if isinstance(self.triples, WrittenTriples) else None
 
+    def text(self) -> bytes | None:
+        """Return the N-Triples text of the triples, if that takes less than making their terms."""
+        if isinstance(self.triples, _Writable):
+            return self.triples.ntriples()
+        return None if self.written is None else self.written.text
+
     def parts(self, size: int) -> Iterator[InGraph]:
         """Yield derived quads in parts of at most so many, with their text."""
         if not isinstance(self.triples, _Writable):

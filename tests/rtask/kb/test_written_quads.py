@@ -45,7 +45,8 @@ def test_the_store_takes_text_as_it_takes_quads(quads: dict[Quad, None]) -> None
     assert set(store.quads_for_pattern(None, None, None)) == set(quads)
 
 
-def test_the_journal_holds_the_same_lines() -> None:
+def test_the_journal_holds_the_same_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rtask.kb.durability.journal._BLOCK", 3)
     quads = {**_QUADS, **_BLANK}
     as_text = body_of(QuadChain(*quads_written(quads)), quads)
     as_quads = body_of(quads, QuadChain(*quads_written(quads)))
