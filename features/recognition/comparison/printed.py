@@ -23,6 +23,7 @@ _MIN_VOTES = 6
 """Fewer votes seldom give the six matches that agree at least: one view in a hundred."""
 _MAX_COMPARED = 6
 """Aligned views whose pictures are compared; the others have fewer matches."""
+_MAX_STABLE_LEAD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,19 +144,25 @@ def _evidence(
 
 
 def with_leads(best: dict[int, PrintedView]) -> dict[int, PrintedView]:
-    """Return the candidates with their leads over the next one by matches."""
+    """Return the candidates with their leads over the next one by matches.
+
+    To be alone is no merit: the sibling of a stored product that nobody stored meets no rival
+    either. Its stable share is then the lead over nothing.
+    """
     ranked = sorted(best.values(), key=lambda p: -p.evidence.matches)
     found = {}
     for number, printed in best.items():
         rival = next((other for other in ranked if other is not printed), None)
-        evidence = printed.evidence
+        evidence = replace(
+            printed.evidence, stable_lead=min(printed.evidence.stable_share, _MAX_STABLE_LEAD)
+        )
         if rival is not None:
             ahead = (1 + evidence.matches) / (1 + rival.evidence.matches)
             gain = evidence.stable_share - rival.evidence.stable_share
             evidence = replace(
                 evidence,
                 lead=float(np.clip(np.log2(ahead), -2, 3)),
-                stable_lead=float(np.clip(gain, -0.5, 0.5)),
+                stable_lead=float(np.clip(gain, -_MAX_STABLE_LEAD, _MAX_STABLE_LEAD)),
             )
         found[number] = replace(printed, evidence=evidence)
     return found

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, describe_view
-from features.recognition.comparison.alignment import align_views
+from features.recognition.comparison.alignment import Alignment, align_views
 from features.recognition.comparison.confidence import (
     PRINT_TERMS,
     PrintParams,
@@ -23,6 +23,7 @@ from features.recognition.comparison.confidence import (
 )
 from features.recognition.comparison.difference import compare_pictures
 from features.recognition.comparison.evidence import PrintEvidence
+from features.recognition.comparison.printed import PrintedView, with_leads
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.views.picture import ViewPicture
 
@@ -114,6 +115,18 @@ def test_siblings_are_told_from_each_other(see, print_image, change: str) -> Non
     for print_, name in ((apple, "apple"), (pear, "pear")):
         answer = recogniser.recognise(see(print_, 4))
         assert answer.matches[0].object_iri == name
+
+
+def test_to_meet_no_rival_is_no_merit() -> None:
+    def candidate(view: int, share: float) -> PrintedView:
+        evidence = PrintEvidence(40, 0.3, 2.0, 0.8, 0.9, 0.0, 0.4, 9, share)
+        nothing = np.empty((0, 2), np.intp)
+        alignment = Alignment(np.eye(3), nothing[:, 0], nothing[:, 1], 0.002)
+        return PrintedView(view, alignment, evidence)
+
+    alone = with_leads({0: candidate(0, 0.1)})[0].evidence
+    beside = with_leads({0: candidate(0, 0.1), 1: candidate(5, 0.0)})[0].evidence
+    assert alone.stable_lead == beside.stable_lead == 0.1
 
 
 def test_a_shared_emblem_is_no_evidence(see, print_image) -> None:
