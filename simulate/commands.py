@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -174,9 +175,12 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
 @click.option("--shapes", default=30, show_default=True, help="Shapes per family (of seven).")
+@click.option(
+    "--parts", default=0, show_default=True, help="Machined parts of ten further families, in all."
+)
 @click.option("--seed", default=0, show_default=True, help="Number of the first shape.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) -> None:
+def grasp_views(out: Path, gripper: str, shapes: int, parts: int, seed: int, as_json: bool) -> None:
     """Write labelled grasp candidates from simulated single views to OUT (.npz).
 
     The input of `rtask grasp train`. A view takes about a tenth of a second.
@@ -188,7 +192,8 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) 
         hand = gripper_named(gripper)
     except ValueError as error:
         raise RobotError(str(error)) from error
-    samples = grasp_samples.collect_samples(grasp_samples.shapes(shapes, seed), hand)
+    meshes = chain(grasp_samples.shapes(shapes, seed), grasp_samples.machined(parts, hand))
+    samples = grasp_samples.collect_samples(meshes, hand)
     samples.save(out)
     right = int(samples.right.sum())
     if as_json:

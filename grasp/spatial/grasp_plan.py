@@ -11,7 +11,7 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.hand_search.classifier import GraspClassifier
+from grasp.spatial.hand_search.shipped import Filter, chosen_filter
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
@@ -151,7 +151,7 @@ def plan_on_cloud(
     support: Support | None = None,
     viewpoints: FloatArray | None = None,
     options: SpatialOptions | None = None,
-    classifier: GraspClassifier | None = None,
+    classifier: Filter = None,
 ) -> Proposals:
     """Plan grasps of what a cloud shows, its hidden side completed where that is possible.
 
@@ -164,7 +164,8 @@ def plan_on_cloud(
     viewpoints : (k, 3) or None, m
         Where cameras were; None = seen from all around.
     classifier
-        Of this gripper: decides among candidates that the confidence does not tell apart.
+        Filter of this gripper's candidates, whose probability counts in the order; ``shipped`` =
+        the one that comes with the package for the gripper; None = none.
 
     Notes
     -----
@@ -179,7 +180,8 @@ def plan_on_cloud(
     table = None if support is None else np.array([*support.normal, -support.height])
     cloud = complete_by_symmetry(prepare_cloud(points, table=table, viewpoints=viewpoints))
     hands = max(options.tries // 10, 1)
-    found = propose_on(cloud, gripper, hands, options.seed, classifier=classifier)
+    judge = chosen_filter(classifier, gripper)
+    found = propose_on(cloud, gripper, hands, options.seed, classifier=judge)
     if not found:
         return found
     known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)

@@ -15,9 +15,12 @@ from grasp.spatial.hand_search.hand_search import propose_on
 from grasp.spatial.meshes.mesh import Mesh
 from simulate.study.grasp_shapes import FAMILIES, sample_shape
 from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
+from simulate.study.quality.objects import generated
 from simulate.world.noise import SensorNoise
 
-__all__ = ["collect_samples", "shapes"]
+__all__ = ["collect_samples", "machined", "shapes"]
+
+_PARTS_SEED = 1000
 
 
 def shapes(per_family: int, first: int = 0) -> Iterator[Mesh]:
@@ -25,6 +28,16 @@ def shapes(per_family: int, first: int = 0) -> Iterator[Mesh]:
     for seed in range(first, first + per_family):
         for family in FAMILIES:
             yield sample_shape(family, seed)
+
+
+def machined(count: int, gripper: ParallelGripper) -> Iterator[Mesh]:
+    """Yield generated parts of ten further families, sized for a gripper, each on z = 0."""
+    for number in range(count):
+        mesh = generated(_PARTS_SEED, number, gripper).mesh()
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        pose = np.eye(4)
+        pose[:3, 3] = -(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]
+        yield mesh.moved(pose)
 
 
 def collect_samples(

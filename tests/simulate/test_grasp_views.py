@@ -157,3 +157,19 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     assert 0 <= best["classifier"] <= 1
     refused = CliRunner().invoke(plan, [*asked, "--gripper", "nao"])
     assert "trained for 'panda_hand 80', not for 'nao_hand 50'" in str(refused.exception)
+
+
+def test_the_filters_that_come_with_the_package_are_asked_for_by_name(tmp_path: Path) -> None:
+    from rtask.cli.grasping.plan_on_plane import plan
+
+    view = depth_view(sample_shape("can", 3), CAMERA, SensorNoise(), 0)
+    np.save(tmp_path / "cloud.npy", view.points[view.points[:, 2] > 0.008])
+    asked = [str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "20", "--json"]
+    asked += ["--viewpoint", *(str(x) for x in CAMERA), "--classifier"]
+    planned = CliRunner().invoke(plan, [*asked, "shipped"])
+    assert planned.exit_code == 0, planned.output
+    assert 0 <= json.loads(planned.output)["grasps"][0]["classifier"] <= 1
+    other = CliRunner().invoke(plan, [*asked, "shipped", "--gripper", "jaw:0.06"])
+    assert "no filter comes with rtask for 'parallel_jaw 60'" in str(other.exception)
+    missing = CliRunner().invoke(plan, [*asked, str(tmp_path / "none.npz")])
+    assert "none.npz: no file of grasp samples or models" in str(missing.exception)

@@ -76,10 +76,15 @@ def rank_by_holding(
 def rank_by_confidence(candidates: Sequence[GraspCandidate]) -> list[GraspCandidate]:
     """Return the candidates, best first by the confidence in their closing.
 
-    By confidence; where it does not tell them apart by the classifier's probability, rounded to
-    .05, then by epsilon, then by clearance, then in the given order.
+    By confidence; where it does not tell them apart by epsilon, then by clearance, then in the
+    given order. Where a filter has judged all of them, by confidence times its probability: one
+    tells how far a grasp bears errors of the pose, if the object is what it is thought to be, the
+    other whether it is.
     """
     confidence = np.array([c.scores.get("confidence", 0.0) for c in candidates])
+    if candidates and all("classifier" in c.scores for c in candidates):
+        sure = np.round(confidence * [c.scores["classifier"] for c in candidates], 9)
+        return [candidates[i] for i in np.argsort(-sure, kind="stable")]
     order = np.argsort(-confidence, kind="stable").tolist()
     ranked: list[GraspCandidate] = []
     while order:
@@ -91,13 +96,9 @@ def rank_by_confidence(candidates: Sequence[GraspCandidate]) -> list[GraspCandid
     return ranked
 
 
-def _finer(candidate: GraspCandidate) -> tuple[float, float, float]:
+def _finer(candidate: GraspCandidate) -> tuple[float, float]:
     scores = candidate.scores
-    return (
-        -round(scores.get("classifier", 0.0) / 0.05),
-        -scores.get("epsilon", 0.0),
-        -scores.get("clearance", 0.0),
-    )
+    return -scores.get("epsilon", 0.0), -scores.get("clearance", 0.0)
 
 
 def diverse(

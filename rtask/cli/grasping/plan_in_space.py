@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.gripper import EndEffector, ParallelGripper
-    from grasp.spatial.hand_search.classifier import GraspClassifier
+    from grasp.spatial.hand_search.shipped import Filter
     from grasp.spatial.meshes.mesh import Mesh
     from grasp.spatial.suction_cup import SuctionCup
     from grasp.spatial.three_finger.hand import ThreeFingerHand
@@ -180,12 +180,13 @@ def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -
     return replace(found, notes=(things_in(view), *found.notes))
 
 
-def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
-    if options["classifier"] is None:
-        return None
+def _classifier(options: dict[str, Any]) -> Filter:
+    given: str | None = options["classifier"]
+    if given is None or given == "shipped":
+        return "shipped" if given else None
     from grasp.spatial.hand_search.classifier import GraspClassifier
 
-    return GraspClassifier.load(options["classifier"])
+    return GraspClassifier.load(Path(given))
 
 
 def _noise(options: dict[str, Any]) -> Any:

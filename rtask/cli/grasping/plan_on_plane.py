@@ -87,8 +87,9 @@ grasp.add_command(batch)
 )
 @click.option(
     "--classifier",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="Space: a model made by `rtask grasp train`, for clouds.",
+    metavar="FILE",
+    help="Space: a filter of grasps of clouds: a model made by `rtask grasp train`, or shipped for "
+    "the one that comes with rtask for the hand.  [default: none]",
 )
 @click.option(
     "--vertex-std",

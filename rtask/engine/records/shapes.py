@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.gripper import ParallelGripper
-    from grasp.spatial.hand_search.classifier import GraspClassifier
+    from grasp.spatial.hand_search.shipped import Filter
     from grasp.spatial.meshes.mesh import Mesh
     from rtask.engine.context import Context
 
@@ -71,7 +71,7 @@ class ObjectShape:
         self,
         gripper: ParallelGripper,
         options: SpatialOptions,
-        classifier: GraspClassifier | None = None,
+        classifier: Filter = None,
         floating: bool = False,
     ) -> Proposals:
         """Plan grasps in space; see :mod:`grasp.spatial.grasp_plan`.

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from grasp.spatial.clouds.cloud import prepare_cloud
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.collision import Support
+from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud
+from grasp.spatial.gripper import ParallelGripper, nao_hand, panda_hand
 from grasp.spatial.hand_search.classifier import GraspClassifier, GraspSamples, gripper_key, train
 from grasp.spatial.hand_search.closing_region import PICTURE, STATISTICS, closing_regions, hog
 from grasp.spatial.hand_search.hand_search import propose_from_cloud, propose_on
+from grasp.spatial.hand_search.shipped import shipped_classifier
 
 JAW = ParallelGripper("jaw", "jaw", 0.0, 0.08, finger_width=0.012, finger_length=0.06)
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -183,3 +186,26 @@ def test_gradients_of_an_upright_edge_fall_into_the_bins_beside_zero() -> None:
     assert votes[1:8].max() == 0
     # Blocks that do not touch the edge are empty.
     assert np.flatnonzero(cells[0].sum(axis=(0, 2, 3))).tolist() == [2, 3]
+
+
+@pytest.mark.parametrize("hand", [panda_hand(), nao_hand()], ids=["panda", "nao"])
+def test_a_filter_comes_with_each_hand_that_is_known_here(hand: ParallelGripper) -> None:
+    model = shipped_classifier(hand)
+    assert model is not None
+    assert model.kind == "boosting"
+    assert model.about["objects"] >= 300
+    assert shipped_classifier(replace(hand, max_opening=0.06)) is None
+    camera = np.array([0.4, 0.1, 0.3])
+    seen = half_can(camera) * (0.7, 0.7, 1.0)
+    few = SpatialOptions(tries=400, samples=40)
+    plain, judged = (
+        plan_on_cloud(seen, hand, Support(), camera[None], few, **choice)
+        for choice in ({}, {"classifier": "shipped"})
+    )
+    with pytest.raises(ValueError, match="no filter comes with rtask for 'jaw 80'"):
+        plan_on_cloud(seen, JAW, Support(), camera[None], few, classifier="shipped")
+    assert all("classifier" not in one.scores for one in plain)
+    sure = [one.scores["confidence"] * one.scores["classifier"] for one in judged]
+    assert len(sure) > 2
+    assert sure == sorted(sure, reverse=True)
+    assert sure[0] > 0.5

@@ -97,9 +97,18 @@ def test_confidence_goes_first_then_what_tells_equals_apart() -> None:
     strong = _at(confidence=0.86, lower_95=0.8, epsilon=0.3)
     weak = _at(confidence=0.5, lower_95=0.4, epsilon=0.9)
     assert rank([weak, sure, strong]) == [strong, sure, weak]
-    learned = _at(confidence=0.85, lower_95=0.8, epsilon=0.0, classifier=0.9)
-    assert rank([sure, strong, learned])[0] is learned
     assert rank([]) == []
+
+
+def test_with_a_filter_the_order_is_by_confidence_times_its_probability() -> None:
+    """One says how a grasp bears errors if the object is as thought, the other whether it is."""
+    guessed = _at(confidence=0.95, lower_95=0.9, epsilon=0.9, classifier=0.5)
+    seen = _at(confidence=0.8, lower_95=0.7, epsilon=0.1, classifier=0.9)
+    worse = _at(confidence=0.5, lower_95=0.4, epsilon=0.1, classifier=0.9)
+    assert rank([guessed, worse, seen]) == [seen, guessed, worse]
+    # Where one was not judged, the probabilities of the others tell nothing about it.
+    plain = _at(confidence=0.9, lower_95=0.84, epsilon=0.1)
+    assert rank([seen, plain])[0] is plain
 
 
 def test_below_the_threshold_there_is_no_grasp() -> None:
