@@ -64,10 +64,10 @@ def view(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         bodies = [world.spawn(can, (middle, y), 0.0, assets) for y in (-0.05, -0.12)]
         arm = described.arm("right")
         above = Goal(np.array([middle, -0.085, place.table_height + 0.12]))
-        # Which solution comes first depends on the processor's rounding, and some hold the elbow
-        # between the camera and the cans.
         found = solve_ik(robot.chains[arm.name], above, np.random.default_rng(0))
-        robot.reset_arm(arm.name, min(found, key=lambda q: np.abs(q - np.array(arm.home)).max()))
+        # Another posture may put an elbow right before the camera.
+        nearest = np.abs(found - np.array(arm.home)).max(axis=1).argmin()
+        robot.reset_arm(arm.name, found[nearest])
         base_from_camera = robot.look("right")
         clean, shown = Camera(world.client).capture(base_from_camera)
         frame = SensorNoise().apply(clean, np.random.default_rng(1))
@@ -94,11 +94,11 @@ def test_the_arm_is_gone_and_the_objects_stay(host, view):
         root_from_camera=view.root_from_camera,
     )
     left = decode(answer.cloud).depth_m > 0
-    assert view.own.sum() > 20_000
+    assert view.own.sum() > 30_000
     assert view.cans.sum() > 1_500
     # Of the noisy points some lie further than the padding in front of the arm, or beside its
     # outline: 95 of 50,829 (NAO) and 18 of 43,110 (Panda). Some of the objects seem to lie behind
-    # it: 35 of 3,853 and none of 5,211.
+    # it: 35 of 3,853 and 0 of 5,211.
     assert (view.own & left).sum() < 0.005 * view.own.sum()
     assert (view.cans & ~left).sum() < 0.02 * view.cans.sum()
     assert (view.others & ~left).sum() < 0.005 * view.others.sum()
