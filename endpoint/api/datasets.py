@@ -8,6 +8,8 @@
     GET    /datasets/<ns>/<name>[@v]            a version with its files, or the head
     GET    /datasets/<ns>/<name>/diff?from=&to= paths that differ
     POST   /datasets/<ns>/<name>/snapshot       make the head a version
+    POST   /datasets/<ns>/<name>/prune          {"paths": [], "where": {"robot": "nao-1"}}: make a
+                                                version without these files and records
     POST   /datasets/<ns>/<name>/merge          {"source": "a/B@3", "rules": {"": "ours"}}
     GET    /datasets/<ns>/<name>[@v]/files/<path>   the bytes; the entity tag is their SHA-256
     PUT, DELETE  .../files/<path>               write to the head; If-Match guards against others
@@ -30,7 +32,13 @@ from rtask.services.datasets.store import Datasets
 from rtask.services.outward.frames import unpack
 
 ADDRESS = "/datasets"
-_ACTIONS = {"diff": ("GET", "HEAD"), "snapshot": ("POST",), "merge": ("POST",), "files": ("POST",)}
+_ACTIONS = {
+    "diff": ("GET", "HEAD"),
+    "snapshot": ("POST",),
+    "prune": ("POST",),
+    "merge": ("POST",),
+    "files": ("POST",),
+}
 _FILES = ("GET", "HEAD", "PUT", "DELETE")
 _RULES = ("fail", "ours", "theirs")
 
@@ -134,6 +142,13 @@ def _action(
         raise UsageError("message: expected a text", field="message")
     if action == "snapshot":
         return _json(datasets.snapshot(name, message, caller.access).facts())
+    if action == "prune":
+        paths, where = wanted.get("paths", []), wanted.get("where", {})
+        if not _are_texts(paths):
+            raise UsageError("paths: expected a list of texts", field="paths")
+        if not isinstance(where, dict):
+            raise UsageError("where: expected values by fields", field="where")
+        return _json(datasets.prune(name, paths, where, message, caller.access).facts())
     source, rules = wanted.get("source"), wanted.get("rules", {})
     if not isinstance(source, str):
         raise UsageError("source: expected the name of a version", field="source")

@@ -102,6 +102,7 @@ def _dataset_paths(
 
     rules = {"type": "object", "additionalProperties": {"enum": ["fail", "ours", "theirs"]}}
     readers = {"type": "array", "items": _TEXT}
+    paths = {"type": "array", "items": _TEXT}
     file = f"{_DATASET}/files/{{path}}"
     ends = [parameter(one, "query", "a version, or head", _TEXT) for one in ("from", "to")]
     content = {"schema": {"type": "string", "format": "binary"}}
@@ -111,12 +112,19 @@ def _dataset_paths(
         _DATASET: {
             "get": get("Read a version of a dataset", (JSON_TYPE,), named),
             "put": change(
-                "Create or fork a dataset", "201", {"fork_of": _TEXT, "readers": readers}
+                "Create or fork a dataset", "201",
+                {"fork_of": _TEXT, "readers": readers, "key": _TEXT},
             ),
         },
         f"{_DATASET}/diff": {"get": get("Compare two versions", (JSON_TYPE,), [*named, *ends])},
         f"{_DATASET}/snapshot": {
             "post": change("Make the head a version", "200", {"message": _TEXT})
+        },
+        f"{_DATASET}/prune": {
+            "post": change(
+                "Make a version without some files and records", "200",
+                {"paths": paths, "where": {"type": "object"}, "message": _TEXT},
+            )
         },
         f"{_DATASET}/merge": {
             "post": change(

@@ -8,7 +8,8 @@
     GET  /jobs, /jobs/<id>[?wait=s][&after=n]    the caller's jobs; one with its answer, its events
     DELETE /jobs/<id>                            cancel
 
-Calls and their answers are JSON, or CBOR where Content-Type and Accept say so.
+Calls and their answers are JSON, or CBOR where Content-Type and Accept say so; calls may be forms
+as well (multipart/form-data), with files as bytes or, ending in .npy, as arrays.
 Data resources are named by ``?data=robot:robots/NAO`` or the member ``$data`` of the body.
 """
 
@@ -21,6 +22,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
+from endpoint.http.form_data import FORM_DATA_TYPE, FormPart, array_from_npy, form_parts
 from endpoint.http.messages import CBOR_TYPE, JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
@@ -101,8 +103,7 @@ def _plan_call(
 ) -> Plan:
     definition, found = host.find(name, method)
     authorise(auth, request, caller, found.scope, f"{definition.name}/{method}")
-    is_binary = request.content_type[0] == CBOR_TYPE
-    args = unpack(request.body) if is_binary else json_object(request)
+    args = _arguments(request)
     data = _data(request, args.pop(DATA, None))
     is_job = "respond-async" in request.header("prefer")
     timeout_s = _seconds(request, "timeout", MAX_JOB_S if is_job else MAX_TIMEOUT_S)
@@ -121,6 +122,47 @@ def _plan_call(
         timeout_s=task.call.timeout_s,
         elsewhere=Elsewhere(start, task.call.late, task.cancel),
     )
+
+
+def _arguments(request: Request) -> dict[str, Any]:
+    """Return the request of a call from JSON, CBOR or a form.
+
+    Raises
+    ------
+    RefusedError, UsageError
+        The body cannot be read.
+    """
+    media_type = request.content_type[0]
+    if media_type == CBOR_TYPE:
+        return unpack(request.body)
+    if media_type != FORM_DATA_TYPE:
+        return json_object(request)
+    args: dict[str, Any] = {}
+    for part in form_parts(request):
+        if not part.name or part.name in args:
+            raise UsageError("each part of the form is a field of its own name", field=part.name)
+        args[part.name] = _field(part)
+    return args
+
+
+def _field(part: FormPart) -> Any:
+    """Return the value of a part: a file's array or bytes, JSON, or else text."""
+    if part.filename.lower().endswith(".npy"):
+        array = array_from_npy(part.data)
+        if array is None:
+            words = f"{part.name}: {part.filename[:80]} is no array of numbers"
+            raise UsageError(words, field=part.name)
+        return array
+    if part.filename:
+        return part.data
+    try:
+        text = part.data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise UsageError(f"{part.name}: the text is not UTF-8", field=part.name) from None
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return text
 
 
 def _answer(task: Task, is_binary: bool) -> Response:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import tempfile
 import uuid
 from dataclasses import dataclass
-from email.parser import BytesParser
-from email.policy import HTTP
 from pathlib import PurePosixPath
 
 from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
@@ -18,6 +16,7 @@ from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_known, names
+from endpoint.http.form_data import FORM_DATA_TYPE, form_parts
 from endpoint.http.messages import RefusedError, Request, Response, split_media_type
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.served import ServedGraph, embedded
@@ -280,7 +279,7 @@ class GraphStore:
 def _parts(request: Request) -> list[Part]:
     """Read the documents in a body, each by its own Content-Type."""
     media_type, _ = request.content_type
-    if media_type == "multipart/form-data":
+    if media_type == FORM_DATA_TYPE:
         return _multipart(request)
     if not request.body.strip():
         return []
@@ -288,21 +287,15 @@ def _parts(request: Request) -> list[Part]:
 
 
 def _multipart(request: Request) -> list[Part]:
-    head = f"Content-Type: {request.header('content-type')}\r\n\r\n".encode()
-    message = BytesParser(policy=HTTP).parsebytes(head + request.body)
-    if not message.is_multipart():
-        raise RefusedError(400, "usage", "the multipart body has no parts; is the boundary right?")
     parts = []
-    for piece in message.iter_parts():
-        data = piece.get_payload(decode=True)
-        assert isinstance(data, bytes)
-        if piece.get("Content-Type"):
-            format_ = _format(piece.get_content_type())
+    for piece in form_parts(request):
+        if piece.media_type:
+            format_ = _format(piece.media_type)
         else:
-            format_ = _SUFFIXES.get(PurePosixPath(piece.get_filename() or "").suffix.lower(), "")
+            format_ = _SUFFIXES.get(PurePosixPath(piece.filename).suffix.lower(), "")
         if not format_:
             raise RefusedError(415, "unsupported-media-type", "a part without a Content-Type")
-        parts.append(Part(data, format_))
+        parts.append(Part(piece.data, format_))
     return parts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -173,6 +174,38 @@ def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None
     marks = {"added": "+", "removed": "-", "changed": "*"}
     rows = [f"{marks[kind]} /{path}" for kind, paths in found.items() for path in paths]
     _tell(as_json, found, "\n".join(rows) or "no difference")
+
+
+@dataset.command("prune")
+@click.argument("name")
+@click.argument("paths", metavar="[PATH]...", nargs=-1)
+@click.option(
+    "--where",
+    multiple=True,
+    metavar="FIELD=VALUE",
+    help="Leave out the records with this value, such as robot=nao-1; repeat for several fields "
+    "that must all fit.",
+)
+@_server
+@json_option
+def prune(
+    name: str, paths: tuple[str, ...], where: tuple[str, ...], server: str, as_json: bool
+) -> None:
+    """Make a version of a dataset without some files, folders or records. Older ones keep them."""
+    if not (paths or where):
+        raise UsageError("name the files and folders to leave out, or records by --where")
+    fields = {}
+    for one in where:
+        field, equals, value = one.partition("=")
+        if not (field and equals):
+            raise UsageError(f"--where {one}: expected FIELD=VALUE")
+        try:
+            fields[field] = json.loads(value)
+        except ValueError:
+            fields[field] = value
+    with _connected(server) as client:
+        made = client.prune(name, list(paths), fields)
+    _tell(as_json, made, made["name"])
 
 
 @dataset.command("merge")

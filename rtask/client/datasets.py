@@ -95,6 +95,12 @@ class DatasetClient(HttpClient):
         found: dict[str, Any] = self._send("POST", place, json={"message": message}).json()
         return found
 
+    def prune(self, name: str, paths: list[str], where: Mapping[str, Any]) -> dict[str, Any]:
+        """Make a version without some files, and the records with some values; return it."""
+        body = {"paths": paths, "where": dict(where)}
+        found: dict[str, Any] = self._send("POST", f"{_place(name)}/prune", json=body).json()
+        return found
+
     def difference(self, name: str, before: str, after: str) -> dict[str, list[str]]:
         """Return the paths that differ between two versions."""
         place = f"{_place(name)}/diff"

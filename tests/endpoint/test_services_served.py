@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import time
 from collections.abc import Iterator
@@ -88,6 +89,36 @@ def test_calls_may_be_cbor_with_arrays_and_bytes_as_they_are(http):
     broken = http.post("/services/lab/Arm/forward", content=b"\xff", headers=both)
     assert broken.status_code == 400
     assert "not CBOR" in broken.json()["detail"]
+
+
+def test_calls_may_be_forms_with_files(http):
+    array = io.BytesIO()
+    np.save(array, np.zeros(2))
+    files = {"joints": ("zero.npy", array.getvalue())}
+    answer = http.post("/services/lab/Arm/forward", data={"scale": "2"}, files=files)
+    assert answer.json()["pose"]["position"]["x"] == 4.0
+    image = http.post("/services/lab/Arm/weigh", files={"image": ("mug.jpg", b"\xff\0\x01")})
+    assert image.json() == {"size": 3}
+    text = http.post("/services/lab/Arm/stretch", files={"joints": (None, "[1, 2]")})
+    assert text.json()["distance"] == 2.0
+    pickled = io.BytesIO()
+    np.save(pickled, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    huge = array.getvalue().replace(b"(2,)", b"(9000000000000,)").replace(b" " * 12, b"", 1)
+    for wrong, words in (
+        ([("joints", ("evil.npy", pickled.getvalue()))], "evil.npy is no array"),
+        ([("joints", ("cut.npy", array.getvalue()[:-1]))], "cut.npy is no array"),
+        ([("joints", ("huge.npy", huge))], "huge.npy is no array"),
+        ([("joints", (None, b"\xff"))], "not UTF-8"),
+        ([("joints", (None, "[1]")), ("joints", (None, "[2]"))], "of its own name"),
+        ([("joints", (None, "far"))], "joints: expected a list of numbers"),
+    ):
+        refused = http.post("/services/lab/Arm/forward", files=wrong)
+        assert refused.status_code == 400
+        assert words in refused.json()["detail"]
+    none = {"Content-Type": "multipart/form-data; boundary=x"}
+    assert http.post("/services/lab/Arm/forward", content=b"", headers=none).status_code == 400
+    foreign = {"Origin": "http://elsewhere.example"}
+    assert http.post("/services/lab/Arm/weigh", files=files, headers=foreign).status_code == 403
 
 
 def test_a_failed_start_says_when_to_come_back(http):
@@ -268,6 +299,44 @@ def test_a_pipeline_is_saved_from_a_file_and_called_like_a_service(server, http,
     gone = {"pipeline": "lab/Reach", "version": "1.0.0"}
     assert http.post("/services/rtask/Pipeline/remove", json=gone).is_success
     assert http.post("/services/lab/Reach/run", json={"joints": [0, 0]}).status_code == 404
+
+
+def test_records_are_merged_and_pruned_over_http_and_by_commands(http, server, tmp_path):
+    def run(*command: str) -> str:
+        done = CliRunner().invoke(cli, ["dataset", *command, "--server", server.url])
+        assert done.exception is None, done.exception
+        return done.stdout
+
+    file = tmp_path / "outcomes.jsonl"
+    start = [{"id": f"o{n}", "robot": "nao", "width_m": 0.05 + 0.001 * n} for n in range(9)]
+    run("create", "lab/Tries", "--key", "id")
+    for name, more in (("lab/Tries", []), ("panda/Tries", [("p1", 0.06), ("p2", 55.0)])):
+        if more:
+            run("create", name, "--fork", "lab/Tries@1")
+        added = [{"id": one, "robot": "panda", "width_m": width} for one, width in more]
+        file.write_text("".join(json.dumps(one) + "\n" for one in (*start, *added)))
+        run("put", name, str(file))
+        run("snapshot", name)
+    merged = run("merge", "lab/Tries", "panda/Tries")
+    assert merged == (
+        "lab/Tries@2\nplease check outcomes.jsonl#p2: width_m = 55 is far from all others\n"
+    )
+    described = http.get("/datasets/lab/Tries").json()
+    assert (described["key"], len(described["doubts"])) == ("id", 1)
+    page = http.get("/datasets/lab/Tries", headers={"Accept": "text/html"}).text
+    assert "outcomes.jsonl#p2" in page
+    assert run("prune", "lab/Tries", "--where", "robot=panda") == "lab/Tries@3\n"
+    assert len(http.get("/datasets/lab/Tries/files/outcomes.jsonl").text.splitlines()) == 9
+    for body, words in (
+        ({"paths": "x"}, "paths"),
+        ({"where": 3}, "where"),
+        ({"paths": ["x"]}, "x"),
+    ):
+        answer = http.post("/datasets/lab/Tries/prune", json=body)
+        assert answer.status_code in (400, 404)
+        assert words in answer.json()["detail"]
+    wrong = http.put("/datasets/lab/Wrong", json={"key": 3})
+    assert (wrong.status_code, "key" in wrong.json()["detail"]) == (400, True)
 
 
 def test_services_are_compared_and_the_results_kept_as_a_version(server, http, tmp_path):

@@ -15,7 +15,9 @@ from typing import Any, Literal
 
 from rtask.errors import UsageError
 
-__all__ = ["ENDING", "Records", "merge_records", "outliers", "read_records", "write_records"]
+__all__ = [
+    "ENDING", "Records", "merge_records", "outliers", "read_records", "without", "write_records",
+]  # fmt: skip
 
 ENDING = ".jsonl"
 _MAX_DEVIATIONS = 8.0
@@ -74,6 +76,23 @@ def write_records(records: Mapping[str, dict[str, Any]]) -> bytes:
         for _, record in sorted(records.items())
     ]
     return "".join(lines).encode()
+
+
+def without(data: bytes, key: str, path: str, where: Mapping[str, Any]) -> bytes | None:
+    """Return a file without the records that have all of some values; none if it has none such.
+
+    Examples
+    --------
+    >>> without(b'{"id": 1, "robot": "nao"}\\n{"id": 2}', "id", "a.jsonl", {"robot": "nao"})
+    b'{"id": 2}\\n'
+    """
+    records = read_records(data, key, path)
+    kept = {
+        name: one
+        for name, one in records.items()
+        if not all(field in one and one[field] == value for field, value in where.items())
+    }
+    return write_records(kept) if len(kept) < len(records) else None
 
 
 def merge_records(

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from rtask.errors import (
     ConflictError,
@@ -32,7 +33,7 @@ from rtask.errors import (
 from rtask.kb.commit.access import Access
 from rtask.kb.durability.blobs import PREFIX, BlobStore, copy_blob
 from rtask.services.datasets.merging import Merge
-from rtask.services.datasets.records import ENDING, read_records
+from rtask.services.datasets.records import ENDING, read_records, without
 from rtask.services.datasets.shelf import Shelf, is_name
 from rtask.services.datasets.tree import (
     Entry,
@@ -40,6 +41,7 @@ from rtask.services.datasets.tree import (
     check_kind,
     check_path,
     difference,
+    leave_out,
 )
 from rtask.services.datasets.version import HEAD, Doubt, Version
 from rtask.services.datasets.views import Views
@@ -251,12 +253,55 @@ class Datasets:
             The head has no such file or folder.
         """
         with self._changing(name, access) as files:
-            for path in map(check_path, paths):
-                gone = [one for one in files if one == path or one.startswith(f"{path}/")]
-                if not gone:
-                    raise UnknownTermError(f"{name}@head has no file {path}")
-                for one in gone:
-                    del files[one]
+            leave_out(files, paths, name)
+
+    def prune(
+        self,
+        name: str,
+        paths: list[str],
+        where: Mapping[str, Any] | None = None,
+        message: str = "",
+        access: Access | None = None,
+    ) -> Version:
+        """Make a version without some files, and without some records; older ones keep them.
+
+        Parameters
+        ----------
+        paths
+            Files and folders to leave out.
+        where
+            Values of fields; the records that have all of them are left out, such as those of one
+            robot. None = no record is.
+
+        Raises
+        ------
+        UsageError
+            Records are to be left out of a dataset without a key.
+        UnknownTermError
+            There is no such file, folder or record.
+        """
+        with self._lock:
+            with self._changing(name, access) as files:
+                leave_out(files, paths, name)
+                if where:
+                    files.update(self._without(name, files, where))
+            return self.snapshot(name, message or "prune", access)
+
+    def _without(
+        self, name: str, files: Mapping[str, Entry], where: Mapping[str, Any]
+    ) -> dict[str, Entry]:
+        """Return the files of records that lose some, without these."""
+        if not (key := self.key(name)):
+            raise UsageError(f"{name} has no key, so its files are no records")
+        changed = {}
+        for path, entry in files.items():
+            if path.endswith(ENDING):
+                rest = without(self._bytes(entry), key, path, where)
+                if rest is not None:
+                    changed[path] = self._stored(rest)
+        if not changed:
+            raise UnknownTermError(f"{name}@head has no record with {dict(where)}")
+        return changed
 
     def snapshot(self, name: str, message: str = "", access: Access | None = None) -> Version:
         """Make the head a version; without changes since the last one, that is returned."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from rtask.errors import ConflictError, UsageError
+from rtask.errors import ConflictError, UnknownTermError, UsageError
 
 __all__ = [
     "Combine",
@@ -23,6 +23,7 @@ __all__ = [
     "difference",
     "digest_of",
     "from_json",
+    "leave_out",
     "merge",
     "rule_for",
 ]
@@ -217,3 +218,19 @@ def check_kind(path: str, files: Mapping[str, Entry]) -> None:
     above = ["/".join(parts[:count]) for count in range(1, len(parts))]
     if any(one in files for one in above) or any(one.startswith(f"{path}/") for one in files):
         raise ConflictError(f"{path}: a folder and a file cannot have one name")
+
+
+def leave_out(files: dict[str, Entry], paths: list[str], name: str) -> None:
+    """Remove files, and whole folders, from those of a head.
+
+    Raises
+    ------
+    UnknownTermError
+        There is no such file or folder in the head of the dataset of this name.
+    """
+    for path in map(check_path, paths):
+        gone = [one for one in files if one == path or one.startswith(f"{path}/")]
+        if not gone:
+            raise UnknownTermError(f"{name}@head has no file {path}")
+        for one in gone:
+            del files[one]

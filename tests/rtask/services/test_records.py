@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rtask.errors import ConflictError, UsageError
+from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.services.datasets.store import Datasets
 
 FILE = "outcomes.jsonl"
@@ -127,3 +127,23 @@ def test_files_that_hold_no_records_are_merged_whole(datasets):
     with pytest.raises(ConflictError) as raised:
         datasets.merge("lab/Outcomes", "nao/Outcomes")
     assert raised.value.details["conflicts"] == [{"path": "notes.txt", "kind": "both_changed"}]
+
+
+def test_a_version_without_one_robot_leaves_the_older_ones_as_they_were(datasets):
+    datasets.create("lab/Outcomes", key="id")
+    every = [outcome(f"{robot}-{n}", robot=robot) for robot in ("nao", "panda") for n in range(3)]
+    datasets.put("lab/Outcomes", {FILE: lines(*every), "nao/notes.txt": b"x", "only.jsonl": b""})
+    datasets.snapshot("lab/Outcomes")
+    made = datasets.prune("lab/Outcomes", ["nao"], {"robot": "nao", "held": True})
+    assert (made.name, sorted(made.files)) == ("lab/Outcomes@2", ["only.jsonl", FILE])
+    assert [one["id"] for one in records(datasets, "lab/Outcomes")] == [
+        "panda-0", "panda-1", "panda-2",
+    ]  # fmt: skip
+    assert len(records(datasets, "lab/Outcomes@1")) == 6
+    with pytest.raises(UnknownTermError, match=r"no record with \{'robot': 'nao'\}"):
+        datasets.prune("lab/Outcomes", ["only.jsonl"], {"robot": "nao"})
+    assert "only.jsonl" in datasets.find("lab/Outcomes@head").files, "all or nothing"
+    assert datasets.numbers("lab/Outcomes") == [1, 2]
+    datasets.create("lab/Files")
+    with pytest.raises(UsageError, match="has no key"):
+        datasets.prune("lab/Files", [], {"robot": "nao"})
