@@ -18,7 +18,6 @@ from endpoint.pages import (
     search,
     signin,
     teach,
-    wording,
 )
 from endpoint.pages.graph import classes, proof, resource, workbench
 from endpoint.pages.render import blueprint
@@ -50,6 +49,5 @@ __all__ = [
     "signin",
     "teach",
     "tools",
-    "wording",
     "workbench",
 ]

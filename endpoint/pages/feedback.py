@@ -13,7 +13,6 @@ from endpoint.access.auth import require_scope
 from endpoint.activity.words import AFTER
 from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
-from endpoint.pages.wording import VISIBLE_REASONS
 from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.words import PHASES
 from rtask.errors import UsageError
@@ -27,6 +26,18 @@ _FILTERS = {
     "disputed": "?outcome rt:disputed true",
     "failed": "?outcome rt:judgedSuccess false",
 }
+VISIBLE_REASONS = (
+    "missed",
+    "slip_lift",
+    "slip_hold",
+    "slip_transport",
+    "pushed_away",
+    "touched",
+    "drop_outside",
+    "wrong_object",
+    "hardware",
+)
+"""What a person can see on the pictures; the keys 1 to 9 choose these."""
 
 
 def list_attempts(chosen: str = "") -> list[Model]:

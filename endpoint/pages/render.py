@@ -15,11 +15,13 @@ import flask
 from flask import Blueprint
 
 import ontology
+from endpoint.activity.words import title
 from endpoint.application import Application
 from endpoint.context import ServerContext
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.problems import details_of
 from endpoint.served import ServedGraph, embedded
+from rtask.engine.words import phase_words, reason_words
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import NamedNode
@@ -271,3 +273,8 @@ def moment(value: object) -> str:
 def when(value: object) -> str:
     """Format a time of the graph to the second; a dash for none."""
     return str(value)[:19].replace("T", " ") if value else "–"
+
+
+# Words in place of the codes that robots report.
+for _words in (phase_words, reason_words, title):
+    blueprint.add_app_template_filter(_words)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["ask", "contributors", "feedback"]
 
 _LATEST = """
-SELECT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
+SELECT DISTINCT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
 WHERE {
   { SELECT ?attempt ?outcome ?time
     WHERE { ?attempt a rt:GraspAttempt ; rt:hasOutcome ?outcome ; prov:endedAtTime ?time }
@@ -183,6 +183,7 @@ def _request(
 
 def _list(client: Client, limit: int, as_json: bool) -> None:
     import ontology
+    from rtask.engine.words import reason_words
     from rtask.rdf.terms import prologue
 
     rows = client.query(prologue(ontology.PREFIXES) + _LATEST % max(limit, 1))
@@ -193,12 +194,12 @@ def _list(client: Client, limit: int, as_json: bool) -> None:
     if not rows:
         click.echo("no attempts yet", err=True)
     for row in rows:
-        said = "held" if row["success"] else str(row["code"])
+        said = "held" if row["success"] else reason_words(row["code"]) or "did not hold"
         counts = {True: "held", False: "failed", None: "nothing"}[row["judged"]]
         counts = "disputed" if row["disputed"] else counts
         time = str(row["time"])[:19]
         click.echo(
-            f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {said:12s}  "
+            f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {said:33s}  "
             f"counts: {counts:8s}  {row['task']}"
         )
     exit_if_empty(rows)

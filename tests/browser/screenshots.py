@@ -41,7 +41,7 @@ _PIPELINE = {
 _LIVE = "page-activity"
 _COMPOSED = f"/tools/pipeline?{urlencode({'pipeline': json.dumps(_PIPELINE)})}"
 _SHOWN = {
-    "page-object": ("/object?iri={object}#grasp=1", LAPTOP, "light"),
+    "page-object": ("/object?iri={object}#grasp=1", {**LAPTOP, "height": 900}, "light"),
     "page-outcomes-phone": ("/feedback", PHONE, "dark"),
     "page-object-phone": ("/object?iri={object}#grasp=1", PHONE, "dark"),
     "page-arm": ("/tools/arm", LAPTOP, "light"),
@@ -54,6 +54,8 @@ def _take(page: Page, path: Path) -> None:
     """Save what the window shows, once nothing is loading."""
     page.wait_for_load_state("networkidle")
     page.wait_for_function("() => [...document.images].every((i) => i.complete || i.loading)")
+    # A cloud is drawn before it is painted.
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 500)))")
     page.screenshot(path=str(path))
 
 

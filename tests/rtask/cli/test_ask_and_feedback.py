@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,15 @@ def test_people_judge_by_the_command_line(run) -> None:  # type: ignore[no-untyp
     assert "held 0 of 1 times" in out
     assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--by", "bob")[1]
     assert "counts: disputed" in run("feedback")[1]
+
+
+def test_a_failed_attempt_is_listed_in_words_and_by_its_code_for_programs(run) -> None:  # type: ignore[no-untyped-def]
+    failed = FACTS.replace("/1>", "/2>").replace("urn:task:1", "urn:task:2")
+    failed = failed.replace("success true", "success false").replace("reason_ok", "reason_ik")
+    assert run("update", failed)[0] == 0
+    assert "the hand could not reach it" in run("feedback")[1]
+    codes = [row["code"] for row in json.loads(run("feedback", "--json")[1])]
+    assert sorted(codes) == ["ik", "ok"]
 
 
 def test_what_cannot_be_meant_is_refused(run) -> None:  # type: ignore[no-untyped-def]
