@@ -190,8 +190,8 @@ def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
     Parameters
     ----------
     kept
-        Whether the hand still held something at the end of the transport. If not, it was not set
-        down at the place, where it would have pushed about what lies there: what is new fell in.
+        Whether the hand still held something at the end of the transport. If not, what is new at
+        the place may be an object that leans on its rim, or what the object pushed about.
     before, after
         The place before the grasp, and after the arm has returned home.
     """
@@ -199,7 +199,7 @@ def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
         return Judgement("unknown", "the place is out of view")
     count = int(new_cells(before, after).sum())
     evidence = f"place +{count} cells, {'held' if kept else 'lost'} in transport"
-    return Judgement("yes" if count >= _MIN_NEW_CELLS else "no", evidence)
+    return Judgement("yes" if kept and count >= _MIN_NEW_CELLS else "no", evidence)
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:

@@ -89,7 +89,7 @@ def test_what_lies_on_something_else_is_new_as_well():
         (True, BLOCK, BLOCK, "no"),
         (True, EMPTY, UNSEEN, "unknown"),
         (True, UNSEEN, BLOCK, "unknown"),
-        (False, EMPTY, BLOCK, "yes"),  # it fell in: an empty hand is not set down there
+        (False, EMPTY, BLOCK, "no"),  # the object leans on the rim, or pushed something about
         (False, EMPTY, EMPTY, "no"),
     ],
 )
