@@ -94,7 +94,7 @@ def keep(page: Any, name: str) -> None:
 
 
 def test_an_unnamed_object_is_narrowed_by_words_merged_and_taken_back(page: Any) -> None:
-    assert page.get_by_role("heading", level=3).all_inner_texts() == ["box 2", "pen 3"]
+    assert page.get_by_role("heading", level=2).all_inner_texts() == ["box 2", "pen 3"]
     page.get_by_role("link", name="Say what it is: box 2").click()
     page.get_by_label("What kind of thing").fill("can")
     page.get_by_role("button", name="Find").click()
