@@ -50,7 +50,8 @@ def rank_by_holding(
     in physics than the scores say.
 
     Of those within 5 % of the best the one with the shorter lever, in steps of 5 mm, comes first,
-    then the one that approaches more steeply, then the one given first.
+    then the one that approaches more steeply, then the one given first. One whose scores are not
+    numbers comes last.
     """
     # Rounded, so that rigid motions change nothing.
     value = np.array([(c.scores["lift"] + c.scores["carry"]) / 2 for c in candidates])
@@ -58,7 +59,7 @@ def rank_by_holding(
         value = value * [1 - _TILTED * (1 + float(c.approach @ up)) for c in candidates]
     value = value * [min(c.scores.get("patch", 1.0) / _FULL_PATCH, 1.0) for c in candidates]
     value = value - [_LEANING * c.scores.get("taper", 0.0) for c in candidates]
-    value = np.round(value, 9)
+    value = np.nan_to_num(np.round(value, 9), nan=-np.inf)
     lever = np.round([c.scores["lever"] / _LEVER_STEP_M - _EQUAL for c in candidates])
     steep = np.zeros(len(candidates))
     if up is not None:
@@ -81,7 +82,7 @@ def rank_by_confidence(candidates: Sequence[GraspCandidate]) -> list[GraspCandid
     tells how far a grasp bears errors of the pose, if the object is what it is thought to be, the
     other whether it is.
     """
-    confidence = np.array([c.scores.get("confidence", 0.0) for c in candidates])
+    confidence = np.nan_to_num([c.scores.get("confidence", 0.0) for c in candidates])
     if candidates and all("classifier" in c.scores for c in candidates):
         sure = np.round(confidence * [c.scores["classifier"] for c in candidates], 9)
         return [candidates[i] for i in np.argsort(-sure, kind="stable")]

@@ -121,6 +121,8 @@ def test_what_is_nearly_as_good_goes_by_lever_and_then_by_steepness() -> None:
     assert rank_by_holding([best, near, steep, worse], up) == [steep, near, best, worse]
     assert rank_by_holding([worse, best]) == [best, worse]
     assert rank_by_holding([]) == []
+    no_number = replace(best, scores={**best.scores, "carry": float("nan")})
+    assert rank_by_holding([no_number, worse]) == [worse, no_number]
 
 
 def test_from_the_side_counts_less_than_from_above() -> None:
