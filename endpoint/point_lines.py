@@ -201,7 +201,9 @@ class PointLines:
         except RtaskError:
             was_sent = False  # the thread meets it again and answers it
         if not was_sent:
-            line.is_stalled = True
+            line.is_stalled = not line.reader.is_sound
+            if line.is_stalled and not line.queries:
+                self._close(line)
             query.answer(Instead.ASK_IN_THREAD)
             return
         if not line.queries:

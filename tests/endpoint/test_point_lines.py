@@ -162,12 +162,15 @@ def test_when_a_reader_is_killed_its_queries_are_asked_again(kb: KnowledgeBase) 
     async def work(asked: Asked) -> None:
         slow = asked.ask(SLOW)[1]
         behind = [asked.ask(value(n))[1] for n in range(5)]
-        for reader in kb.stats()["readers"]["processes"][1:]:
+        readers = kb.stats()["readers"]["processes"][1:]
+        for reader in readers:
             os.kill(reader, signal.SIGKILL)
         assert await slow is Instead.ASK_IN_THREAD
         for number, one in enumerate(behind):
             found = await one
             assert found is Instead.ASK_IN_THREAD or number_in(found) == number
+        while set(readers) & set(kb.stats()["readers"]["processes"]):
+            await asyncio.sleep(0.01)
 
     run(kb, work)
 
@@ -190,5 +193,18 @@ def test_a_query_that_fails_is_left_to_a_thread_and_its_reader_goes_on(kb: Knowl
         right = asked.ask(value(7))[1]
         assert await wrong is Instead.ASK_IN_THREAD
         assert number_in(await right) == 7
+
+    run(kb, work)
+
+
+def test_a_reader_with_much_to_catch_up_with_is_replaced(kb: KnowledgeBase) -> None:
+    async def work(asked: Asked) -> None:
+        assert number_in(await asked.ask(value(3))[1]) == 3
+        many = " ".join(f"<urn:more:{n}> <urn:number> {n} ." for n in range(600))
+        await asyncio.to_thread(kb.update, f"INSERT DATA {{ {many} }}")
+        text = "SELECT ?o { <urn:more:5> <urn:number> ?o }"
+        while not isinstance(found := await asked.ask(text)[1], Answer):
+            await asyncio.sleep(0.01)
+        assert number_in(found) == 5
 
     run(kb, work)

@@ -97,6 +97,11 @@ class ReaderProcess:
         """Process identifier, available after :meth:`say_hello`."""
         return self._pid
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether the process was killed, here or from outside."""
+        return self.killed or self.ended.is_set()
+
     def add(self, frame: CommitFrame) -> None:
         """Queue a commit to be sent before the next query."""
         self._frames.append(frame)

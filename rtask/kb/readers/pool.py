@@ -190,7 +190,14 @@ class Readers:
         """
         self._refused.check(b"Q", text)
         with self._store.complete_now() as is_complete:
-            return is_complete and line.reader.ask_now(payload)
+            if not is_complete:
+                return False
+            if line.reader.ask_now(payload):
+                return True
+        line.is_sound = (
+            False  # it has ended, or has so much to catch up with that another is faster
+        )
+        return False
 
     def continue_line(self, line: ReaderLine, text: str, is_last: bool) -> ReaderStream:
         """Return the answer in front of a line, which has turned out to be long, as a stream.

@@ -186,7 +186,7 @@ class ReaderSupply:
         keeper = reader.keeper
         if keeper is not self._replica and reader.snapshot_seq != self._last_seq():
             return False
-        return not (reader.killed or keeper.failed) and self._is_small(reader)
+        return not (reader.is_gone or keeper.failed) and self._is_small(reader)
 
     @staticmethod
     def _is_small(reader: ReaderProcess) -> bool:
@@ -199,7 +199,7 @@ class ReaderSupply:
         with self._lock:
             for reader in reversed(list(self._idle)):
                 fits = reader.keeper is replica if replica else reader.snapshot_seq == seq
-                if reader.keeper.failed or reader.killed or not fits:
+                if reader.keeper.failed or reader.is_gone or not fits:
                     self._idle.remove(reader)
                     stale.append(reader)
                 elif found is None:
