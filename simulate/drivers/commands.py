@@ -105,9 +105,9 @@ def reach(
 
 @contextlib.contextmanager
 def _naoqi(address: str, arm: Arm) -> Iterator[NaoqiArm]:
-    from simulate.drivers.naoqi import NaoqiArm
+    from simulate.drivers.naoqi import HANDS, NaoqiArm
 
-    hands = [alias for alias in arm.aliases if alias in ("LHand", "RHand")]
+    hands = [alias for alias in arm.aliases if alias in HANDS]
     if not hands:
         raise RobotError(f"{arm.name} is no arm of a NAO; give --robot nao")
     with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0]) as driver:

@@ -19,7 +19,10 @@ from simulate.motion.joint_messages import check_start
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
-__all__ = ["NaoqiArm"]
+__all__ = ["HANDS", "NaoqiArm"]
+
+HANDS = ("LHand", "RHand")
+"""Names of a NAO's hands in NAOqi."""
 
 _CALL_S, _SPARE_S = 10.0, 5.0
 _KNOT_S = 0.08
@@ -44,7 +47,7 @@ class NaoqiArm:
     joints
         Of the arm, in the order of the trajectories.
     hand
-        ``LHand`` or ``RHand``.
+        One of :data:`HANDS`.
 
     Raises
     ------

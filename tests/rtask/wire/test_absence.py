@@ -53,6 +53,8 @@ def sample(field):
         value = POSE
     elif carried is not None and carried.ros == "geometry_msgs/PoseStamped":
         value = {"pose": POSE}
+    elif carried is not None and carried.ros == "float64":
+        value = 0.05
     else:
         value = {str: "a", float: 0.05, int: 1, bool: True}[kind.type]
     return [value] if kind.is_list else value

@@ -123,6 +123,8 @@ def filled(control):
     if control.sort == "json":
         if control.name.endswith(("box", "region")):
             return json.dumps([0, 0, 9, 9])
+        if control.name.endswith(("times", "positions", "commands")):
+            return json.dumps([0, 1])
         return json.dumps([[0, 0, 0]] if control.name.endswith("neighbours") else POSE)
     return "a"
 
