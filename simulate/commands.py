@@ -222,6 +222,7 @@ def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bo
     """
     from simulate.robots import check_robot
     from simulate.study.film import Film, check_film, film_robot, write_film
+    from simulate.world.quiet import banner_on_stderr
 
     check_film(out)
     for kind in kinds:
@@ -230,6 +231,7 @@ def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bo
     frames = []
     for kind in kinds:
         click.echo(f"filming {kind}", err=True)
-        frames.append(film_robot(kind, settings))
+        with banner_on_stderr():
+            frames.append(film_robot(kind, settings))
     write_film(out, frames, settings)
     click.echo(json.dumps({"path": str(out)}) if as_json else str(out))

@@ -42,6 +42,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.line(f"{seconds:6.1f} s  {name}")
 
 
+@pytest.fixture
+def shares(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Return a list of what commands tell the line on a terminal: how much is done, of how much."""
+    from rtask.cli.progress import Working
+
+    told: list[tuple[int, int]] = []
+    monkeypatch.setattr(Working, "tell", lambda _, done, wanted: told.append((done, wanted)))
+    return told
+
+
 def _beside(folder: str) -> Path:
     """Return a folder of data that are not ours to ship, or skip with the reason.
 

@@ -113,11 +113,11 @@ def export(
         found = episodes_of(kb, robot=agent, since=since)
         if not found:
             raise UsageError("no attempt fits; see `rtask episodes list`")
-        with Working("writing"):
+        with Working("writing") as working:
             if form == "lerobot":
-                written = write_lerobot(kb, found, out, rate, hand)
+                written = write_lerobot(kb, found, out, rate, hand, working.tell)
             else:
-                written = write_episodes(kb, found, out)
+                written = write_episodes(kb, found, out, working.tell)
     if as_json:
         print_json({"path": str(out), **asdict(written)})
         return

@@ -171,35 +171,35 @@ def rebuild(what: str, data: Path, as_json: bool) -> None:
     done = {}
     with open_to_change(data) as kb:
         for part in _PARTS if what == "all" else (what,):
-            with Working(f"rebuilding {part}"):
-                done[part] = _rebuild(kb, part)
+            with Working(f"rebuilding {part}") as working:
+                done[part] = _rebuild(kb, part, working)
             if not as_json:
                 click.echo(f"{part}: {done[part]}")
     if as_json:
         print_json(done)
 
 
-def _rebuild(kb: KnowledgeBase, part: str) -> str:
+def _rebuild(kb: KnowledgeBase, part: str, working: Working) -> str:
     if part == "inferred":
         done = kb.rebuild("inferred")
         return f"+{done.added} -{done.removed}"
     if part == "blobs":
         return f"{kb.collect_blobs()} deleted"
     if part in ("statistics", "recognition", "models"):
-        return _rebuild_by_engine(kb, part)
+        return _rebuild_by_engine(kb, part, working)
     findings = kb.verify(repair=True, parts=(part,))
     return "; ".join(finding.detail for finding in findings) or "nothing to repair"
 
 
-def _rebuild_by_engine(kb: KnowledgeBase, part: str) -> str:
+def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
     from rtask.engine import Engine
 
     engine = Engine(kb)
     try:
         if part == "recognition":
-            return f"{engine.rebuild_index()} views"
+            return f"{engine.rebuild_index(working.tell)} views"
         if part == "models":
-            return f"{engine.rebuild_models()} objects"
+            return f"{engine.rebuild_models(working.tell)} objects"
         done = engine.rebuild_statistics()
         return f"+{done.added} -{done.removed}"
     finally:

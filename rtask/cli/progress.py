@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO, cast
+from typing import Any, ClassVar, TextIO, cast
 
 import click
 
@@ -26,6 +26,8 @@ _CLEAR = "\r\x1b[K"
 
 class Working:
     """Context manager that names what is being done once it has taken two seconds.
+
+    Of several at a time only the one begun last is shown.
 
     Parameters
     ----------
@@ -41,9 +43,13 @@ class Working:
     2
     """
 
+    _begun: ClassVar[list[Working]] = []
+
     def __init__(self, text: str, quiet_s: float = _QUIET_S) -> None:
         self._text, self._quiet_s = text, quiet_s
         self._done = threading.Event()
+        self._writing = threading.Lock()
+        self._shown = False
         self._thread = threading.Thread(target=self._tick, daemon=True)
         self._terminal = sys.stderr.isatty()
         self._share = ""
@@ -52,8 +58,16 @@ class Working:
         """Take note of how much of the work is done, which is shown from then on."""
         self._share = f" {done / wanted:.0%}," if wanted else ""
 
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Remove the line while something else is printed; it comes back by itself."""
+        with self._writing:
+            self._clear()
+            yield
+
     def __enter__(self) -> Working:
         self._started = time.monotonic()
+        self._begun.append(self)
         self._thread.start()
         return self
 
@@ -69,17 +83,27 @@ class Working:
         """Remove the line; return how long the work took, s."""
         self._done.set()
         self._thread.join()
+        self._begun.remove(self)
         return time.monotonic() - self._started
 
     def _tick(self) -> None:
         if not self._terminal or self._done.wait(self._quiet_s):
             return
         while True:
-            seconds = time.monotonic() - self._started
-            click.echo(f"{_CLEAR}{self._text} ...{self._share} {seconds:.0f} s", err=True, nl=False)
+            with self._writing:
+                seconds = time.monotonic() - self._started
+                text = f"{_CLEAR}{self._text} ...{self._share} {seconds:.0f} s"
+                if self._begun[-1] is self:
+                    self._shown = True
+                    click.echo(text, err=True, nl=False)
             if self._done.wait(_TICK_S):
-                click.echo(_CLEAR, err=True, nl=False)
+                self._clear()
                 return
+
+    def _clear(self) -> None:
+        if self._shown:
+            self._shown = False
+            click.echo(_CLEAR, err=True, nl=False)
 
 
 class _Heard:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rtask.engine.names import Names
     from rtask.engine.stored import Models
     from rtask.engine.terms import ClassCatalogue
+    from rtask.engine.view_index import Progress
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
@@ -223,17 +224,29 @@ class Engine:
         """Synchronise the index with the graph; return the number of added views."""
         return self.context.views.sync()
 
-    def rebuild_index(self) -> int:
-        """Rebuild the index from the graph; return the number of views."""
-        return self.context.views.rebuild()
+    def rebuild_index(self, progress: Progress | None = None) -> int:
+        """Rebuild the index from the graph; return the number of views.
+
+        Parameters
+        ----------
+        progress
+            Called with how many views are read and how many there are.
+        """
+        return self.context.views.rebuild(progress)
 
     def rebuild_statistics(self) -> Commit:
         """Recount all grasps from their attempts."""
         return rebuild(self.context)
 
-    def rebuild_models(self) -> int:
-        """Rebuild the models of all objects from their views; return their number."""
-        return rebuild_models(self.context)[1]
+    def rebuild_models(self, progress: Progress | None = None) -> int:
+        """Rebuild the models of all objects from their views; return their number.
+
+        Parameters
+        ----------
+        progress
+            Called with how many objects are done and how many there are.
+        """
+        return rebuild_models(self.context, progress)[1]
 
     def close(self) -> None:
         """Close the index; the knowledge base stays open."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["ViewIndex"]
 
 log = logging.getLogger(__name__)
+
+Progress = Callable[[int, int], None]
 
 
 class ViewIndex:
@@ -130,8 +132,14 @@ class ViewIndex:
                 log.info("indexed %d views from the graph", len(missing))
             return len(missing)
 
-    def rebuild(self) -> int:
-        """Rebuild the index from the graph alone; return the number of views."""
+    def rebuild(self, progress: Progress | None = None) -> int:
+        """Rebuild the index from the graph alone; return the number of views.
+
+        Parameters
+        ----------
+        progress
+            Called with how many views are read and how many there are; of an index in memory, not.
+        """
         from features.recognition.index.recognition_index import RecognitionIndex
 
         with self._writing:
@@ -140,7 +148,7 @@ class ViewIndex:
             if self._folder is None:
                 self._use(RecognitionIndex())
                 return self.sync()
-            self._use(self._rebuilt(self._folder))
+            self._use(self._rebuilt(self._folder, progress))
             return len(self.index)
 
     def close(self) -> None:
@@ -173,13 +181,17 @@ class ViewIndex:
             log.warning("%s; rebuilding the index from the graph", error)
             return self._rebuilt(self._folder)
 
-    def _rebuilt(self, folder: Path) -> RecognitionIndex:
+    def _rebuilt(self, folder: Path, progress: Progress | None = None) -> RecognitionIndex:
         """Rebuild the index of a folder; the old one stays if this is interrupted."""
         from features.recognition.index.recognition_index import RecognitionIndex
 
-        described = (
-            (row.view, row.object, row.class_iri, features.to_bytes())
-            for row in stored_views(self._kb)
-            if (features := row.features(self._kb)) is not None
-        )
-        return RecognitionIndex.rebuild(folder, described)
+        def described() -> Iterator[tuple[str, str, str, bytes]]:
+            rows = stored_views(self._kb)
+            for number, row in enumerate(rows, 1):
+                features = row.features(self._kb)
+                if features is not None:
+                    yield row.view, row.object, row.class_iri, features.to_bytes()
+                if progress is not None:
+                    progress(number, len(rows))
+
+        return RecognitionIndex.rebuild(folder, described())

@@ -128,8 +128,9 @@ def ros_reach(
     from simulate.grasping.executor import Workcell
     from simulate.motion.trajectory import join, reverse
     from simulate.ros.driver import ArmDriver
+    from simulate.world.quiet import banner_on_stderr
 
-    with Workcell(robot, "fast") as cell:
+    with banner_on_stderr(), Workcell(robot, "fast") as cell:
         plan = plan_reach(cell, (x, y, z), theta, seed)
         joints = cell.description.arm(plan.arm).joints
     way = join([plan.free, plan.approach])

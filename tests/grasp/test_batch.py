@@ -224,8 +224,9 @@ def test_the_command_plans_on_a_server_as_here_and_names_what_failed(files, serv
     assert run(files[0])[0] == 0
 
 
-def test_the_command_ends_at_its_deadline_and_says_what_is_not_planned(files):
+def test_the_command_ends_at_its_deadline_and_says_what_is_not_planned(files, shares):
     code, found = run(*files, "--deadline", "0.001")
+    assert shares == [(1, 4)]
     assert code == 1
     assert [one["planned"] for one in found["objects"]] == [True, False, False, False]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import click
 
 from rtask.cli.grasping.executors import executor_options, open_named
 from rtask.cli.options import json_option, limit_option, print_json
-from rtask.cli.progress import announce_compilation
+from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import RtaskError, UsageError
 
 if TYPE_CHECKING:
@@ -134,16 +133,16 @@ def _planned(
     began = time.monotonic()
     found: dict[str, Planned] = {}
     ranges = [(i, 1) for i in range(len(task.meshes))]
-    with open_named(options) as executor:
+    with open_named(options) as executor, Working("planning") as working:
         for _, (one,) in executor.finished(task, ranges):
             found[one.name] = one
             if one.name in files and one.found:
                 kept = one.found.candidates[: options["limit"]]
                 write_grasps(files[one.name], kept, task.gripper, one.name, task.scale)
+            working.tell(len(found), len(ranges))
             if not is_quiet:
-                click.echo(_line(one))
-            elif sys.stderr.isatty():
-                click.echo(f"{len(found)} of {len(ranges)}", err=True)
+                with working.aside():
+                    click.echo(_line(one))
             if options["deadline"] and time.monotonic() - began >= options["deadline"]:
                 break
     return found, time.monotonic() - began

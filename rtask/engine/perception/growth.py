@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.engine.observation import Observation
     from rtask.engine.stored import Models
+    from rtask.engine.view_index import Progress
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
@@ -174,8 +175,13 @@ def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> 
     return None if model.is_empty else model
 
 
-def rebuild_models(context: Context) -> tuple[Commit, int]:
+def rebuild_models(context: Context, progress: Progress | None = None) -> tuple[Commit, int]:
     """Rebuild the models of all objects from their views in one commit.
+
+    Parameters
+    ----------
+    progress
+        Called with how many objects are done and how many there are.
 
     Returns
     -------
@@ -190,12 +196,14 @@ def rebuild_models(context: Context) -> tuple[Commit, int]:
         }
         triples, made = Triples(), 0
         old: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
-        for thing in sorted(things, key=str):
+        for number, thing in enumerate(sorted(things, key=str), 1):
             old += old_models(kb, thing)
             model = regrown(kb, posed_views(kb, thing))
             if model is not None:
                 state_model(context, triples, thing, model)
                 made += 1
+            if progress is not None:
+                progress(number, len(things))
         rights = kb.access()
         with kb.transaction(note="rebuild models") as tx:
             for subject, predicate, value, graph in old:

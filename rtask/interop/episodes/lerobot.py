@@ -25,6 +25,7 @@ from rtask.interop.episodes.recording import RECORDING, Written, write_episodes
 if TYPE_CHECKING:
     import pyarrow
 
+    from rtask.interop.episodes.recording import Progress
     from rtask.kb.core import GraphCore
 
 __all__ = ["write_lerobot"]
@@ -60,6 +61,7 @@ def write_lerobot(
     folder: Path,
     rate_hz: int = 20,
     hand: str | None = None,
+    progress: Progress | None = None,
 ) -> Written:
     """Write the episodes whose joints were recorded as a data set, wholly or not at all.
 
@@ -79,6 +81,8 @@ def write_lerobot(
         Rows per second; joints are interpolated.
     hand
         Only attempts with this hand, the last of the joints; None = all are of one hand.
+    progress
+        Called with how many episodes are written and how many there are.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def write_lerobot(
     try:
         _write(found, motions, made, rate_hz)
         (made / RECORDING).parent.mkdir()
-        written = write_episodes(kb, found, made / RECORDING)
+        written = write_episodes(kb, found, made / RECORDING, progress)
         made.chmod(0o755)
         made.replace(folder)
     finally:

@@ -35,6 +35,8 @@ _STATEMENTS, _BLOBS, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/ep
 _SUFFIXES = (".mcap", ".bag")
 _NS = 1_000_000_000
 
+Progress = Callable[[int, int], None]
+
 
 @dataclass
 class Written:
@@ -122,7 +124,9 @@ class _Rosbag:
         return types["std_msgs/msg/Header"](*sequence, stamp, frame_id)
 
 
-def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Written:
+def write_episodes(
+    kb: GraphCore, episodes: Iterable[Episode], path: Path, progress: Progress | None = None
+) -> Written:
     """Write episodes to a file, wholly or not at all.
 
     Parameters
@@ -133,6 +137,8 @@ def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Wr
         From :func:`~rtask.interop.episodes.episode.episodes_of`.
     path
         ``.mcap`` or ``.bag``; it must not exist.
+    progress
+        Called with how many episodes are written and how many there are.
 
     Raises
     ------
@@ -157,13 +163,13 @@ def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Wr
             store = get_typestore(Stores.ROS1_NOETIC)
             with rosbag1.Writer(folder / "made.bag") as writer:
                 bag = _Rosbag(writer, store, store.serialize_ros1, has_sequence=True)
-                written = _write(kb, episodes, bag)
+                written = _write(kb, episodes, bag, progress)
         else:
             store = get_typestore(Stores.ROS2_HUMBLE)
             plugin = rosbag2.StoragePlugin.MCAP
             with rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin) as writer:
                 bag = _Rosbag(writer, store, store.serialize_cdr, has_sequence=False)
-                written = _write(kb, episodes, bag)
+                written = _write(kb, episodes, bag, progress)
         (made,) = folder.rglob(f"*{path.suffix}")
         made.replace(path)
     finally:
@@ -171,9 +177,12 @@ def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Wr
     return written
 
 
-def _write(kb: GraphCore, episodes: Iterable[Episode], sink: _Sink) -> Written:
+def _write(
+    kb: GraphCore, episodes: Iterable[Episode], sink: _Sink, progress: Progress | None
+) -> Written:
     written, blobs_done = Written(), set[str]()
-    for episode in sorted(episodes, key=lambda one: (one.ended, one.attempt)):
+    in_order = sorted(episodes, key=lambda one: (one.ended, one.attempt))
+    for episode in in_order:
         ended = int(episode.ended.timestamp() * _NS)
         started = int(episode.started.timestamp() * _NS) if episode.started else ended
         quads = statements_of(kb, episode)
@@ -208,6 +217,8 @@ def _write(kb: GraphCore, episodes: Iterable[Episode], sink: _Sink) -> Written:
         sink.write(_EPISODES, "std_msgs/msg/String", {"data": shown}, ended)
         written.episodes += 1
         written.statements += len(quads)
+        if progress is not None:
+            progress(written.episodes, len(in_order))
     return written
 
 

@@ -30,13 +30,6 @@ _USED_IN_TWO_WAYS = {
     "--store": "serve: where statements are; grasp plan: whether to store",
     "--count": "ros zenoh save: -n is a topic's number there",
 }
-_NOT_PARSED = {
-    # Minutes of physics; they print by the same functions as the studies whose JSON is parsed.
-    "simulate fetch", "simulate film", "simulate learn", "simulate piles", "simulate table4",
-    "simulate table5",
-    # Robots that move, and a router that another machine runs.
-    "simulate ros-reach", "ros zenoh save",
-}  # fmt: skip
 _FORMER = {"--url", "--by", "--operator", "--processes", "--view", "--output", "--endpoint"}
 """Names that other commands gave to what is called --server, --agent, --workers, --gui, --out."""
 _OF_FILES = {
@@ -124,7 +117,7 @@ def test_the_json_of_each_command_is_parsed_by_a_test() -> None:
         for name, command in _commands(cli)
         if any("--json" in parameter.opts for parameter in command.params)
     }
-    assert {name for name in printing if not is_parsed(name)} == _NOT_PARSED
+    assert {name for name in printing if not is_parsed(name)} == set()
 
 
 def _options(command: click.Command) -> list[click.Option]:

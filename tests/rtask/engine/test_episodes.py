@@ -143,7 +143,7 @@ def counts(graph):
 
 
 @pytest.mark.slow
-def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
+def test_the_command_lists_writes_and_reads(told, kb, tmp_path, shares):
     found = episodes_of(kb)
     write_episodes(kb, found, tmp_path / "all.bag")
     folder = str(tmp_path / "graph")
@@ -166,6 +166,7 @@ def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
     assert [one["robot_name"] for one in run("list", "--agent", "nao-2")] == ["nao-2"]
     out = run("export", str(tmp_path / "again.mcap"))
     assert (out["episodes"], out["pictures"]) == (2, 1)
+    assert shares == [(1, 2), (2, 2)]
     with pytest.raises(UsageError, match="no attempt fits"):
         run("export", str(tmp_path / "none.mcap"), "--agent", "nobody")
 

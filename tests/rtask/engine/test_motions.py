@@ -181,7 +181,7 @@ def test_without_recorded_joints_there_is_no_data_set(told, kb, tmp_path):
         write_lerobot(kb, episodes_of(kb, robot="nao-3"), tmp_path / "set")
 
 
-def test_the_command_writes_a_folder_and_reads_it(told, kb, tmp_path):
+def test_the_command_writes_a_folder_and_reads_it(told, kb, tmp_path, shares):
     data, out = str(tmp_path / "data"), str(tmp_path / "set")
     with rtask.open(data, reason=False) as stored:
         write_episodes(kb, episodes_of(kb), tmp_path / "all.mcap")
@@ -193,5 +193,6 @@ def test_the_command_writes_a_folder_and_reads_it(told, kb, tmp_path):
     )
     assert done.exit_code == 0, (done.output, done.exception)
     assert json.loads(done.stdout)["motions"] == 2
+    assert shares == [(1, 2), (2, 2)]
     done = CliRunner().invoke(command, ["import", out, "--data", str(tmp_path / "new"), "--json"])
     assert json.loads(done.stdout)["episodes"] == 2

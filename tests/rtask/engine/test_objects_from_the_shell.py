@@ -60,7 +60,7 @@ def folder(filled, tmp_path):
 
 
 @pytest.mark.slow
-def test_everything_derived_is_made_again(capsys, folder):
+def test_everything_derived_is_made_again(capsys, folder, shares):
     data, things = folder
     with rtask.open(data) as kb:
         for predicate in (RT.hasModel, RT.statisticsOf):
@@ -70,6 +70,7 @@ def test_everything_derived_is_made_again(capsys, folder):
     shutil.rmtree(f"{data}/index")
     assert told(capsys, "rebuild", "models", "-d", data).strip() == "models: 2 objects"
     assert told(capsys, "rebuild", "recognition", "-d", data).strip() == "recognition: 2 views"
+    assert shares == [(1, 2), (2, 2)] * 2
     assert "statistics: +" in told(capsys, "rebuild", "statistics", "-d", data)
     assert "index:" in told(capsys, "rebuild", "index", "-d", data)
     with rtask.open(data) as kb, Engine(kb) as engine:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from simulate.fleet.commands import requests
-from simulate.fleet.request import Request, carry_out
 from simulate.fleet.requests import request_rows, summarise_requests
 
 
 @pytest.mark.slow
 def test_of_a_ball_and_a_bottle_the_bottle_is_to_drink_from() -> None:
-    done = carry_out(Request("something to drink from", seed=3, objects=2, preset="fast"))
+    wanted = ("something to drink from", "--seed", "3", "--objects", "2", "--preset", "fast")
+    command = [sys.executable, "-m", "rtask", "simulate", "fetch", *wanted, "--json"]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    done = json.loads(ended.stdout)
+    assert ended.returncode == (0 if done["placed"] else 1)
     assert len(done["seen"]) == 2
     chosen = {one["label"].split()[0] for one in done["tried"]}
     assert chosen == {"bottle"}

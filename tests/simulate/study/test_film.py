@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -13,6 +16,17 @@ from simulate.study.film import Film, write_film
 from simulate.world.camera import Camera
 from simulate.world.portrait import portrait
 from simulate.world.world import World
+
+# The command at a size and with physics that take seconds instead of minutes.
+_QUICK_FILM = """
+import functools
+from rtask.cli import main
+from simulate.study import film
+
+film.Film = functools.partial(film.Film, size=(64, 36), frames_per_s=0.5)
+film.film_robot.__defaults__ = ("fast",)
+main()
+"""
 
 
 def _frames(count: int, grey: int) -> list[np.ndarray]:
@@ -36,6 +50,20 @@ def test_another_suffix_and_an_empty_film_are_refused(tmp_path: Path) -> None:
         write_film(tmp_path / "none" / "robots.webp", [_frames(1, 0)], Film())
     with pytest.raises(UsageError, match="no pictures"):
         write_film(tmp_path / "robots.webp", [], Film())
+
+
+@pytest.mark.slow
+def test_the_command_prints_json_and_nothing_else_and_its_film_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "panda.png"
+    words = ("simulate", "film", str(path), "--robot", "panda", "--objects", "1", "--json")
+    done = subprocess.run(
+        [sys.executable, "-c", _QUICK_FILM, *words], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"path": str(path)}
+    _, animation = cv2.imreadanimation(str(path))
+    assert animation.frames[0].shape[:2] == (36, 64)
+    assert len(animation.frames) > 1
 
 
 @pytest.mark.slow

@@ -6,23 +6,49 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("attempts", "-n", "1", "--grasps", "2", "--tries", "3"),
-        ("judging", "-n", "1", "--preset", "fast"),
-    ],
-    ids=lambda words: words[0],
-)
-def test_a_study_prints_json_and_nothing_else(words: tuple[str, ...], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rtask", "simulate", *words, "--workers", "1"]
-    done = subprocess.run(
-        [*command, "--out", str(tmp_path / "out"), "--json"], capture_output=True, text=True
-    )
+
+def _told(*words: str) -> Any:
+    """Run a study and return what it prints as JSON, and nothing else."""
+    command = [sys.executable, "-m", "rtask", "simulate", *words, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert isinstance(json.loads(done.stdout), dict)
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("words", "counted"),
+    [
+        (("attempts", "-n", "1", "--grasps", "2", "--tries", "3"), {"products": 1, "attempts": 6}),
+        (("judging", "-n", "1", "--preset", "fast"), {"trials": 1}),
+        (("piles", "-n", "1", "--objects", "2", "--preset", "fast"), {"piles": 1}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_study_prints_json_and_nothing_else(
+    words: tuple[str, ...], counted: dict[str, int], tmp_path: Path
+) -> None:
+    told = _told(*words, "--workers", "1", "--out", str(tmp_path / "out"))
+    assert {name: told[name] for name in counted} == counted
+
+
+@pytest.mark.parametrize(
+    ("words", "rows"),
+    [
+        (("table4", "--objects", "1", "--repeats", "1"), {"object 1": 5.531}),
+        (
+            ("table5", "--repeats", "1", "--preset", "fast"),
+            {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101},
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_table_of_the_thesis_prints_json_and_nothing_else(
+    words: tuple[str, ...], rows: dict[str, float]
+) -> None:
+    assert {row["object"]: row["thesis_s"] for row in _told(*words)} == rows

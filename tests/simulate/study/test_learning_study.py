@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from simulate.grasping.record import UNREACHABLE
+from simulate.study.commands import learn
+from simulate.study.journal import Journal
 from simulate.study.learners import FAILED, LEARNERS, replay
 from simulate.study.learning_report import (
     COLUMNS,
     learning_rows,
+    outcome_study,
     summarise_learning,
-    write_learning_report,
 )
 
 
@@ -147,13 +151,20 @@ def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> No
 
 
 @pytest.mark.slow
-def test_the_report_has_figures_and_a_chart_for_each_kind_of_grasp(
+def test_the_command_reports_figures_and_a_chart_for_each_kind_of_grasp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = tuple(one for one in LEARNERS if "TEXPLORE" not in one.name)
     monkeypatch.setattr(summarise_learning, "__defaults__", (quick,))
-    summary = write_learning_report(tmp_path, _world(12), seed=1, seeds=2)
-    assert summary["objects"] == 12
+    study = outcome_study(12, seed=1)
+    settings = {"name": study.name, **study.settings}
+    with closing(Journal(tmp_path / "journal.jsonl", settings, resume=False)) as journal:
+        for number, result in enumerate(_world(12)):  # minutes of physics, were they simulated
+            journal.append(number, result)
+    asked = ["--objects", "12", "--seed", "1", "--orders", "2", "--out", str(tmp_path), "--resume"]
+    done = CliRunner().invoke(learn, [*asked, "--json"], catch_exceptions=False)
+    summary = json.loads(done.stdout)
+    assert (summary["objects"], summary["seeds"]) == (12, 2)
     charts = {f"{name}.png" for name in ("geometry", "blind", "geometry-kinds", "blind-kinds")}
-    assert {p.name for p in tmp_path.iterdir()} == {"report.json", *charts}
+    assert {p.name for p in tmp_path.iterdir()} == {"journal.jsonl", "report.json", *charts}
     assert (tmp_path / "blind-kinds.png").read_bytes().startswith(b"\x89PNG")

@@ -5,7 +5,10 @@ Beside the tests of the node, because they share its master.
 
 from __future__ import annotations
 
+import json
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +24,7 @@ from tests.rtask.interop.ros.test_node import ABORTED, HAND, PREEMPTED, SUCCEEDE
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
+ROOT = Path(__file__).resolve().parents[4]
 NAO = describe("nao")
 ARM = NAO.arm("right")
 ACTION = "/right_arm_controller/follow_joint_trajectory"
@@ -188,16 +192,20 @@ def test_the_act_service_reaches_and_keeps_the_arm_until_home(robot, body):
     assert "action_type: unknown value 'dance'" in said
 
 
-def test_a_planned_motion_is_executed_by_a_driver_and_back(robot, body, start_node):
+def test_a_planned_motion_is_executed_by_a_driver_and_back(robot, body, roscore, start_node):
     assert robot("act", action="home", position=[])["reason"] == "ok"
     home = robot("follow", action=ACTION, names=list(ARM.joints), positions=list(ARM.home),
                  seconds=1.0, cancel=False)  # fmt: skip
     assert home["state"] == SUCCEEDED, home
-    reach = ("simulate", "ros-reach", "--back", "--", "0.15", "-0.10", "0.305")
-    with running(start_node(*reach)) as child:
-        child.expect("right_arm is at (0.15, -0.1, 0.305)")
-        child.expect("right_arm is at home")
-        assert child.finish() == 0
+    reach = ("simulate", "ros-reach", "--json", "--back", "--", "0.15", "-0.10", "0.305")
+    done = subprocess.run(
+        [sys.executable, "-m", "rtask", *reach], env=roscore.environment, cwd=ROOT,
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["arm"], told["is_home"]) == ("right_arm", True)
+    assert told["seconds"] > 0
     away = goal_of(ARM.home, -0.2)
     robot(
         "follow", action=ACTION, names=list(ARM.joints), positions=away, seconds=1.0, cancel=False

@@ -119,7 +119,7 @@ def test_a_cloud_of_a_topic_is_saved_as_it_was(router, tmp_path):
     from rtask.interop.ros.zenoh.node import ZenohNode
 
     address, session = router
-    child = command("save", "/camera/points", str(tmp_path), "--router", address)
+    child = command("save", "/camera/points", str(tmp_path), "--router", address, "--json")
     points = np.random.default_rng(1).normal(size=(6, 3)).astype("<f4")
     with running(child), ZenohNode("camera", address) as node:
         publisher = node.publisher("/camera/points", CLOUD)
@@ -127,8 +127,10 @@ def test_a_cloud_of_a_topic_is_saved_as_it_was(router, tmp_path):
         type_hash = node.types.hash_rihs01(CLOUD)
         session.put(topic_key(0, "/camera/points", CLOUD, type_hash), b"no CDR at all")
         publisher.publish(_cloud(node.types.types, points))
-        file = child.expect(str(tmp_path)).strip()
+        child.expect("[")
         assert child.finish() == 0
+    (file,) = json.loads("".join(child.said[child.said.index("[\n") :]))
+    assert Path(file).parent == tmp_path
     np.testing.assert_array_equal(decode(Path(file).read_bytes()).positions, points)
 
 
