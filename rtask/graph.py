@@ -59,7 +59,8 @@ class Graph(Protocol):
 
     :class:`rtask.KnowledgeBase` is the embedded one and has more methods; on a server,
     :class:`rtask.remote.knowledge_base.RemoteKnowledgeBase` raises
-    :class:`~rtask.errors.UnsupportedError` for what SPARQL 1.1 Protocol cannot express.
+    :class:`~rtask.errors.UnsupportedError` for what SPARQL 1.1 Protocol cannot express. On one of
+    RTASK, :class:`rtask.remote.served.ServedKnowledgeBase` has Python objects as well.
     """
 
     @property

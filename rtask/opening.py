@@ -37,6 +37,7 @@ from rtask.remote.journal import RemoteJournal
 from rtask.remote.knowledge_base import open_remote
 from rtask.remote.opening import Place, connect, open_on_server
 from rtask.remote.pending import PendingChange
+from rtask.remote.served import open_served
 from rtask.remote.store import RemoteStore
 from rtask.remote.sync import Sync
 
@@ -122,8 +123,9 @@ def open_knowledge_base(
 
     Returns
     -------
-    A :class:`~rtask.knowledge_base.KnowledgeBase`. A server of RTASK, and any server with
-    ``plain=True``, gives a :class:`~rtask.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
+    A :class:`~rtask.knowledge_base.KnowledgeBase`. A server of RTASK gives a
+    :class:`~rtask.remote.served.ServedKnowledgeBase`, which has sessions as well, and any server
+    with ``plain=True`` a :class:`~rtask.remote.knowledge_base.RemoteKnowledgeBase`. All are a
     :class:`~rtask.graph.Graph`.
 
     Raises
@@ -195,7 +197,7 @@ def _open_address(
     endpoints.connection.close()
     if options.rules:
         raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
-    return open_remote(place.address, token, timeout_s, keeps_authors=True)
+    return open_served(place.address, token, timeout_s)
 
 
 def _assemble(files: Files, options: _Options) -> KnowledgeBase:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pyoxigraph import BlankNode, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from endpoint.http.messages import Response
 from endpoint.sparql.negotiation import content_type
 
 SD = "http://www.w3.org/ns/sparql-service-description#"
+VOID = "http://rdfs.org/ns/void#"
 FORMATS = "http://www.w3.org/ns/formats/"
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _RL_PROFILE = NamedNode("http://www.w3.org/ns/owl-profile/RL")
@@ -28,6 +29,7 @@ def describe(
     plain: bool,
     updates: bool,
     graphs: Iterable[str] = (),
+    base: str = "",
 ) -> Response:
     """Write the description of a service.
 
@@ -43,11 +45,15 @@ def describe(
         Whether updates are accepted here.
     graphs
         Named graphs that the caller may read.
+    base
+        IRI that starts all instances and the graphs of agents; empty if there is none.
     """
     triples = [*_service(endpoint, plain, updates), *_dataset(plain, graphs)]
+    if base:
+        triples.append(Triple(_DATASET, NamedNode(VOID + "uriSpace"), Literal(base)))
     rdf_format = RdfFormat.from_media_type(media_type)
     assert rdf_format is not None
-    body = serialize(triples, format=rdf_format, prefixes={"sd": SD})
+    body = serialize(triples, format=rdf_format, prefixes={"sd": SD, "void": VOID})
     assert body is not None
     return Response(200, body, content_type(media_type))
 

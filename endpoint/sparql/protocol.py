@@ -24,7 +24,14 @@ from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
-from rtask.errors import ClosedError, ForbiddenError, QuerySyntaxError, QueryTimeout, RtaskError
+from rtask.errors import (
+    ClosedError,
+    ForbiddenError,
+    QuerySyntaxError,
+    QueryTimeout,
+    RtaskError,
+    VersionConflictError,
+)
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.line import Answer
@@ -267,6 +274,7 @@ def _commit(
         outgoing = Outgoing("SERVICE", config.allow_service)
         text = federation.answer_services(text, outgoing, deadline, update.base)
     limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
+    version = _expected(kb, update.if_version)
 
     def run(text: str) -> Commit | None:
         text = without_services(text)
@@ -279,6 +287,7 @@ def _commit(
             named=update.using_named,
             access=caller.access,
             base=update.base,
+            if_version=version,
             limits=UpdateLimits(limit_s),
         )
 
@@ -291,12 +300,35 @@ def _commit(
     return run(text)
 
 
+def _expected(kb: ServedGraph, text: str) -> int | None:
+    """Return the number of the last commit on which a change depends, if it depends on one.
+
+    Raises
+    ------
+    RefusedError
+        The text is no version.
+    VersionConflictError
+        The version is from before a backup was restored.
+    """
+    if not text:
+        return None
+    epoch, _, number = text.partition(":")
+    if not number.isdecimal() or len(number) > 17:
+        raise RefusedError(400, "usage", "`if-version` is EPOCH:NUMBER, as in RTASK-Version")
+    if epoch != kb.epoch:
+        raise VersionConflictError(f"versions are counted anew since epoch {kb.epoch}")
+    return int(number)
+
+
 def plan_description(kb: ServedGraph, request: Request, config: Config, *, updates: bool) -> Plan:
     """Plan the service description."""
     media_type = negotiation.choose(request.header("accept"), negotiation.GRAPH_TYPES)
 
     def run() -> Response:
         names = [str(row.value("g")) for row in kb.select(_LIST_GRAPHS)]
-        return describe(request.url, media_type, plain=config.plain, updates=updates, graphs=names)
+        base = "" if kb.plain else kb.base
+        return describe(
+            request.url, media_type, plain=config.plain, updates=updates, graphs=names, base=base
+        )
 
     return Plan(run, config.timeout_s)

@@ -58,6 +58,8 @@ class UpdateRequest:
     agent, note
         In whose name the change is made, and what the author says about it: fields of our own,
         which other servers ignore.
+    if_version
+        ``EPOCH:NUMBER`` of the last commit on which the change depends; a field of our own, too.
     """
 
     text: str
@@ -66,6 +68,7 @@ class UpdateRequest:
     base: str = ""
     agent: str = ""
     note: str = ""
+    if_version: str = ""
 
 
 @dataclass(frozen=True)
@@ -188,8 +191,9 @@ def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
     using = _iris(fields, "using-graph-uri")
     using_named = _iris(fields, "using-named-graph-uri")
     agent, note = (_short(fields, name, most) for name, most in (("agent", 64), ("note", 500)))
+    version = _short(fields, "if-version", 64)
     text = _without_nul(text, "update")
-    return UpdateRequest(text, using, using_named, request.url, agent, note)
+    return UpdateRequest(text, using, using_named, request.url, agent, note, version)
 
 
 def _short(fields: Fields, name: str, most: int) -> str:

@@ -17,7 +17,7 @@ from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import Literal, NamedNode, Term, Triple, stored
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.transaction import Transaction
+    from rtask.model.backing import Writes
     from rtask.model.session import Session
 
 __all__ = ["Annotation", "Note", "read_annotations"]
@@ -113,7 +113,7 @@ class Note:
         said = [(_field(instance, key), noted) for key, noted in notes.items()]
         return cls(instance, about, item, tuple((f, f.item(v, instance)) for f, v in said))
 
-    def write(self, session: Session, tx: Transaction, home: NamedNode | None) -> None:
+    def write(self, session: Session, tx: Writes, home: NamedNode | None) -> None:
         """Write a reifier for the statement, with the notes on it."""
         reifier = mint(session.kb.base, "Statement")
         value = stored(item_term(self.value))

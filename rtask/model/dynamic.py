@@ -14,7 +14,7 @@ from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, 
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.kb.core import GraphCore
+    from rtask.model.backing import Statements
 
 __all__ = ["Vocabulary", "build", "load_model"]
 
@@ -62,7 +62,7 @@ class Vocabulary:
         return sorted([*self._names, *self._individuals])
 
 
-def load_model(kb: GraphCore, name: str | NamedNode) -> Vocabulary:
+def load_model(kb: Statements, name: str | NamedNode) -> Vocabulary:
     """Return classes for a loaded ontology and its imports.
 
     Classes of the built-in vocabulary are reused, so that an ontology that extends it fits in.

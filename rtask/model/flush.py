@@ -14,8 +14,7 @@ from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.transaction import Transaction
-    from rtask.kb.core import GraphCore
+    from rtask.model.backing import Statements, Writes
     from rtask.model.session import Session
 
 __all__ = ["Flush", "named"]
@@ -67,10 +66,14 @@ class Flush:
                     missing=missing,
                 )
 
-    def write(self, tx: Transaction) -> None:
-        """Put all changes into a transaction; the writer's lock is held."""
+    def subjects(self) -> set[str]:
+        """Return the IRIs of the objects to be written."""
+        return {item.iri for item in (*self._new, *self._dirty, *self._deleted)}
+
+    def write(self, tx: Writes, statements: Statements) -> None:
+        """Put all changes into a transaction, given the statements that hold before it."""
         session = self._session
-        writer = _Writer(session, tx)
+        writer = _Writer(session, tx, statements)
         for instance in self._deleted:
             writer.withdraw(NamedNode(instance.iri))
         for instance in self._new:
@@ -102,17 +105,18 @@ class Flush:
 class _Writer:
     """Writes the changes of one agent in one transaction."""
 
-    def __init__(self, session: Session, tx: Transaction) -> None:
+    def __init__(self, session: Session, tx: Writes, statements: Statements) -> None:
         self._session = session
         self._kb = session.kb
         self._tx = tx
+        self._statements = statements
         self._home = session.home
         self._inferred = session.inferred
 
     def withdraw(self, subject: NamedNode) -> None:
         """Withdraw all own statements from and to an object."""
-        own = self._kb.match(subject, graph=self._home)
-        own += self._kb.match(value=subject, graph=self._home)
+        own = self._statements.match(subject, graph=self._home)
+        own += self._statements.match(value=subject, graph=self._home)
         for quad in own:
             self._tx.remove(quad.subject, quad.predicate, quad.object, named(self._home))
 
@@ -120,7 +124,7 @@ class _Writer:
         """Write the changes of one field of one object."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
         added = [stored(term(item)) for item in pending.added]
-        quads = self._kb.match(subject, predicate)
+        quads = self._statements.match(subject, predicate)
         own = {quad.object for quad in quads if quad.graph_name == self._home}
         asserted = {q.object for q in quads if q.graph_name != self._kb.graphs.inferred}
         others = asserted - own
@@ -144,13 +148,13 @@ class _Writer:
     def replace_list(self, instance: Model, field: Field, pending: Pending) -> None:
         """Replace a list; its cells get IRIs instead of blank nodes."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
-        quads = self._kb.match(subject, predicate)
+        quads = self._statements.match(subject, predicate)
         self._check_version(instance, field, {quad.object for quad in quads})
         home = named(self._home)
         for quad in quads:
             if quad.graph_name == self._home:
                 self._tx.remove(subject, predicate, quad.object, home)
-                for cell in own_cells(self._kb, quad.object, self._home):
+                for cell in own_cells(self._statements, quad.object, self._home):
                     self._tx.remove(*cell, home)
             elif field.functional and quad.graph_name != self._kb.graphs.inferred:
                 raise self._not_ours(instance, field, {quad.object})
@@ -178,13 +182,15 @@ class _Writer:
         )
 
 
-def own_cells(kb: GraphCore, head: Term, home: GraphName) -> list[tuple[Subject, NamedNode, Term]]:
+def own_cells(
+    statements: Statements, head: Term, home: GraphName
+) -> list[tuple[Subject, NamedNode, Term]]:
     """Return the statements of an RDF list that one graph holds."""
     found: list[tuple[Subject, NamedNode, Term]] = []
     seen: set[Term] = set()
     while isinstance(head, NamedNode | BlankNode) and head not in seen:
         seen.add(head)
-        quads = [q for q in kb.match(head, graph=home) if q.predicate in (_FIRST, _REST)]
+        quads = [q for q in statements.match(head, graph=home) if q.predicate in (_FIRST, _REST)]
         found += [(quad.subject, quad.predicate, quad.object) for quad in quads]
         head = next((quad.object for quad in quads if quad.predicate == _REST), _NIL)
     return found

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 from rtask.model.instance import Model
-from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.commit import Change
+    from rtask.model.backing import Touched
 
 __all__ = ["IdentityMap"]
 
@@ -29,11 +28,12 @@ class IdentityMap:
         self._known: WeakValueDictionary[str, Model] = WeakValueDictionary()
         self._changed = changed
         self._stale: set[str] = set()
+        self._all_stale = False
         self._lock = threading.Lock()
 
     def find(self, name: str) -> Model | None:
         """Return the object of an IRI, if there is one."""
-        if self._stale:
+        if self._stale or self._all_stale:
             self._expire()
         return self._known.get(name)
 
@@ -49,17 +49,20 @@ class IdentityMap:
         """Return all objects that are in use."""
         return list(self._known.values())
 
-    def hear(self, change: Change) -> None:
-        """Mark the objects that a commit touches as stale; runs in the writer's thread."""
-        quads = (*change.added, *change.removed, *change.inferred_added, *change.inferred_removed)
-        names = {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
+    def hear(self, touched: Touched) -> None:
+        """Mark the objects that commits touched as stale, or all; runs in any thread."""
         with self._lock:
-            self._stale |= names
+            if touched is None:
+                self._all_stale = True
+            else:
+                self._stale.update(touched)
 
     def _expire(self) -> None:
         """Expire objects that others changed, unless they have unwritten changes."""
         with self._lock:
             stale, self._stale = self._stale, set()
+            if self._all_stale:
+                stale, self._all_stale = set(self._known), False
         for name in stale:
             instance = self._known.get(name)
             if instance is not None and instance not in self._changed:

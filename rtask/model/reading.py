@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Container, Iterable, Sequence
-from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from rtask.errors import LazyLoadError, UnknownTermError
@@ -12,7 +11,7 @@ from rtask.model.fields import Field
 from rtask.model.instance import EVERYTHING, Model, Registry, generation, vocabularies_of
 from rtask.model.query.compile import fetch_filter
 from rtask.model.query.plan import RDF_TYPE, eager, short
-from rtask.rdf.terms import DEFAULT, NamedNode, Term
+from rtask.rdf.terms import NamedNode, Term
 
 if TYPE_CHECKING:
     from rtask.model.session import Session
@@ -65,12 +64,10 @@ class Reader:
         session.check_open()
         if not session.inferred:
             return None, ()
-        store = session.kb.store
-        found = store.quads_for_pattern(NamedNode(name), None, None, DEFAULT)
         facts: Facts = {}
         count = 0
-        for quad in islice(found, _WHOLE + 1):
-            collect(facts, quad.predicate.value, quad.object)
+        for predicate, value in session.backing.about(NamedNode(name), _WHOLE + 1):
+            collect(facts, predicate, value)
             count += 1
         return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rtask.errors import ClosedError, UnknownTermError, UsageError
 from rtask.model.annotations import Note
+from rtask.model.backing import Backed, Statements, Touched, Writes, backing_of
 from rtask.model.flush import Flush, named
 from rtask.model.identity import IdentityMap
 from rtask.model.instance import Model
@@ -22,7 +23,7 @@ from rtask.rdf.terms import GraphName, NamedNode, iri
 from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.commit import Change, Commit
+    from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
 __all__ = ["Session"]
@@ -72,7 +73,7 @@ class Session:
 
     def __init__(
         self,
-        kb: GraphCore,
+        kb: GraphCore | Backed,
         agent: str | None = None,
         *,
         note: str | None = None,
@@ -84,9 +85,10 @@ class Session:
         if lazy not in ("raise", "warn", "allow"):
             raise UsageError(f"lazy: expected 'raise', 'warn' or 'allow', not {lazy!r}")
         self.kb = kb
+        self.backing = backing_of(kb)
         self.agent = agent
         self.note = note
-        self.inferred = _derives(kb) if inferred is None else inferred
+        self.inferred = self.backing.derives() if inferred is None else inferred
         self.check_required = check_required
         self.autoflush = autoflush
         self._new: dict[Model, None] = {}
@@ -95,7 +97,7 @@ class Session:
         self._notes: list[Note] = []
         self.identities = IdentityMap(self._dirty)
         self.reader = Reader(self, lazy)
-        self._stop = kb.on_commit(_weak_listener(self.identities))
+        self._stop = self.backing.on_touched(_weak_listener(self.identities))
         self._closed = False
 
     # Life
@@ -299,17 +301,20 @@ class Session:
             return None
         if self.check_required:
             flush.check_required()
-        with self.kb.transaction(agent=self.agent, note=self.note) as tx:
-            flush.write(tx)
+
+        def write(tx: Writes, statements: Statements) -> None:
+            flush.write(tx, statements)
             for note in self._notes:
                 note.write(self, tx, named(self.home))
+
+        commit = self.backing.write(write, flush.subjects(), self.agent, self.note)
         flush.settle()
         for instance in self._deleted:
             self.identities.drop(instance.iri)
         for changes in (self._new, self._dirty, self._deleted):
             changes.clear()
         self._notes = []
-        return tx.commit
+        return commit
 
     def commit(self) -> Commit | None:
         """Write all changes as one transaction; the same as :meth:`flush`."""
@@ -355,7 +360,7 @@ class Session:
     @property
     def home(self) -> GraphName:
         """The graph that this session writes."""
-        return self.kb.access(self.agent).home()
+        return self.backing.home(self.agent)
 
     def refresh(self, instance: Model) -> None:
         """Discard the cached values of an object; unwritten changes stay."""
@@ -370,19 +375,13 @@ class Session:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
 
 
-def _weak_listener(identities: IdentityMap) -> Callable[[Change], None]:
+def _weak_listener(identities: IdentityMap) -> Callable[[Touched], None]:
     """Return a listener that does not keep the session alive: the map refers to what changed."""
     known = weakref.ref(identities)
 
-    def hear(change: Change) -> None:
+    def hear(touched: Touched) -> None:
         found = known()
         if found is not None:
-            found.hear(change)
+            found.hear(touched)
 
     return hear
-
-
-def _derives(kb: GraphCore) -> bool:
-    """Whether the graph contains derived statements: now, or when it was written."""
-    found = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
-    return kb.reasons or next(iter(found), None) is not None

@@ -2,7 +2,7 @@
 
 Queries, updates, transactions and loads use the SPARQL 1.1 Protocol. The server is responsible for
 rights, reasoning and provenance. Methods that need the embedded store raise
-:class:`UnsupportedError`.
+:class:`UnsupportedError`. A server of RTASK offers more: :mod:`rtask.remote.served`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import httpx
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
 
 from rtask.errors import UnsupportedError
@@ -53,7 +54,7 @@ _WITHOUT = {
     "rebuild": "run `rtask rebuild` on the server",
     "retract": "send an update",
     "search": "run `rtask search` on the server",
-    "session": "open a folder",
+    "session": "open a folder, or the address without plain=True",
     "stream": "use serialize()",
     "subscribe": "subscribe at the server",
     "subscribe_query": "subscribe at the server",
@@ -72,11 +73,11 @@ class RemoteKnowledgeBase(Graph):
         Sent as a bearer token.
     timeout_s
         Time limit for one answer.
-    keeps_authors
-        Whether the server records who changes what, as one of RTASK does.
     """
 
     folder = None
+    keeps_authors = False
+    """Whether the server records who changes what, as one of RTASK does."""
 
     def __init__(
         self,
@@ -84,9 +85,7 @@ class RemoteKnowledgeBase(Graph):
         update_url: str | None = None,
         token: str | None = None,
         timeout_s: float = 30.0,
-        keeps_authors: bool = False,
     ) -> None:
-        self._keeps_authors = keeps_authors
         self.query_url = query_url
         self.update_url = update_url or query_url
         self._connection = Connection(token, timeout_s)
@@ -100,8 +99,12 @@ class RemoteKnowledgeBase(Graph):
         bindings: Bindings | None = None,
         base: str | None = None,
         timeout_s: float | None = None,
+        inferred: bool = True,
     ) -> Solutions | bool | Triples:
         """Evaluate a SPARQL query; see :meth:`KnowledgeBase.query`.
+
+        Only a server of RTASK can leave derived statements out (``inferred=False``); others show
+        what they have.
 
         Raises
         ------
@@ -116,7 +119,7 @@ class RemoteKnowledgeBase(Graph):
         check_query(text, base or self.query_url)
         rows = query_form(text) in ("select", "ask")
         form = _ROWS if rows else _TRIPLES
-        answer = self.ask(text, form, default_graphs, named_graphs, timeout_s)
+        answer = self.ask(text, form, default_graphs, named_graphs, timeout_s, inferred)
         return read_rows(answer) if rows else read_triples(answer)
 
     def ask(
@@ -126,14 +129,14 @@ class RemoteKnowledgeBase(Graph):
         default_graphs: Iterable[NamedNode | str] | None = None,
         named_graphs: Iterable[NamedNode | str] | None = None,
         timeout_s: float | None = None,
+        inferred: bool = True,
     ) -> bytes:
         """Send a query that has been checked; return its answer in a media type."""
         fields = [("query", text), *_dataset("default-graph-uri", default_graphs)]
         fields += _dataset("named-graph-uri", named_graphs)
-        answer = self._connection.send(
-            self.query_url, fields, media_type, repeat=True, timeout_s=timeout_s
-        )
-        return answer.content
+        if not inferred:
+            fields.append(("inferred", "0"))
+        return self._send(self.query_url, fields, media_type, True, timeout_s).content
 
     def serialize(self, text: str, media_type: str, bindings: Bindings | None = None) -> bytes:
         """Evaluate a query and return its answer in a media type."""
@@ -190,12 +193,23 @@ class RemoteKnowledgeBase(Graph):
         check_update(read_update(text), base or self.update_url)
         fields = [("update", text), *_dataset("using-graph-uri", using)]
         fields += _dataset("using-named-graph-uri", named)
-        self._connection.send(self.update_url, [*fields, *author], repeat=False)
+        self._send(self.update_url, [*fields, *author], "*/*", False)
+
+    def _send(
+        self,
+        url: str,
+        fields: list[tuple[str, str]],
+        accept: str,
+        repeat: bool,
+        timeout_s: float | None = None,
+    ) -> httpx.Response:
+        """Send a request; see :meth:`Connection.send`."""
+        return self._connection.send(url, fields, accept, repeat=repeat, timeout_s=timeout_s)
 
     def _author(self, agent: str | None, note: str | None) -> list[tuple[str, str]]:
         """Return the fields that name the author of a change and what he says about it."""
         given = [(k, v) for k, v in (("agent", agent), ("note", note)) if v is not None]
-        if given and not self._keeps_authors:
+        if given and not self.keeps_authors:
             raise UnsupportedError(
                 f"{self.query_url} is no server of RTASK, or was opened as a plain dataset: it "
                 "records neither agents nor notes; omit both"
@@ -248,7 +262,7 @@ class RemoteKnowledgeBase(Graph):
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __repr__(self) -> str:
-        return f"<RemoteKnowledgeBase {self.query_url}>"
+        return f"<{type(self).__name__} {self.query_url}>"
 
 
 class RemoteTransaction(Changes):
@@ -310,17 +324,14 @@ class RemoteTransaction(Changes):
 
 
 def open_remote(
-    address: str,
-    token: str | None = None,
-    timeout_s: float = 30.0,
-    keeps_authors: bool = False,
+    address: str, token: str | None = None, timeout_s: float = 30.0
 ) -> RemoteKnowledgeBase:
     """Return the knowledge base at an address, without sending anything yet.
 
     >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
     'http://host:81/u'
     """
-    return RemoteKnowledgeBase(*addresses(address), token, timeout_s, keeps_authors)
+    return RemoteKnowledgeBase(*addresses(address), token, timeout_s)
 
 
 def _dataset(name: str, graphs: Iterable[NamedNode | str] | None) -> list[tuple[str, str]]:

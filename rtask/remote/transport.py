@@ -8,7 +8,7 @@ fails. An update is repeated only if the answer proves that it did not run, or w
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import unquote, urlsplit, urlunsplit
 
@@ -27,9 +27,13 @@ from rtask.errors import (
     CallFailedError,
     ClosedError,
     ForbiddenError,
+    InconsistentError,
     QuerySyntaxError,
     QueryTimeout,
     RemoteUnavailableError,
+    RtaskError,
+    ValidationError,
+    VersionConflictError,
 )
 from rtask.sparql.results import Solutions, Triples
 
@@ -42,6 +46,11 @@ _UNAVAILABLE = (502, 503, 504)
 _DID_NOT_RUN = (429, 503)
 _ROLLED_BACK = "40001"
 """State of SQL: the transaction lost a deadlock or a conflict, and left nothing behind."""
+
+_REFUSALS: dict[str, type[RtaskError]] = {
+    kind.slug: kind for kind in (InconsistentError, ValidationError, VersionConflictError)
+}
+"""What a server of RTASK says of data that it does not take, as if they had been stored here."""
 
 
 class Connection:
@@ -75,23 +84,27 @@ class Connection:
     def send(
         self,
         url: str,
-        fields: Sequence[tuple[str, str]],
+        fields: Sequence[tuple[str, str]] | None,
         accept: str = "*/*",
         *,
         repeat: bool,
         timeout_s: float | None = None,
+        headers: Mapping[str, str] | None = None,
     ) -> httpx.Response:
         """Send a form and return the answer.
 
         Parameters
         ----------
         fields
-            ``query`` or ``update`` with the text, and the parameters of the dataset.
+            ``query`` or ``update`` with the text, and the parameters of the dataset; ``None`` asks
+            by GET for what is at the address.
         repeat
             Whether the request may safely be sent twice.
         timeout_s
             Time limit for all attempts together; ``None`` applies the connection's limit to each
             attempt.
+        headers
+            Further fields of the header.
 
         Raises
         ------
@@ -99,12 +112,14 @@ class Connection:
             No answer after three attempts.
         QueryTimeout
             The time is up.
-        RemoteError, AccessError, QuerySyntaxError
+        RemoteError, AccessError, DataError
             The server refused the request; the message is the server's.
         """
         form: dict[str, list[str]] = {}
-        for name, value in fields:
+        for name, value in fields or ():
             form.setdefault(name, []).append(value)
+        method = "GET" if fields is None else "POST"
+        sent = {**(headers or {}), "Accept": accept}
         until = None if timeout_s is None else time.monotonic() + timeout_s
         where = without_password(url)
         for attempt in range(_ATTEMPTS):
@@ -113,7 +128,7 @@ class Connection:
             if until is not None:
                 wait = max(0.001, until - time.monotonic())
             try:
-                answer = self._post(url, form, accept, wait)
+                answer = self._request(method, url, form, sent, wait)
             except httpx.HTTPError as error:
                 if until is not None and time.monotonic() >= until:
                     raise QueryTimeout(
@@ -130,21 +145,26 @@ class Connection:
             time.sleep(_PAUSE_S * 2**attempt)
         raise AssertionError("the last attempt returns or raises")
 
-    def _post(
-        self, url: str, form: dict[str, list[str]], accept: str, timeout: Any
+    def _request(
+        self,
+        method: str,
+        url: str,
+        form: dict[str, list[str]],
+        headers: dict[str, str],
+        timeout: Any,
     ) -> httpx.Response:
         http = self._http
         if http is None:
             raise ClosedError("the connection is closed")
         self.requests += 1
-        answer = http.post(url, data=form, headers={"Accept": accept}, timeout=timeout)
+        answer = http.request(method, url, data=form, headers=headers, timeout=timeout)
         wants_digest = answer.headers.get("WWW-Authenticate", "").lower().startswith("digest")
         login = self._login or _login_of(url)
         if answer.status_code == 401 and wants_digest and login:
             http.auth = httpx.DigestAuth(*login)
             self.requests += 1
-            return http.post(
-                without_password(url), data=form, headers={"Accept": accept}, timeout=timeout
+            return http.request(
+                method, without_password(url), data=form, headers=headers, timeout=timeout
             )
         return answer
 
@@ -215,6 +235,9 @@ def _checked(answer: httpx.Response, url: str) -> httpx.Response:
         return answer
     reason = _reason(answer)
     message = f"{url}: {answer.status_code} {reason}"
+    refusal = _REFUSALS.get(_problem_of(answer))
+    if refusal is not None:
+        raise refusal(message)
     if answer.status_code == 401:
         raise AuthenticationError(message)
     if answer.status_code == 403:
@@ -224,6 +247,16 @@ def _checked(answer: httpx.Response, url: str) -> httpx.Response:
     if answer.status_code in (502, 503, 504):
         raise RemoteUnavailableError(message)
     raise CallFailedError(message, status=answer.status_code)
+
+
+def _problem_of(answer: httpx.Response) -> str:
+    """Return the kind of error that a server of RTASK names (RFC 9457); empty for others."""
+    if answer.headers.get("Content-Type", "").partition(";")[0] != "application/problem+json":
+        return ""
+    try:
+        return str(answer.json()["type"]).removeprefix("/errors/")
+    except (ValueError, KeyError, TypeError):
+        return ""
 
 
 def _reason(answer: httpx.Response) -> str:

@@ -20,6 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 
 import rtask
 from rtask.loader import load
+from rtask.model import RTASK
+from rtask.remote.served import ServedKnowledgeBase
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port
 
@@ -126,6 +128,25 @@ def test_a_follower_answers_reads_passes_writes_on_and_shows_ones_own(
     assert follower.process.returncode == 0
     assert writer.stop() == 0
     assert _digest(folder) == _digest(follower.data)
+
+
+def test_a_session_at_a_follower_reads_what_it_wrote(
+    writer: RunningServer, folder: Path, follow: Start
+) -> None:
+    token = _rtask("token", "create", "-d", str(folder), "--robot", "nao-2")
+    with follow(writer.url) as follower:
+        with rtask.open(follower.url + "/sparql", token=token) as kb:
+            assert isinstance(kb, ServedKnowledgeBase)
+            with kb.session("nao-2") as s, kb.session("nao-2") as other:
+                mug = RTASK.Mug(iri="urn:mug", object_id="lab/mug-1", mass=0.5)
+                s.add(mug)
+                s.flush()
+                for number in range(1, 9):
+                    mug.mass = float(number)
+                    assert s.flush() is not None
+                    assert other.get(RTASK.Mug, "urn:mug").mass == number
+                    assert s.query(RTASK.Mug).where(RTASK.Mug.mass == number).one() is mug
+        assert follower.process.poll() is None
 
 
 def _call(robot: ClientConnection, service: str, **args: Any) -> dict[str, Any]:

@@ -11,6 +11,10 @@ from typing import Any
 import httpx
 import pytest
 
+import rtask
+from rtask.errors import VersionConflictError
+from rtask.model import RTASK
+from rtask.remote.served import ServedKnowledgeBase
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import OXIGRAPH, Oxigraph
 
@@ -51,6 +55,24 @@ def _select(client: httpx.Client, text: str, **headers: str) -> list[dict[str, A
     assert answer.status_code == 200, answer.text
     rows: list[dict[str, Any]] = answer.json()["results"]["bindings"]
     return rows
+
+
+def test_sessions_work_as_over_a_folder(server: RunningServer, folder: Path) -> None:
+    token = _token(folder, "--robot", "ann")["Authorization"].removeprefix("Bearer ")
+    with rtask.open(server.url + "/sparql", token=token) as kb:
+        assert isinstance(kb, ServedKnowledgeBase)
+        with kb.session("ann") as s, kb.session("ann") as other:
+            pot = RTASK.Mug(iri="urn:pot", object_id="lab/pot-1", mass=0.5)
+            s.add(pot)
+            s.flush()
+            assert pot.mass == 0.5
+            pot.mass = 0.7
+            other.get(RTASK.Container, "urn:pot").mass = 0.6
+            other.flush()
+            with pytest.raises(VersionConflictError):
+                s.flush()
+            s.rollback()
+            assert pot.mass == 0.6
 
 
 def test_robots_write_their_own_graphs_and_everybody_reads_what_follows(
