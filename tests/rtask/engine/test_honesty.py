@@ -130,7 +130,7 @@ def test_the_shell_lists_and_withdraws_contributors(bench, tmp_path):
     assert listed.exit_code == 0, listed.output
     assert "nobody else has tried" in listed.output
     as_json = shell.invoke(cli, ["contributors", "list", "-d", data, "--json"])
-    assert [one["name"] for one in json.loads(as_json.stdout)["contributors"]] == ["nao-1"]
+    assert [one["name"] for one in json.loads(as_json.stdout)] == ["nao-1"]
     assert shell.invoke(cli, ["contributors", "list", "nobody", "-d", data]).exit_code == 1
     gone = shell.invoke(cli, ["contributors", "withdraw", "nao-1", "--agent", "ann", "-d", data])
     assert gone.exit_code == 0, gone.output
