@@ -101,7 +101,7 @@ def _plan_and_move(forms: Forms) -> None:
     assert forms.call(f"{kinematics}/read", {"urdf": model})
     ways = {"start": [-2, 0, 0], "goal": [1, 0, 0]}
     path = forms.call("example/Trajopt/plan", **ways, **ARM)["path"]
-    for method in ("check", "smooth", "trace"):
+    for method in ("check", "smooth", "time", "trace"):
         assert forms.call(f"example/Trajopt/{method}", path=path, **ARM)
     cloud = encode_cloud(np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3)).astype(np.float32))
     found = forms.call("rtask/Segmentation/segment", {"cloud": cloud})
