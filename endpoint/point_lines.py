@@ -36,7 +36,7 @@ MAX_ATTEMPTS = 3
 
 
 class Instead(enum.Enum):
-    """What is to happen to a query that was not answered here."""
+    """Instruction for a query that was not answered here."""
 
     ASK_IN_THREAD = enum.auto()
     ASK_AMONG_LONG = enum.auto()

@@ -39,7 +39,7 @@ class Exchange:
 
     @property
     def message_event(self) -> Exchange:
-        """What uvicorn sets when a part of the body has come, and when the client has gone."""
+        """Event that uvicorn sets when a part of the body comes, and when the client leaves."""
         return self
 
     def set(self) -> None:

@@ -36,7 +36,7 @@ _PLAIN_TYPES = (negotiation.RESULTS_JSON, negotiation.CSV, negotiation.TSV)
 
 @dataclass(frozen=True, slots=True)
 class KnownHead:
-    """What a header means for a small query by GET.
+    """Meaning of a header for a small query by GET.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ _MAX_TEXT = 10_000
 
 
 class Sender(NamedTuple):
-    """What the log says of a request before it is answered; equal for many requests of a client.
+    """Part of a log line known before the answer; equal for many requests of a client.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Sender(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How a request ended.
+    """End of a request: status, sizes, completeness.
 
     Attributes
     ----------

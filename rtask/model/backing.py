@@ -1,4 +1,4 @@
-"""What the object layer asks of a knowledge base, in this process or on a server."""
+"""Interface of the object layer to a knowledge base, in this process or on a server."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ Work: TypeAlias = "Callable[[Writes, Statements], None]"
 
 
 class Backing(Protocol):
-    """What is done in one way in this process and in another on a server."""
+    """Operations that a knowledge base in this process and one on a server do differently."""
 
     def home(self, agent: str | None) -> GraphName:
         """Return the graph that an agent writes."""

@@ -1,4 +1,4 @@
-"""What a session reads from a server before it writes, and the update that it writes."""
+"""Statements that a session reads from a server before it writes, and its update."""
 
 from __future__ import annotations
 

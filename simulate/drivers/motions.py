@@ -1,4 +1,4 @@
-"""What a real arm is made to do: reach, grasp, come home; planned with the robot's model."""
+"""Motions of a real arm: reach, grasp, come home; planned with the robot's model."""
 
 from __future__ import annotations
 

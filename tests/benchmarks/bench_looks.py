@@ -1,4 +1,4 @@
-"""What several photographs of one object are worth together.
+"""Recognition from several photographs of one object together.
 
     python tests/benchmarks/bench_looks.py --photos FOLDER
 

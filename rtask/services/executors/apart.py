@@ -1,4 +1,4 @@
-"""What all workers outside this process share: the class is found there, and only values travel."""
+"""Parts shared by all workers outside this process, to which only values travel."""
 
 from __future__ import annotations
 
