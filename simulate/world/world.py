@@ -16,14 +16,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pybullet
-from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
 from rtask.errors import RobotError, UsageError
 from simulate.robots.description import Floats, Pose, RobotDescription, Workplace
 from simulate.robots.urdf import urdf_text
 from simulate.world.bodies import break_part, breakable_parts, create_object, mass_offset
 from simulate.world.objects import Assets, ObjectSpec
+from simulate.world.quiet import without_banner
+
+with without_banner():
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
 __all__ = ["PRESETS", "BodyPose", "PlaceBox", "Preset", "World", "side_sign"]
 
@@ -377,7 +380,8 @@ class World:
 
 def _connect(gui: bool) -> Any:
     if not gui:
-        return BulletClient(pybullet.DIRECT)
+        with without_banner():
+            return BulletClient(pybullet.DIRECT)
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise RobotError("no display for the simulation window: set DISPLAY or leave gui off")
     try:
