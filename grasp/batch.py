@@ -34,7 +34,7 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class Planned:
-    """What became of one object: its grasps, or why its mesh could not be read."""
+    """Result for one object: its grasps, or why its mesh could not be read."""
 
     name: str
     found: Proposals

@@ -1,4 +1,4 @@
-"""Which pieces of a work wait, and which take so long that another worker is given them as well."""
+"""Queue of pieces of work, which gives another worker a piece that takes too long as well."""
 
 from __future__ import annotations
 

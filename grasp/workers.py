@@ -31,7 +31,7 @@ _STOP_S = 10.0
 
 @dataclass(frozen=True)
 class Done(Generic[R]):
-    """What became of one piece of work.
+    """Result of one piece of work.
 
     Parameters
     ----------

@@ -40,13 +40,13 @@ class SparqlServer(ABC):
 
     @property
     def url(self) -> str:
-        """Where it listens."""
+        """Address at which it listens."""
         return f"http://127.0.0.1:{self.port}"
 
     @property
     @abstractmethod
     def address(self) -> str:
-        """What :func:`rtask.open` takes."""
+        """Address as :func:`rtask.open` takes it."""
 
     @abstractmethod
     def _command(self) -> list[str]: ...
@@ -82,7 +82,7 @@ class Oxigraph(SparqlServer):
 
     @property
     def address(self) -> str:
-        """What :func:`rtask.open` takes."""
+        """Address as :func:`rtask.open` takes it."""
         return f"sparql+{self.url}/?query=/query&update=/update"
 
     def _command(self) -> list[str]:
@@ -131,7 +131,7 @@ class Virtuoso(SparqlServer):
 
     @property
     def address(self) -> str:
-        """What :func:`rtask.open` takes."""
+        """Address as :func:`rtask.open` takes it."""
         return f"{self.url}/sparql"
 
     def _command(self) -> list[str]:

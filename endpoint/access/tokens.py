@@ -91,7 +91,7 @@ class Token:
 
     @cached_property
     def expires_at(self) -> float:
-        """When it expires, in seconds since 1970."""
+        """Time of expiry, in seconds since 1970."""
         if self.expires is None:
             return math.inf
         return datetime.fromisoformat(self.expires).timestamp()

@@ -108,7 +108,7 @@ class CallFigures:
 
 
 class Calls:
-    """How long the engine's operations take for each robot; safe for all threads.
+    """Durations of the engine's operations, robot by robot; safe for all threads.
 
     Of as many robots as :data:`MAX_ROBOTS`, those that called last.
 

@@ -171,7 +171,7 @@ class Follower:
 
     @property
     def seconds_behind(self) -> float:
-        """How old the newest state is that is known to be here."""
+        """Age of the newest state that is known to be here, s."""
         return min(time.monotonic() - self._current_at, 1e9)
 
     @property

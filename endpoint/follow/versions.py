@@ -1,4 +1,4 @@
-"""Which version a server answers from: reading one's own writes, and how old an answer may be."""
+"""Versions that a server answers from: reading one's own writes, and the age of answers."""
 
 from __future__ import annotations
 

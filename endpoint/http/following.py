@@ -18,7 +18,7 @@ class Following(Protocol):
 
     @property
     def seconds_behind(self) -> float:
-        """How old the newest state is that is known to be here."""
+        """Age of the newest state that is known to be here, s."""
 
     @property
     def commits_behind(self) -> int:

@@ -43,7 +43,7 @@ class WorkerSession(Protocol):
 
 
 class Workers:
-    """What the workers of all sessions share.
+    """State that the workers of all sessions share.
 
     Parameters
     ----------

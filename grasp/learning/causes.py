@@ -1,4 +1,4 @@
-"""What attempts say about causes that cannot be seen: where the mass is, and which part is weak.
+"""Causes that cannot be seen, inferred from attempts: where the mass is, and which part is weak.
 
 A failure says more than that this grasp fails. Of a long thing, either nothing hides; or its centre
 of mass lies somewhere along it, and whatever is held far from there turns in the hand; or a zone

@@ -14,7 +14,7 @@ _PALM_CLEARANCE_M = 0.005
 
 
 class EndEffector(Protocol):
-    """What planning, messages and drawings need of any end effector, jaws or suction cup."""
+    """Interface of every end effector that planning, messages and drawings use."""
 
     @property
     def name(self) -> str:

@@ -50,7 +50,7 @@ class View(Protocol):
 
     @property
     def work(self) -> Counter | None:
-        """What counts the candidates of joins, if they are bounded."""
+        """Counter of the candidates of joins, if they are bounded."""
 
     def has(self, s: int, p: int, o: int) -> bool:
         """Tell whether a fact holds."""

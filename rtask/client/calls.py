@@ -299,7 +299,7 @@ class RegisteredRobot(TypedDict):
 
 
 class GraspStatistics(TypedDict):
-    """How often a grasp held, over all robots."""
+    """Attempts and successes of a grasp, over all robots."""
 
     attempts: int
     successes: int
@@ -639,7 +639,7 @@ class Curated(TypedDict):
 
 
 class Contributor(TypedDict):
-    """What a robot reported, and how it fits what others reported of the same grasps."""
+    """Reports of a robot, and their agreement with others' reports on the same grasps."""
 
     name: str
     attempts: int
@@ -659,7 +659,7 @@ class ComparedContributors(TypedDict):
 
 
 class WithdrawnContributor(TypedDict):
-    """What went, and the commit, which can be undone."""
+    """Statements that were withdrawn, and the commit, which can be undone."""
 
     commit: str
     attempts: int

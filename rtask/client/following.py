@@ -23,7 +23,7 @@ Statement = tuple[str, str, str, str]
 
 @dataclass(frozen=True)
 class Pattern:
-    """Which statements are followed: IRIs, or terms as N-Triples write them; None fits all.
+    """Pattern of the statements to follow: IRIs, or terms as N-Triples write them; None fits all.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Who reports what the others find: agreement of robots about the same grasps.
+"""Honesty of robots: their agreement with others about the same grasps.
 
 Robots that try one grasp of one object with the same kind of hand draw from one chance that it
 holds. How a robot turns what happened into what it reports is one of a few manners: truthfully, the

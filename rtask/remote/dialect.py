@@ -1,4 +1,4 @@
-"""How one SPARQL server keeps terms and graphs, and how they are written for it.
+"""Dialects of SPARQL servers: how each keeps terms and graphs, and how they are written for it.
 
 Blank nodes cannot be named to a server, so they travel as IRIs below ``<base>.well-known/genid/_/``
 (RDF 1.1 Concepts, 3.5) and become blank nodes again here. Literals of datatypes that a server does

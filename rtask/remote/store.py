@@ -95,7 +95,7 @@ class RemoteStore(GraphStore):
 
     @property
     def dialect(self) -> Dialect:
-        """How the server keeps terms and graphs."""
+        """Dialect of the server: how it keeps terms and graphs."""
         return self._dialect
 
     @property

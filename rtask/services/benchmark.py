@@ -28,7 +28,7 @@ Call = Callable[[str, str, dict[str, Any], dict[str, str], float | None], Mappin
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is compared, and on what.
+    """Benchmark of services: methods to compare, and a dataset.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Invocation:
-    """What a caller asks of a service.
+    """Request of a caller to a service.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What was served under which version, kept over restarts (Kehoe 2014, 5.4).
+"""Ledger of the code that was served under each version, kept over restarts (Kehoe 2014, 5.4).
 
 ::
 

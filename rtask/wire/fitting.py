@@ -1,4 +1,4 @@
-"""Which value may stand for which field: the types of outputs and inputs compared.
+"""Type checks between the outputs of one step and the inputs of the next.
 
 Where two declarations say too little to tell, a value fits; the request is checked again when it
 is sent.

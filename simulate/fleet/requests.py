@@ -1,4 +1,4 @@
-"""How often a robot brings what it is asked for, by class of object (Gatto 2016, chapter 5).
+"""Study of requests: the share that a robot fulfils, by class of object (Gatto 2016, chapter 5).
 
 The thesis tried pens, balls, bottles and cylinders and states how long a grasp took (Table 5), not
 how often it succeeded; the shares here stand beside these times.

@@ -1,4 +1,4 @@
-"""Which points of a cloud show the robot itself: on its body, or hidden behind it.
+"""Self filter: points of a cloud on the robot's own body, or hidden behind it.
 
 The body is the union of the collision shapes of its links, placed by the joint values. A camera
 that knows its own pose never sees a point behind a closed body, so what lies there comes from
@@ -36,7 +36,7 @@ _HIT_M = 1e-4
 
 @dataclass(frozen=True)
 class SelfSeen:
-    """What the points (n,) of a cloud show: two masks that exclude each other."""
+    """Two masks (n,) over the points of a cloud, which exclude each other."""
 
     on_body: NDArray[np.bool_]
     """not further from a surface of the body than the padding"""

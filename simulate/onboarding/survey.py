@@ -1,4 +1,4 @@
-"""Which URDF files can be read, and what they show."""
+"""Survey of URDF files: which can be read, and what they describe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the mesh files of a URDF are, and what they hold."""
+"""Mesh files of a URDF: their paths and their content."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _HOMES = ("home", "ready", "default")
 
 @dataclass(frozen=True)
 class Srdf:
-    """What an SRDF says.
+    """Semantic description of a robot, from an SRDF file.
 
     Parameters
     ----------

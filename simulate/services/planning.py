@@ -77,7 +77,7 @@ class Checked(Answer):
 
 
 class Posture(Answer):
-    """Where the robot is in one posture."""
+    """Poses of the robot's links in one posture."""
 
     joints: Array
     """rad, or m of prismatic joints"""

@@ -1,4 +1,4 @@
-"""What frames, crops and clouds weigh on the wire, how long that takes, and which frames are sent.
+"""Benchmark of the codec: size and time of frames, crops and clouds, and which frames are sent.
 
     python tests/benchmarks/bench_codec.py frames --data FOLDER/mosd_learn
     python tests/benchmarks/bench_codec.py changes --scenes 30

@@ -1,4 +1,4 @@
-"""What robots gain from each other: the last of a fleet against the first, sharing and not.
+"""Benchmark of fleets: the last robot against the first, sharing and not.
 
     python tests/benchmarks/bench_fleet.py
     python tests/benchmarks/bench_fleet.py --robots 3 --objects 20 --preset faithful

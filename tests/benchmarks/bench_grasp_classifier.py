@@ -1,4 +1,4 @@
-"""How often the first candidates on one noisy depth view are right, and what helps.
+"""Benchmark of grasp candidates on one noisy depth view: how often the first are right.
 
     python tests/benchmarks/bench_grasp_classifier.py                     # small run, own shapes
     python tests/benchmarks/bench_grasp_classifier.py --shapes 60 --tests 12 --ycb 2

@@ -1,4 +1,4 @@
-"""How often a simulated robot holds and places: true poses, with noise on request, no camera.
+"""Benchmark of simulated grasping at true poses, with noise on request, without a camera.
 
     python tests/benchmarks/bench_grasping.py single -n 100
     python tests/benchmarks/bench_grasping.py single -n 100 --robot panda
@@ -40,7 +40,7 @@ AREA_BEYOND = 0.01
 
 @dataclass
 class Tally:
-    """What happened to one object."""
+    """Attempts at one object."""
 
     kind: str
     side: str

@@ -1,4 +1,4 @@
-"""How costs grow with the graph on one machine, with the ontology, its rules and the closure.
+"""Growth of costs with the graph on one machine, with the ontology, its rules and the closure.
 
     python -m tests.benchmarks.bench_growth
     python -m tests.benchmarks.bench_growth --sizes 10000 100000 1000000 --plot growth.png

@@ -1,4 +1,4 @@
-"""How fast the knowledge base commits, opens and validates, beside the bare store.
+"""Benchmark of commits, opening and validation, beside the bare store.
 
 python tests/benchmarks/bench_kb.py
 python tests/benchmarks/bench_kb.py --triples 1000000

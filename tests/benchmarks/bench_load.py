@@ -1,4 +1,4 @@
-"""How fast files are loaded, beside the store's own bulk loader; memory while it is done.
+"""Benchmark of loading: time and memory, beside the store's own bulk loader.
 
     python tests/benchmarks/bench_load.py
     python tests/benchmarks/bench_load.py --triples 1000000 --rounds 5

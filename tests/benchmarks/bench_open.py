@@ -1,4 +1,4 @@
-"""How long it takes until a knowledge base can be written again after it was opened.
+"""Time until a knowledge base can be written again after it was opened.
 
     python tests/benchmarks/bench_open.py
     python tests/benchmarks/bench_open.py --triples 1000000 --rounds 3

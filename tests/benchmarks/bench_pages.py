@@ -1,4 +1,4 @@
-"""How late pages are: events on /activity, a robot on /robots, pictures while judging outcomes.
+"""Latency of pages: events on /activity, a robot on /robots, pictures while judging outcomes.
 
 ::
 

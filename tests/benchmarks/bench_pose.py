@@ -1,4 +1,4 @@
-"""How often, how exactly and how fast the pose of a known object is found.
+"""Benchmark of poses of known objects: failures, errors and time.
 
     python tests/benchmarks/bench_pose.py                      # 8 scenes, true and predicted masks
     python tests/benchmarks/bench_pose.py --scenes 100:130     # more of them

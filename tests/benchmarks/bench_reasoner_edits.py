@@ -28,7 +28,7 @@ from reasoner import Closure
 
 
 class Count:
-    """What was done so far."""
+    """Count of what was done so far."""
 
     edits = scripts = equalities = removals = 0
     staged = rebuilt = 0.0

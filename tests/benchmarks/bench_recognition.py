@@ -1,4 +1,4 @@
-"""How well and how fast stored objects are recognised.
+"""Benchmark of recognition: recall, false answers and time.
 
     python tests/benchmarks/bench_recognition.py tables          # open set, as the robot sees
     python tests/benchmarks/bench_recognition.py tables --tables 60 --products 60

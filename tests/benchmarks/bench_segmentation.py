@@ -1,4 +1,4 @@
-"""How well tables are cut into objects, in what time, and what one object weighs on the wire.
+"""Benchmark of segmentation: quality, time, and the size of one object on the wire.
 
     python tests/benchmarks/bench_segmentation.py tables --seeds 20:34
     python tests/benchmarks/bench_segmentation.py tables --seeds 200:212 --touching

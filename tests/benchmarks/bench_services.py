@@ -1,4 +1,4 @@
-"""What a call of a service costs: beside ``GET /health/live``, and in its parts.
+"""Cost of a call of a service: beside ``GET /health/live``, and in its parts.
 
 ::
 

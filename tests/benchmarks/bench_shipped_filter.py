@@ -1,4 +1,4 @@
-"""What the filters that come with the package change in plans on one view of YCB's models.
+"""Effect of the shipped filters on plans from one view of YCB's models.
 
     python tests/benchmarks/bench_shipped_filter.py --gripper panda
     python tests/benchmarks/bench_shipped_filter.py --gripper nao --views 2

@@ -1,4 +1,4 @@
-"""What a call through a worker on another machine costs, as JSON and in binary frames.
+"""Cost of a call through a worker on another machine, as JSON and in binary frames.
 
 ``python -m tests.benchmarks.bench_workers [--repeats 60]``: a server, two workers in processes of
 their own, one that is sent JSON and one that is sent CBOR, and a client that does the same. The two

@@ -24,7 +24,7 @@ __all__ = ["Cut"]
 
 
 class Cut:
-    """What ``evaluate.py`` asks of a recogniser."""
+    """Recogniser with the interface that ``evaluate.py`` expects."""
 
     def __init__(self) -> None:
         warm_up()

@@ -1,4 +1,4 @@
-"""What a grasp of a curved part is worth when its curves are drawn by more and more vertices."""
+"""Quality of grasps of a curved part as its curves are drawn by more and more vertices."""
 
 from __future__ import annotations
 

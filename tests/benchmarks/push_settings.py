@@ -17,7 +17,7 @@ CONFIGURATIONS = ((0.0, 1.5, 5), (0.03, 7.5, 9), (0.09, 20.0, 15))
 
 
 class Drawings:
-    """Where figures are written; nowhere unless a folder is set."""
+    """Folder for figures; none are written unless it is set."""
 
     folder: Path | None = None
 

@@ -1,4 +1,4 @@
-"""How many perturbations find a good grasp of silhouettes of real objects; what none would do."""
+"""Number of perturbations that finds a good grasp of real silhouettes, beside none at all."""
 
 from __future__ import annotations
 

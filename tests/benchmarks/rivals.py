@@ -24,7 +24,7 @@ Key = tuple[Any, ...]
 
 @dataclass
 class Run:
-    """What came of one run.
+    """Result of one run.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which files a request enters, and how often it climbs from a lower layer back to a higher one.
+"""Trace of a request: the files that it enters, and its climbs from a lower layer to a higher one.
 
     python tests/benchmarks/trace_request.py
 
@@ -69,7 +69,7 @@ def height_of(module: str, layers: dict[str, list[list[str]]]) -> tuple[int, ...
 
 
 class Trace:
-    """What a call entered.
+    """Files that a call entered.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a page is searched for: each script returns the faults that it finds, in words.
+"""Scripts that search a page for faults and return them in words.
 
 They cover what the usual checkers of accessibility look for and a page of ours could get wrong.
 """

@@ -27,7 +27,7 @@ WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """What launches Chromium; skipped with the reason where there is none.
+    """Launcher of Chromium; skips, with the reason, where there is none.
 
     For one module only: Playwright's event loop would disturb other tests.
     """

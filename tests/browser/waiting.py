@@ -1,4 +1,4 @@
-"""What a page shows once it has come: a click returns before its answer is drawn."""
+"""Waits for pages to show what a click brings: a click returns before its answer is drawn."""
 
 from __future__ import annotations
 

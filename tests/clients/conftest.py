@@ -55,14 +55,14 @@ def make_token(guarded: RunningServer) -> MakeToken:
 
 @pytest.fixture(scope="module")
 def nao_1(guarded: RunningServer, make_token: MakeToken) -> Iterator[httpx.Client]:
-    """What the robot nao-1 sends."""
+    """Client of the robot nao-1."""
     with robot(guarded, make_token("--robot", "nao-1")) as client:
         yield client
 
 
 @pytest.fixture(scope="module")
 def nao_2(guarded: RunningServer, make_token: MakeToken) -> Iterator[httpx.Client]:
-    """What the robot nao-2 sends."""
+    """Client of the robot nao-2."""
     with robot(guarded, make_token("--robot", "nao-2")) as client:
         yield client
 

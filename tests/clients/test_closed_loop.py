@@ -1,4 +1,4 @@
-"""What one robot saw and grasped, another finds, over real connections."""
+"""Closed loop over real connections: one robot finds what another saw and grasped."""
 
 from __future__ import annotations
 

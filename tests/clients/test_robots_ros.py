@@ -1,4 +1,4 @@
-"""What two robots do with each other through the server: roslibpy and npm roslib, unmodified."""
+"""Two robots that talk through the server: roslibpy and npm roslib, unmodified."""
 
 from __future__ import annotations
 

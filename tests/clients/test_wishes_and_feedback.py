@@ -48,7 +48,7 @@ def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 @pytest.fixture(scope="module")
 def told(strict: RunningServer) -> dict[str, Any]:
-    """What a robot told: a tin that it held, met as a can."""
+    """Report of a robot: a tin that it held, met as a can."""
     with rtask.connect(strict.url, timeout_s=120) as robot:
         robot.register_robot(name="wish-1", model="nao", end_effectors=[HAND])
         seen = sight(5)

@@ -28,7 +28,7 @@ class WeighObject(Message):
 
 
 class Weighed(Answer):
-    """What something weighs."""
+    """Answer with the weight of something."""
 
     class_: str = named("class")
     mass: float

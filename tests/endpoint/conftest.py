@@ -25,7 +25,7 @@ SIMILAR = [
 
 @dataclass(frozen=True)
 class StandInOperation:
-    """What is asked of an operation before it is called."""
+    """Stand-in for an operation, as far as it is asked before it is called."""
 
     scope: str
     summary: str = "for tests"

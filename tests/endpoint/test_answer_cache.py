@@ -56,7 +56,7 @@ class Pair:
 
     @property
     def hits(self) -> int:
-        """How often an answer was found."""
+        """Number of answers found in the cache."""
         counters = self.cached.context.metrics.text({}).decode()
         line = 'rtask_answer_cache_total{outcome="hit"} '
         found = [text for text in counters.splitlines() if text.startswith(line)]

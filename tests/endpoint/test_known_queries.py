@@ -1,4 +1,4 @@
-"""Who repeats a header is admitted by the same rules, and what is answered is kept and counted."""
+"""Repeated headers pass the same rules of admission, and their answers are kept and counted."""
 
 from __future__ import annotations
 

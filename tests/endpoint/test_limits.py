@@ -1,4 +1,4 @@
-"""What one SPARQL text may hold."""
+"""Limits on one SPARQL text."""
 
 from __future__ import annotations
 

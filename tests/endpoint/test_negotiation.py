@@ -1,4 +1,4 @@
-"""Which format a client gets (RFC 9110, 12.5.1)."""
+"""Negotiation of formats (RFC 9110, 12.5.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a server keeps of its requests: rates, numbers, log lines, the audit trail, settings."""
+"""Records that a server keeps of requests: rates, metrics, log lines, the audit trail, settings."""
 
 from __future__ import annotations
 

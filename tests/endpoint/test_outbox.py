@@ -1,4 +1,4 @@
-"""What waits to go out to a robot is bounded; answers are never dropped."""
+"""The queue towards a robot is bounded, and answers in it are never dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a protocol request asks for (SPARQL 1.1 Protocol, 2.1 and 2.2)."""
+"""Protocol requests as they are read (SPARQL 1.1 Protocol, 2.1 and 2.2)."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def test_a_goal_its_feedback_and_its_result_travel(pair: tuple[Any, Any]) -> Non
 
 
 def test_a_failed_result_without_values_has_an_empty_text(pair: tuple[Any, Any]) -> None:
-    """What roslib's ``setFailed`` sends."""
+    """The message of roslib's ``setFailed``."""
     provider, caller = pair
     id_ = provider.heard[0]["id"]
     provider.say(
@@ -89,7 +89,7 @@ def test_cancelling_reaches_the_provider_and_its_result_the_caller(pair: tuple[A
 
 
 def test_all_goals_are_cancelled_without_an_answer(pair: tuple[Any, Any]) -> None:
-    """What roslib's ``cancelAllGoals`` sends has no id, and it logs an error for an answer."""
+    """The message of roslib's ``cancelAllGoals`` has no id, and it logs an error for an answer."""
     provider, caller = pair
     caller.say({"op": "call_service", "service": "/walk/_action/cancel_goal", "args": {}})
     assert provider.heard[1]["op"] == "cancel_action_goal"

@@ -1,4 +1,4 @@
-"""Which messages of a robot a follower answers itself, and what it waits for before."""
+"""Messages of a robot that a follower answers itself, and what it waits for before."""
 
 from __future__ import annotations
 

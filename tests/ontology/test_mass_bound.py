@@ -1,4 +1,4 @@
-"""Who can grasp what, although no robot weighs anything."""
+"""Bounds on masses that follow from grasps, although no robot weighs anything."""
 
 from __future__ import annotations
 

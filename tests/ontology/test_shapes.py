@@ -40,7 +40,7 @@ def shapes() -> rdflib.Graph:
 
 @pytest.fixture(scope="module")
 def individuals(closed, sample: list[ox.Quad]) -> rdflib.Graph:  # type: ignore[no-untyped-def]
-    """What the closed sample says about its own individuals."""
+    """Statements of the closed sample about its own individuals."""
     known = {quad.subject for quad in sample}
     return _graph(triple for triple in closed.triples() if triple[0] in known)
 

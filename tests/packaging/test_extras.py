@@ -1,4 +1,4 @@
-"""What an installation without the extras can do, and what it says of the rest."""
+"""Installations without the extras: what works, and the messages of the rest."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
-    """What ``pip install rtask-kg`` brings."""
+    """An installation by ``pip install rtask-kg``."""
     return install(wheel, tmp_path_factory.mktemp("base") / "venv")
 
 

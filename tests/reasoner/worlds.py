@@ -31,7 +31,7 @@ def names(letter: str, count: int) -> list[NamedNode]:
 
 @dataclass(frozen=True)
 class World:
-    """How many of each kind of thing there are; fewer things meet more often."""
+    """Numbers of things of each kind; fewer things meet more often."""
 
     n_classes: int = 5
     n_properties: int = 4

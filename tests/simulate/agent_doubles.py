@@ -30,7 +30,7 @@ _PLACED = Judgement("yes")
 
 @dataclass(frozen=True)
 class Record:
-    """What :class:`simulate.grasping.executor.GraspRecord` tells the agent."""
+    """The part of :class:`simulate.grasping.executor.GraspRecord` that the agent reads."""
 
     reason: str = "ok"
     held: bool = True

@@ -1,4 +1,4 @@
-"""What goes wrong on the way has its reason code, and a world that broke down says so."""
+"""Every failure on the way has its reason code, and a world that broke down says so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot concludes from its senses, and that the truth has no part in it."""
+"""Conclusions of a robot from its senses, in which the truth has no part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the robot sees of tables laid with products, through a noisy camera."""
+"""Perception of tables laid with products, through a noisy camera."""
 
 from __future__ import annotations
 

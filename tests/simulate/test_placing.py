@@ -1,4 +1,4 @@
-"""Where a held thing may be let go, and how much room it takes on the way."""
+"""Places where a held thing may be let go, and the room that it takes on the way."""
 
 from __future__ import annotations
 

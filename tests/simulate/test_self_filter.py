@@ -33,7 +33,7 @@ DATASETS = {"nao": "robots/NAO", "panda": "robots/Panda"}
 
 @dataclass(frozen=True)
 class View:
-    """What a robot sees that holds its hand over two cans."""
+    """View of a robot that holds its hand over two cans."""
 
     robot: str
     frame: Frame

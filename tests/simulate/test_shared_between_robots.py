@@ -1,4 +1,4 @@
-"""What a small robot learnt, a large one of another make finds and uses, through one graph."""
+"""Two makes of robot on one graph: the large one finds and uses what the small one learnt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which thing is which from one look to the next."""
+"""Tracking of things from one look to the next."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "i
 
 
 class _Shown:
-    """What was found in an answer so far."""
+    """Findings in an answer so far."""
 
     def __init__(self) -> None:
         self.facts: list[Model] = []

@@ -43,7 +43,7 @@ _SURFEL = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """Where fingers that close come to rest.
+    """Rest position of fingers that close.
 
     Parameters
     ----------

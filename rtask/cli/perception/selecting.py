@@ -24,7 +24,7 @@ __all__ = ["Selection", "objects_in", "selection_options"]
 
 @dataclass(frozen=True)
 class Selection:
-    """Which pixels are objects.
+    """Choice of the pixels that are objects.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ __all__ = [
 
 
 class GraspStatistics(Answer):
-    """How often a grasp held, over all robots."""
+    """Attempts and successes of a grasp, over all robots."""
 
     attempts: int
     successes: int

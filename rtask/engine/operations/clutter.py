@@ -170,7 +170,7 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
 
 @dataclass(frozen=True)
 class _Known:
-    """What a thing was recognised as."""
+    """Identity under which a thing was recognised."""
 
     object: str = ""
     label: str = ""

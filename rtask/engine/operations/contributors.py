@@ -32,14 +32,14 @@ _DOUBTFUL = 0.5
 
 
 class CompareContributors(Message):
-    """Which robots to compare."""
+    """Request to compare robots' reports."""
 
     contributor: Text | None = None
     """name of one robot; default: all"""
 
 
 class Contributor(Answer):
-    """What a robot reported, and how it fits what others reported of the same grasps."""
+    """Reports of a robot, and their agreement with others' reports on the same grasps."""
 
     name: str
     attempts: int
@@ -130,7 +130,7 @@ class WithdrawContributor(Message):
 
 
 class WithdrawnContributor(Answer):
-    """What went, and the commit, which can be undone."""
+    """Statements that were withdrawn, and the commit, which can be undone."""
 
     commit: str
     attempts: int

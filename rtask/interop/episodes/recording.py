@@ -57,7 +57,7 @@ class Written:
 
 
 class _Sink(Protocol):
-    """Where messages go."""
+    """Destination of messages."""
 
     def write(
         self,

@@ -1,4 +1,4 @@
-"""Where ROS 1 is installed, and making it importable without changing the product's libraries.
+"""Find ROS 1, and make it importable without changing the product's libraries.
 
 The folder of ROS is appended to ``sys.path``: what both have, numpy first of all, stays the one of
 this environment. ``PYTHONPATH`` would put it before them.

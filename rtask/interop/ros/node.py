@@ -37,7 +37,7 @@ class Caller(Protocol):
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """How the node is started.
+    """Options with which the node is started.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What was seen as a planning scene of MoveIt: the table and each object as a box.
+"""Planning scene of MoveIt from a view: the table and each object as a box.
 
 An arm that MoveIt moves then stays clear of them. Objects are called by their IRI in the graph, so
 that a program which asked about one knows its name in the scene.

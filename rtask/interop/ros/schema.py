@@ -55,7 +55,7 @@ _NAME = re.compile(r"[a-z](?:[a-z0-9]|_(?=[a-z0-9]))*")
 
 
 class Arity(Enum):
-    """How many values a field of a ROS message carries."""
+    """Number of values that a field of a ROS message carries."""
 
     ONE = ""
     MANY = "[]"
@@ -68,7 +68,7 @@ class Arity(Enum):
 
 
 class Code(Enum):
-    """How the value of a field is written in JSON."""
+    """Encoding of a field's value in JSON."""
 
     VALUE = "as it is"
     JSON = "an object, in ROS its text"

@@ -62,7 +62,7 @@ class SeeOptions:
 
 @dataclass(frozen=True)
 class View:
-    """What stands in a view, and when it was seen."""
+    """Objects in a view, and the time at which they were seen."""
 
     stamp: Any
     base_from_camera: Any

@@ -36,7 +36,7 @@ _EVERY_S = 0.2
 
 @dataclass(frozen=True)
 class _Place:
-    """Where the last record that was looked at lies in the journal, and its header."""
+    """Position in the journal of the last record looked at, and its header."""
 
     segment: Path
     end: int = 0

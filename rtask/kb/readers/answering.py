@@ -140,7 +140,7 @@ def _row_mark(media_type: str) -> tuple[bytes, int]:
 
 
 class _Options(NamedTuple):
-    """How a query is evaluated and its answer written.
+    """Options for the evaluation of a query and the form of its answer.
 
     Attributes
     ----------

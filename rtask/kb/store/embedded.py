@@ -64,7 +64,7 @@ class EmbeddedStore(GraphStore):
 
     @property
     def path(self) -> str | None:
-        """Where the files are; ``None`` in memory."""
+        """Folder of the files; ``None`` in memory."""
         return self._path
 
     def move(self, path: Path) -> None:

@@ -103,7 +103,7 @@ class PushTrials(Service):
         first: Annotated[Whole, Ge(0)],
         count: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)],
     ) -> Bytes:
-        """How often each result came, grasp by grasp: four bytes each, compressed by zlib.
+        """Counts of each result, grasp by grasp: four bytes each, compressed by zlib.
 
         The results are in ascending order of their numbers.
 

@@ -1,1 +1,1 @@
-"""Where the instances of services live: threads, processes, a Ray cluster."""
+"""Executors, which hold the instances of services: threads, processes, a Ray cluster."""

@@ -1,4 +1,4 @@
-"""When a look may decide, and when it may only suggest."""
+"""Conditions on which a look decides, or only suggests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of stored views outlives the process, and is never trusted blindly."""
+"""Kept facts of stored views outlive the process, and are never trusted blindly."""
 
 from __future__ import annotations
 

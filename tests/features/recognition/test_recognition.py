@@ -1,4 +1,4 @@
-"""What is answered to a view: known, unknown, twins, and what may never be accepted."""
+"""Answers to a view: known, unknown, twins, and those that must never be accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What attempts say about causes that cannot be seen."""
+"""Causes that cannot be seen, inferred from attempts."""
 
 from __future__ import annotations
 

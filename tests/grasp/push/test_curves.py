@@ -37,7 +37,7 @@ def test_quality_does_not_depend_on_the_number_of_facets(
 
 
 def test_facets_taken_for_flat_sides_would_fall_with_their_number() -> None:
-    """What `PushTest.rolling` is for: drawn finely, flat facets allow no grasp of an ellipse."""
+    """The reason for `PushTest.rolling`: drawn finely, flat facets allow no grasp of an ellipse."""
     base = as_part(ellipse(24))
     grasps = sample_grasps(base, angles=5)
     test, radius = PushTest(0.25 * base.diameter, rolling=False), base.radius

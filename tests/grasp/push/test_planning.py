@@ -137,7 +137,7 @@ def test_sums_tell_the_same_as_the_results_of_all_trials(more: dict[str, object]
 def test_an_analysis_tells_how_far_it_is_and_ends_in_time_with_the_first_trials(
     keep_codes: bool,
 ) -> None:
-    """What is cut short equals an analysis of that many trials from the start."""
+    """An analysis cut short equals one of that many trials from the start."""
     told: list[tuple[int, int]] = []
     whole = _plan(samples=400, progress=lambda *at: told.append(at), keep_codes=keep_codes)
     assert told == [(50 * k, 400) for k in range(1, 9)]

@@ -1,4 +1,4 @@
-"""How likely pads hold what is lifted and carried: patches, levers, tapers, order."""
+"""Scores for lifting and carrying: patches, levers, tapers, order."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 
 
 class Outcome:
-    """What a command left: exit code and both streams."""
+    """Result of a command: exit code and both streams."""
 
     def __init__(self, code: int, out: str, err: str) -> None:
         self.code, self.out, self.err = code, out, err

@@ -1,4 +1,4 @@
-"""What a terminal shows of slow work: how much of it is done, and only while it lasts."""
+"""Progress of slow work on a terminal: the share that is done, and only while it lasts."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Thing:
 
 @dataclass(frozen=True)
 class Eye:
-    """Where a camera stands and what it looks at, base frame, m."""
+    """Camera of the tests: its place and the point it looks at, base frame, m."""
 
     position: tuple[float, float, float] = (0.02, 0.0, 0.58)
     target: tuple[float, float, float] = (0.16, -0.06, TABLE)
@@ -240,7 +240,7 @@ def png(seed: int = 0) -> str:
 
 
 class Bench:
-    """What the tests take from here; pytest's import mode keeps test modules apart."""
+    """Names that the tests take from here; pytest's import mode keeps test modules apart."""
 
     Thing, Eye, Robot = Thing, Eye, Robot
     BOX, CAN, PEN, TABLE = BOX, CAN, PEN, TABLE

@@ -12,7 +12,7 @@ GRASP = {"X": 0.16, "Y": -0.06, "Z": 0.29, "rad": 0.3}
 
 
 def without_pose(sight):
-    """What the thesis's robot sends: the cloud alone."""
+    """A message of the thesis's robot: the cloud alone."""
     return {"data": sight["data"]}
 
 

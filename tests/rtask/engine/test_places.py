@@ -1,4 +1,4 @@
-"""Where things are: what robots saw, what they hold, and what nobody knows any more."""
+"""Places of things: seen by robots, held by them, or no longer known to anybody."""
 
 from __future__ import annotations
 

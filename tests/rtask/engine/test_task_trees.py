@@ -1,4 +1,4 @@
-"""What a robot set out to do, tried and did then is a tree in the graph that queries can walk."""
+"""Task trees in the graph: a robot's goal, its attempts, and what it did then."""
 
 from __future__ import annotations
 

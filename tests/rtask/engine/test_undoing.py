@@ -1,4 +1,4 @@
-"""What people put right is taken back in the right order, and nothing told since is lost."""
+"""Undoing corrections: in the right order, without losing anything told since."""
 
 from __future__ import annotations
 

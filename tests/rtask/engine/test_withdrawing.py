@@ -1,4 +1,4 @@
-"""What a withdrawn robot or person told goes with all that followed; what others build on stays."""
+"""Withdrawing a contributor: all that followed goes too; what others build on stays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who writes where, once; what is written has the shape that the ontology asks for."""
+"""Writes of the engine: each agent in its own graph, once, in the ontology's shapes."""
 
 from __future__ import annotations
 

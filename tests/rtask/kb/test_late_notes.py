@@ -261,7 +261,7 @@ def test_reading_goes_on_while_notes_cannot_be_stored(
 def test_statements_of_a_commit_that_the_journal_lost_are_counted_and_closed(
     tmp_path: Path,
 ) -> None:
-    """When a machine stops, the store may be ahead of the journal, by a commit without notes."""
+    """After a machine stops, the store may be ahead of the journal, by a commit without notes."""
     mug, thing = iri("urn:Mug"), iri("urn:Thing")
     kind = iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
     with _open(tmp_path) as kb:

@@ -1,4 +1,4 @@
-"""What users import is named here once more, so that a name is not lost by accident."""
+"""Names that users import, repeated here so that none is lost by accident."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What follows is stored in the same commit, kept apart, and withdrawn with its reasons."""
+"""Inferences are stored in the same commit, kept apart, and withdrawn with their reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said about statements, their end, and the past."""
+"""Statements about statements, their expiry, and the past."""
 
 from __future__ import annotations
 

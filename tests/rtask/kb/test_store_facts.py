@@ -1,4 +1,4 @@
-"""What the knowledge base relies on in the store; an upgrade that changes it fails here."""
+"""Properties of the store that the knowledge base relies on; a change of one fails here."""
 
 from __future__ import annotations
 

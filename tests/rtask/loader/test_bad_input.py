@@ -1,4 +1,4 @@
-"""What goes wrong with files, disks and ontologies: a clear error each, the store unchanged."""
+"""Faults of files, disks and ontologies: a clear error each, the store unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What queries tell about themselves, numbers about groups, and notes on statements."""
+"""Queries that explain themselves, aggregates over groups, and notes on statements."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_other_shapes_are_compiled_anew(still_lab: KnowledgeBase) -> None:
 
 
 def test_a_class_that_comes_later_is_seen(kb: KnowledgeBase) -> None:
-    """What is kept of a class is stale when another class is made below it."""
+    """The cache of a class is renewed when another class is made below it."""
     number = next(_late)  # classes outlive a test, which runs more than once in a process
     late, teeth = f"urn:late{number}", f"teeth{number}"
     with kb.session() as s:
@@ -268,7 +268,7 @@ WRONG = {
 
 
 def test_a_checker_knows_every_field(tmp_path: Path) -> None:
-    """What is right passes mypy --strict; each wrong line is an error before it runs."""
+    """Right lines pass mypy --strict; each wrong one is an error before it runs."""
     import subprocess
     import sys
 

@@ -1,4 +1,4 @@
-"""What users of object layers expect: slices, bulk changes, commit and rollback, dictionaries."""
+"""Conveniences of object layers: slices, bulk changes, commit and rollback, dictionaries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the statements of a knowledge base can be: memory, folder, SPARQL servers."""
+"""Places for the statements of a knowledge base: memory, folder, SPARQL servers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a knowledge base promises, wherever its statements are: memory, folder, SPARQL servers."""
+"""Promises of a knowledge base, wherever its statements are: memory, folder, SPARQL servers."""
 
 from __future__ import annotations
 

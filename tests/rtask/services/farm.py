@@ -16,7 +16,7 @@ from rtask.wire.types import Array, Bytes, Pose, Unit
 
 
 class Echoed(Answer):
-    """What came, and who sends it back."""
+    """Value that came, and who sends it back."""
 
     numbers: Array
     data: Bytes

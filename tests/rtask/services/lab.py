@@ -21,7 +21,7 @@ HEARD: list[Any] = []
 
 
 class Stretch(Answer):
-    """How far an arm reaches."""
+    """Reach of an arm."""
 
     distance: Annotated[float, Unit("m")]
     """from the base"""
@@ -30,7 +30,7 @@ class Stretch(Answer):
 
 
 class Turned(Answer):
-    """What came."""
+    """Value that came."""
 
     pose: Pose
     image: Bytes

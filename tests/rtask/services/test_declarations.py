@@ -1,4 +1,4 @@
-"""What a service declares: versions, types, names; and where services are loaded from."""
+"""Declarations of services: versions, types, names; and where services are loaded from."""
 
 from __future__ import annotations
 

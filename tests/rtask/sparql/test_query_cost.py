@@ -1,4 +1,4 @@
-"""Which queries are taken for quick ones."""
+"""Estimates of the cost of queries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which outputs may stand for which inputs, and the words for those that may not."""
+"""Outputs that may stand for inputs, and the messages for those that may not."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Part(Answer):
 
 
 class Found(Answer):
-    """What was found."""
+    """A finding."""
 
     part: Part
     parts: list[Part]

@@ -1,4 +1,4 @@
-"""What sharing is worth: who shares a graph with whom, and what is compared with what."""
+"""The study of sharing: who shares a graph with whom, and what is compared with what."""
 
 from __future__ import annotations
 

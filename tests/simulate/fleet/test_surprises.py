@@ -1,4 +1,4 @@
-"""What happens between the look and the grasp: objects that move or go, in real physics."""
+"""Surprises between the look and the grasp: objects that move or go, in real physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the robots' own judgements are compared with the truth."""
+"""Comparison of the robots' own judgements with the truth."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def class_of(type_: str, kind: str = "msg") -> Any:
 
 
 class Robot:
-    """What it can be told to do, one method each."""
+    """Robot that obeys one command a method."""
 
     def __init__(self) -> None:
         self.heard: dict[str, list[Any]] = {}

@@ -1,4 +1,4 @@
-"""What goes wrong around the node: each fault is an error that says what and where."""
+"""Faults around the node: each is an error that says what and where."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where ROS is found, and what is said of one that cannot be used."""
+"""Finding ROS, and the message for one that cannot be used."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_a_pose_without_rotation_is_an_error_and_not_identity(robot, taught, gri
 
 @pytest.fixture(scope="module")
 def seen(robot, taught, gripper):
-    """How a goal ended that looks at both objects."""
+    """Result of a goal that looks at both objects."""
     robot("listen", topic="/rtask/objects", type="visualization_msgs/MarkerArray")
     robot("show", stamp=100.0, tf_stamp=100.0)
     return robot("see", goal={"gripper_id": gripper, "propose": True}, since=100.0)
