@@ -22,8 +22,9 @@ from rtask.services.call import Call, Invocation
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import Definition, Method, define
 from rtask.services.description import described, listed
-from rtask.services.executors.in_process import InProcess, Written
+from rtask.services.executors.in_process import InProcess
 from rtask.services.executors.processes import ChildProcess
+from rtask.services.executors.setup import InstanceSetup, Written
 from rtask.services.jobs import Job, Jobs
 from rtask.services.outward.connected import Connected
 from rtask.services.outward.seats import Outward
@@ -362,8 +363,10 @@ class ServiceHost:
                     bound = heads()  # before they are bound, so that no write is overlooked
                     resources = self._resources(definition, mapped)
                     every = self._check_every
-                    kind = _runner_kind(definition)
-                    return kind(definition, resources, every, commit, lambda: heads() != bound)
+                    setup = InstanceSetup(
+                        definition, resources, every, commit, lambda: heads() != bound
+                    )
+                    return _runner_kind(definition)(setup)
 
                 sizes = Sizes(self._workers(definition), definition.max_waiting)
                 pool = self._pools[key] = Pool(definition.exact, start, sizes)

@@ -1,4 +1,4 @@
-"""Parts shared by all workers outside this process, to which only values travel."""
+"""Calls of instances outside this process, to and from which only values travel."""
 
 from __future__ import annotations
 
@@ -7,10 +7,41 @@ from typing import Any
 from pydantic import BaseModel
 
 from rtask.errors import RtaskError, ServiceFailedError, UsageError
+from rtask.kb.commit.access import Access
+from rtask.services.call import Call, Listener
 from rtask.services.definition import Definition
+from rtask.services.executors.setup import InstanceSetup, Written
 from rtask.services.registry import load
+from rtask.services.task import Task
+from rtask.wire.message import Answer, read
 
-__all__ = ["definition_from", "sendable", "values_of"]
+__all__ = ["Sent", "accept", "definition_from", "receive", "send", "sendable", "values_of"]
+
+Sent = tuple[str, dict[str, Any], Access, float]
+"""A call on its way: name of the method, values of the request, caller, and time left, s."""
+
+
+def send(task: Task) -> Sent:
+    """Return a call as the values that travel."""
+    call = task.call
+    return task.method.name, values_of(task.request), call.caller, max(call.left_s, 0.0)
+
+
+def receive(sent: Sent, definition: Definition, on_progress: Listener) -> Task:
+    """Return a call that came, to be carried out here."""
+    name, values, caller, left_s = sent
+    call = Call(caller, left_s, (definition.name,))
+    call.on_progress(on_progress)
+    method = definition.methods[name]
+    return Task(method, read(method.request, values), call, definition.exact)
+
+
+def accept(setup: InstanceSetup, task: Task, values: dict[str, Any], written: Written) -> Answer:
+    """Return the answer that came back, and store what the call wrote."""
+    answer = task.method.answer.model_validate(values)
+    if setup.commit is not None:
+        setup.commit(written, task.call.caller)
+    return answer
 
 
 def definition_from(source: str, exact: str) -> Definition:

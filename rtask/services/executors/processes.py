@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -22,12 +22,19 @@ from rtask.errors import (
     WorkerDiedError,
 )
 from rtask.services.call import Call
-from rtask.services.definition import Definition
-from rtask.services.executors.apart import definition_from, sendable, values_of
-from rtask.services.executors.in_process import Commit, InProcess
+from rtask.services.executors.apart import (
+    accept,
+    definition_from,
+    receive,
+    send,
+    sendable,
+    values_of,
+)
+from rtask.services.executors.in_process import InProcess
+from rtask.services.executors.setup import InstanceSetup
 from rtask.services.resources import Resource
 from rtask.services.task import Task
-from rtask.wire.message import Answer, read
+from rtask.wire.message import Answer
 
 __all__ = ["ChildProcess"]
 
@@ -40,43 +47,25 @@ _LOOK_S = 0.05
 class ChildProcess:
     """One instance in a process of its own.
 
-    Parameters
-    ----------
-    definition
-        Of the service; its ``source`` tells the process where to find the class.
-    resources
-        Data of the instance.
-    check_every
-        How many calls there are to one whose effect on the state is checked.
-    commit
-        Stores what a call wrote to its data resources.
-    is_outdated
-        Tells whether its data resources have changed since the instance was made ready.
-
     Raises
     ------
     WorkerDiedError
         The process ended before it was ready.
     """
 
-    def __init__(
-        self,
-        definition: Definition,
-        resources: Mapping[str, Resource],
-        check_every: int,
-        commit: Commit,
-        is_outdated: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self._commit, self._is_outdated = commit, is_outdated
-        self._resources = dict(resources)  # the process reads their files as long as it lives
+    def __init__(self, setup: InstanceSetup) -> None:
+        # Kept whole: the process reads the files of its resources as long as it lives.
+        self._setup = setup
+        definition = setup.definition
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        arguments = (theirs, definition.source, definition.exact, self._resources, check_every)
+        source, exact, resources = definition.source, definition.exact, dict(setup.resources)
+        arguments = (theirs, source, exact, resources, setup.check_every)
         self._process = context.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
         try:
-            self._receive(definition.exact, time.monotonic() + _START_S, None)
+            self._receive(exact, time.monotonic() + _START_S, None)
         except BaseException:
             self.close()
             raise
@@ -89,7 +78,7 @@ class ChildProcess:
     @property
     def is_spent(self) -> bool:
         """Whether the next call needs a new instance, because the data have changed."""
-        return self._is_outdated()
+        return self._setup.is_outdated()
 
     def carry_out(self, task: Task) -> Answer:
         """Carry out a call.
@@ -99,16 +88,12 @@ class ChildProcess:
         WorkerDiedError
             The process ended, by itself or because the call was cancelled or late.
         """
-        call = task.call
-        given = (task.method.name, values_of(task.request), call.caller, max(call.left_s, 0.0))
         try:
-            self._pipe.send(given)
+            self._pipe.send(send(task))
         except (OSError, ValueError) as error:
             raise WorkerDiedError(f"{task.service}: its process is gone: {error}") from error
-        values, written = self._receive(task.service, call.deadline, call)
-        answer = task.method.answer.model_validate(values)
-        self._commit(written, call.caller)
-        return answer
+        values, written = self._receive(task.service, task.call.deadline, task.call)
+        return accept(self._setup, task, values, written)
 
     def _receive(self, service: str, deadline: float, call: Call | None) -> Any:
         """Wait for an answer, passing progress on; kill the process when nobody waits for it."""
@@ -158,22 +143,22 @@ def _work(
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     try:
         definition = definition_from(source, exact)
-        runner = InProcess(definition, resources, check_every, commit=None)
+        runner = InProcess(InstanceSetup(definition, resources, check_every))
     except Exception as error:  # noqa: BLE001 - the author's code; the parent hears of it
         pipe.send(("error", sendable(error)))
         return
     sending = threading.Lock()
 
-    def send(kind: str, value: Any) -> None:
+    def tell(kind: str, value: Any) -> None:
         with sending:
             pipe.send((kind, value))
 
-    send("done", None)
+    tell("done", None)
     calls: list[Any] = []
     arrived = threading.Condition()
     current: list[Call] = []
 
-    def receive() -> None:
+    def listen() -> None:
         """Read calls and cancellations, so that one reaches a method that runs."""
         while True:
             try:
@@ -190,7 +175,7 @@ def _work(
             if message is None:
                 return
 
-    threading.Thread(target=receive, daemon=True).start()
+    threading.Thread(target=listen, daemon=True).start()
     while True:
         with arrived:
             while not calls:
@@ -199,28 +184,24 @@ def _work(
         if given is None:
             runner.close()
             return
-        name, values, caller, left_s = given
-        call = Call(caller, left_s, (definition.name,))
-        call.on_progress(lambda *progress: send("progress", progress))
-        current[:] = [call]
-        method = definition.methods[name]
-        task = Task(method, read(method.request, values), call, exact)
-        _carry_out(runner, task, send)
+        task = receive(given, definition, lambda *progress: tell("progress", progress))
+        current[:] = [task.call]
+        _carry_out(runner, task, tell)
         current.clear()
 
 
-def _carry_out(runner: InProcess, task: Task, send: Callable[[str, Any], None]) -> None:
+def _carry_out(runner: InProcess, task: Task, tell: Callable[[str, Any], None]) -> None:
     try:
         answer = runner.carry_out(task)
     except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
-        send("error", sendable(error))
+        tell("error", sendable(error))
         if isinstance(error, StateChangedError):
             os._exit(0)
         return
     try:
-        send("done", (values_of(answer), runner.take_written()))
+        tell("done", (values_of(answer), runner.take_written()))
     except (OSError, ValueError, TypeError) as error:
-        send("error", ServiceFailedError(f"the answer cannot be sent: {error}"))
+        tell("error", ServiceFailedError(f"the answer cannot be sent: {error}"))
 
 
 def _leave_with_parent() -> None:

@@ -11,19 +11,26 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from grasp.ray_cluster import join
 from rtask.errors import RtaskError, UsageError, WorkerDiedError
 from rtask.services.call import Call
-from rtask.services.definition import Definition
-from rtask.services.executors.apart import definition_from, sendable, values_of
-from rtask.services.executors.in_process import Commit, InProcess
-from rtask.services.resources import Files, Resource, WritableFiles
+from rtask.services.executors.apart import (
+    Sent,
+    accept,
+    definition_from,
+    receive,
+    send,
+    sendable,
+    values_of,
+)
+from rtask.services.executors.in_process import InProcess
+from rtask.services.executors.setup import InstanceSetup
+from rtask.services.resources import Files, WritableFiles
 from rtask.services.task import Task
-from rtask.wire.message import Answer, read
+from rtask.wire.message import Answer
 
 __all__ = ["RayActor"]
 
@@ -41,19 +48,6 @@ Shipped = dict[str, tuple[str, bool, dict[str, bytes]]]
 class RayActor:
     """One instance in an actor of a Ray cluster.
 
-    Parameters
-    ----------
-    definition
-        Of the service; its ``source`` tells the actor where to find the class.
-    resources
-        Data of the instance.
-    check_every
-        How many calls there are to one whose effect on the state is checked.
-    commit
-        Stores what a call wrote to its data resources.
-    is_outdated
-        Tells whether its data resources have changed since the instance was made ready.
-
     Raises
     ------
     UsageError
@@ -63,15 +57,9 @@ class RayActor:
         The cluster had no room for the actor in time, or the actor died.
     """
 
-    def __init__(
-        self,
-        definition: Definition,
-        resources: Mapping[str, Resource],
-        check_every: int,
-        commit: Commit,
-        is_outdated: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self._commit, self._is_outdated = commit, is_outdated
+    def __init__(self, setup: InstanceSetup) -> None:
+        self._setup = setup
+        source, exact = setup.definition.source, setup.definition.exact
         try:
             self._ray, _ = join(os.environ.get("RAY_ADDRESS"))
         except ValueError as error:
@@ -79,16 +67,13 @@ class RayActor:
         # One thread carries out the call, one tells of progress, one takes cancellations.
         kind = self._ray.remote(_Instance).options(max_concurrency=3, num_cpus=1)
         self._actor = kind.remote()
-        shipped = {name: _packed(one) for name, one in resources.items() if isinstance(one, Files)}
-        made = self._actor.make_ready.remote(
-            definition.source, definition.exact, shipped, check_every
-        )
+        every = setup.resources.items()
+        shipped = {name: _packed(one) for name, one in every if isinstance(one, Files)}
+        made = self._actor.make_ready.remote(source, exact, shipped, setup.check_every)
         try:
             if not self._ray.wait([made], timeout=_START_S)[0]:
-                raise WorkerDiedError(
-                    f"{definition.exact}: the cluster had no room within {_START_S:g} s"
-                )
-            problem = self._got(definition.exact, made)
+                raise WorkerDiedError(f"{exact}: the cluster had no room within {_START_S:g} s")
+            problem = self._got(exact, made)
             if problem is not None:
                 raise problem
         except BaseException:
@@ -98,7 +83,7 @@ class RayActor:
     @property
     def is_spent(self) -> bool:
         """Whether the next call needs a new instance, because the data have changed."""
-        return self._is_outdated()
+        return self._setup.is_outdated()
 
     def carry_out(self, task: Task) -> Answer:
         """Carry out a call.
@@ -109,17 +94,14 @@ class RayActor:
             The actor died, or was killed because the call was cancelled or late.
         """
         call = task.call
-        given = (task.method.name, values_of(task.request), call.caller, max(call.left_s, 0.0))
-        done = self._actor.carry_out.remote(*given)
+        done = self._actor.carry_out.remote(send(task))
         told = self._follow(done, call)
         values, written, reports = self._got(task.service, done)
         for report in reports[told:]:
             call.report(*report)
         if isinstance(values, RtaskError):
             raise values
-        answer = task.method.answer.model_validate(values)
-        self._commit(written, call.caller)
-        return answer
+        return accept(self._setup, task, values, written)
 
     def _follow(self, done: Any, call: Call) -> int:
         """Wait for the end of a call, passing progress on; kill the actor if nobody waits for it.
@@ -181,21 +163,17 @@ class _Instance:
                 name: _unpacked(Path(self._folder.name) / name, *one)
                 for name, one in shipped.items()
             }
-            self._runner = InProcess(self._definition, resources, check_every, commit=None)
+            self._runner = InProcess(InstanceSetup(self._definition, resources, check_every))
         except Exception as error:  # noqa: BLE001 - the author's code; the server hears of it
             return sendable(error)
         return None
 
-    def carry_out(
-        self, name: str, values: dict[str, Any], caller: Any, left_s: float
-    ) -> tuple[Any, Any, list[tuple[float, str]]]:
+    def carry_out(self, sent: Sent) -> tuple[Any, Any, list[tuple[float, str]]]:
         """Return the answer's values or the error, what was written, and all progress."""
         self._reports = []
-        self._call = call = Call(caller, left_s, (self._definition.name,))
-        call.on_progress(self._report)
-        method = self._definition.methods[name]
         try:
-            task = Task(method, read(method.request, values), call, self._definition.exact)
+            task = receive(sent, self._definition, self._report)
+            self._call = task.call
             found: Any = values_of(self._runner.carry_out(task))
         except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
             return sendable(error), {}, self._reports

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 import rtask.errors
 from rtask.errors import RtaskError, ServiceError, ServiceFailedError
-from rtask.services.executors.in_process import Commit
+from rtask.services.executors.setup import Commit
 from rtask.services.outward.seats import Outward, Seat
 from rtask.services.task import Task
 from rtask.wire.message import Answer
