@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -25,8 +24,9 @@ from endpoint.follow.changes import Changes
 from endpoint.follow.event_stream import EventStream
 from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.page_calls import Seen, impatient, replay, with_length
 from endpoint.http.plan import Plan
-from endpoint.http.response_stream import SEND_IDLE_S, Wire, send
+from endpoint.http.response_stream import Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
 from endpoint.point_lines import Instead, PointLines, PointQuery
 from endpoint.rosbridge.connections import Connections
@@ -38,7 +38,6 @@ from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 from rtask.knowledge_base import KnowledgeBase
 
-_log = logging.getLogger(__name__)
 SMALL_BODY = 16 << 10
 BODY_IDLE_S = 30.0
 WATCH_AFTER_S = 0.05
@@ -270,12 +269,12 @@ class AsgiApplication:
     async def _page(self, request: Request, scope: Message, transmit: Transmit) -> None:
         """Let Flask answer a person; count and log the request like any other."""
         started = time.perf_counter()
-        seen = _Seen(transmit)
+        seen = Seen(transmit)
         try:
             await self._pages(
-                _with_length(scope, request.body, request.id),
-                _replay(request.body),
-                _impatient(seen.transmit),
+                with_length(scope, request.body, request.id),
+                replay(request.body),
+                impatient(seen.transmit),
             )
         finally:
             job = Job(request, Plan.ready(Response()), started=started)
@@ -398,64 +397,3 @@ async def _never() -> Message:
 
 def _announces_body(scope: Message) -> bool:
     return any(name in (b"content-length", b"transfer-encoding") for name, _ in scope["headers"])
-
-
-def _with_length(scope: Message, body: bytes, request_id: str) -> Message:
-    """Add the request id and the length of the body: a chunked one would reach WSGI empty."""
-    headers = [
-        (name, value)
-        for name, value in scope["headers"]
-        if name not in (b"content-length", b"transfer-encoding", b"rtask-request-id")
-    ]
-    own = [
-        (b"content-length", str(len(body)).encode()),
-        (b"rtask-request-id", request_id.encode()),
-    ]
-    return {**scope, "headers": [*headers, *own]}
-
-
-class _Seen:
-    """Status and size of an answer by Flask, for the log."""
-
-    def __init__(self, transmit: Transmit) -> None:
-        self._transmit = transmit
-        self.status, self.bytes = 500, 0
-
-    async def transmit(self, message: Message) -> None:
-        """Pass a message on."""
-        if message["type"] == "http.response.start":
-            self.status = message["status"]
-        else:
-            self.bytes += len(message.get("body", b""))
-        await self._transmit(message)
-
-
-def _replay(body: bytes) -> Receive:
-    """Pass a body that has been read to another application."""
-    messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
-
-    async def receive() -> Message:
-        if messages:
-            return messages.pop()
-        await asyncio.Event().wait()  # the other side leaving is seen when writing
-        raise AssertionError
-
-    return receive
-
-
-def _impatient(transmit: Transmit) -> Transmit:
-    """Discard the rest of a page whose client stopped reading, to free its thread."""
-    gone = False
-
-    async def send(message: Message) -> None:
-        nonlocal gone
-        if gone:
-            return
-        try:
-            async with asyncio.timeout(SEND_IDLE_S):
-                await transmit(message)
-        except TimeoutError:
-            gone = True
-            _log.warning("a client stopped reading a page")
-
-    return send
