@@ -79,7 +79,7 @@ def demo(
 
     Starts an endpoint on an embedded store and simulated robots that share it. The first encounters
     unknown objects; the next ones find them in the graph. Ends with a table of what each robot did,
-    three SPARQL queries on the live store, and a report folder with pictures.
+    four SPARQL queries on the live store, and a report folder with pictures.
     """
     from simulate.demo.console import Console
     from simulate.demo.orchestrate import Demo, Settings

@@ -18,6 +18,7 @@ _ASKED = {
     "plan_grasps": "asks for push grasps of a part",
     "insert_object": "tells about an object",
     "report_outcome": "reports an outcome",
+    "report_refusal": "tells what it did instead of a grasp",
     "register_robot": "introduces itself",
     "teach_object": "names an object",
     "give_feedback": "judges an attempt",

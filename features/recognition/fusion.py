@@ -38,6 +38,11 @@ class FusionParams:
     best: int = 2
     most: float = 6.0
 
+    @property
+    def min_confidence(self) -> float:
+        """Least confidence of an accepted answer of several looks."""
+        return _share(self.decisive)
+
 
 def fuse(
     looks: Sequence[Recognition],
@@ -85,7 +90,7 @@ def fuse(
         shown = here.get(thing) or replace(best, query_from_view=None, difference=None)
         found.append(replace(shown, confidence=_share(mean)))
     found.sort(key=lambda match: (-match.confidence, match.object_iri))
-    least = _share(params.decisive) if min_confidence is None else min_confidence
+    least = params.min_confidence if min_confidence is None else min_confidence
     constants = confidence or ConfidenceParams()
     if len(found) == 0:
         return Recognition("null", False)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Client"]
 
-_TOLD = ("insert_object", "report_outcome")
+_TOLD = ("insert_object", "report_outcome", "report_refusal")
 
 
 class Client(Calls):
@@ -313,6 +313,8 @@ def _as_text(value: Any) -> Any:
 
 def _with_ids(operation: str, args: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments with an id wherever a repeated call would store something twice."""
+    if operation == "report_refusal":
+        return args
     if operation == "report_outcome" or "objects" not in args:
         return {"task_id": f"urn:uuid:{uuid.uuid4()}", **args}
     objects = [

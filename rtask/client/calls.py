@@ -33,6 +33,7 @@ __all__ = [
     "Recognition",
     "RegisteredRobot",
     "ReportedOutcome",
+    "ReportedRefusal",
     "ResolvedRequest",
     "SceneGrasp",
     "SceneGrasps",
@@ -586,6 +587,13 @@ class ReportedOutcome(TypedDict):
     grasp: str
 
 
+class ReportedRefusal(TypedDict):
+    """Whether the action was stored."""
+
+    stored: int
+    commit: str
+
+
 class GivenVerdict(TypedDict):
     """One person's verdict on an attempt."""
 
@@ -739,6 +747,7 @@ class Calls(ABC):
         min_grasp: float | None = None,
         preset: Literal["faithful", "fast", "real"] | None = None,
         cautious: bool | None = None,
+        unknown: Literal["refuse", "if_new", "grasp"] | None = None,
     ) -> Recognition:
         """Name an object and the grasps to try, in order.
 
@@ -801,6 +810,9 @@ class Calls(ABC):
         cautious
             compare c_G with the lower end of the interval90 of a grasp, not with its mean; default:
             False
+        unknown
+            in a decision, whether to grasp what is not recognised: refuse; if_new, unless another
+            view may recognise it; grasp; default: refuse
         """
         answer: Recognition = self._operate("recognise_for_grasp", locals())
         return answer
@@ -1042,7 +1054,7 @@ class Calls(ABC):
         task_id: str | None = None,
         merge: bool | None = None,
     ) -> Inserted:
-        """Store what was seen and what came of grasping it.
+        """Store what was seen and the outcome of grasping it.
 
         Parameters
         ----------
@@ -1127,7 +1139,7 @@ class Calls(ABC):
         operator: str | None = None,
         stamp: float | Mapping[str, int] | None = None,
     ) -> ReportedOutcome:
-        """Store what came of a grasp on a known object.
+        """Store the outcome of a grasp on a known object.
 
         Parameters
         ----------
@@ -1163,6 +1175,34 @@ class Calls(ABC):
             when the attempt ended; default: now (s)
         """
         answer: ReportedOutcome = self._operate("report_outcome", locals())
+        return answer
+
+    def report_refusal(
+        self,
+        *,
+        refusal: str,
+        response: Literal[
+            "second_look",
+            "new_object",
+            "measured_sides",
+            "other_grasp",
+            "postponed",
+            "pushed",
+            "left_alone",
+        ],
+    ) -> ReportedRefusal:
+        """Store what a robot did after a refusal to grasp.
+
+        Parameters
+        ----------
+        refusal
+            IRI of the refusal, from the decision
+        response
+            second_look, new_object (grasped although not recognised), measured_sides (located
+            without the doubtful pose), other_grasp (of another planner), postponed, pushed or
+            left_alone
+        """
+        answer: ReportedRefusal = self._operate("report_refusal", locals())
         return answer
 
     def give_feedback(

@@ -175,7 +175,7 @@ def _method(one: Declared) -> str:
         meanings += [", ".join((name, *others)), *_wrapped(_words(field, model), 4)]
     lines = [
         f"    def {one.name}(",
-        *(f"        {row}," for row in ("self", "*", *parameters)),
+        *(_parameter(row) for row in ("self", "*", *parameters)),
         f"    ) -> {one.answer.__name__}:",
         f'        """{one.summary[0].upper()}{one.summary[1:]}.',
         "",
@@ -186,6 +186,17 @@ def _method(one: Declared) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _parameter(row: str) -> str:
+    """Return a parameter's line; in one that is too long the type's brackets are broken."""
+    line = f"        {row},"
+    if len(line) <= _WIDTH:
+        return line
+    head, _, rest = row.partition("[")
+    inside, _, tail = rest.rpartition("]")
+    rows = [inside] if 12 + len(inside) <= _WIDTH else [f"{one}," for one in inside.split(", ")]
+    return "\n".join([f"        {head}[", *(" " * 12 + one for one in rows), f"        ]{tail},"])
 
 
 def _wrapped(text: str, indent: int) -> list[str]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from itertools import product
 from typing import Any, Literal, Protocol
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from features.geometry import FloatArray, Frame
 from features.perception import Ignored, Perceived, Seen, neighbour_points
 from simulate.agent.crowd import Crowd
+from simulate.agent.decisions import Thresholds, ask_for_decision
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import (
     distinct,
@@ -26,7 +27,8 @@ from simulate.agent.messages import (
     observation_message,
     outcome_message,
 )
-from simulate.agent.second_look import asked_again, look_at_side
+from simulate.agent.pushes import Pushes
+from simulate.agent.second_look import look_at_side, seen_from_aside
 from simulate.agent.tracking import TrackedObject, Tracker
 from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.world.seeds import mix_seed
@@ -55,6 +57,8 @@ class AgentConfig:
         How often both sides are searched again for objects that went out of sight.
     seed
         Seed of every choice that the server makes for this robot.
+    thresholds
+        Least confidences for a grasp.
     """
 
     max_attempts: int = 4
@@ -62,6 +66,7 @@ class AgentConfig:
     max_looks: int = 40
     max_searches: int = 2
     seed: int = 0
+    thresholds: Thresholds = field(default_factory=Thresholds)
 
 
 class Body(Protocol):
@@ -98,6 +103,14 @@ class Body(Protocol):
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
         """Execute a plan; return its record and pictures (phase, PNG)."""
 
+    def push(
+        self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
+    ) -> str:
+        """Push a thing with the closed hand; return the reason code, empty if there is no way.
+
+        Its points and those of the others are (n, 3), m, base frame, ``height`` is the table's.
+        """
+
 
 class Server(Protocol):
     """Operations of the engine that the agent calls; clients of :func:`rtask.connect` have them."""
@@ -109,6 +122,8 @@ class Server(Protocol):
     def insert_object(self, **request: Any) -> dict[str, Any]: ...
 
     def report_outcome(self, **request: Any) -> dict[str, Any]: ...
+
+    def report_refusal(self, **request: Any) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)
@@ -168,6 +183,7 @@ class Agent:
         self._on_frame = on_frame
         self._tracker = Tracker()
         self._crowd = Crowd(server)
+        self._pushes = Pushes(body)
         self._is_searching = False
         self._runs = 0
 
@@ -227,6 +243,8 @@ class Agent:
     ) -> None:
         """Ask about an object, plan, grasp and report, once."""
         encounter = self._encounter(thing, side)
+        if self._pushes.are_due(thing, encounter.tries) and self._push(thing, view, side):
+            return
         seconds = {"look": looked_s}
         started = time.perf_counter()
         frame_id = self.body.base_frame
@@ -243,25 +261,31 @@ class Agent:
             "preset": self.body.preset,
             "neighbours": neighbour_points(thing.seen, view),
             **observation,
+            **self.config.thresholds.as_request(),
+            "unknown": "grasp" if encounter.is_seen else "if_new",
         }
         if thing.object_iri:
             request["object"] = thing.object_iri
-        answer = self.server.recognise_for_grasp(**request)
-        if not encounter.is_seen and answer["recognition"].get("ask_again"):
-            ask = self.server.recognise_for_grasp
-            answer = asked_again(ask, self.body, thing, side, request) or answer
+        waits = may_wait and not thing.waiting
+        decided = ask_for_decision(
+            self.server, request, lambda: seen_from_aside(self.body, thing, side),
+            self._crowd.has_grasps(thing), waits, lambda: self._push(thing, view, side),
+        )  # fmt: skip
+        answer = decided.answer
         seconds["ask"] = time.perf_counter() - started
         if not encounter.is_seen:
             encounter = self._first_sight(encounter, thing, answer)
             number = encounter.tries + 1
+        encounter.refusals += decided.refusals
         grasps = self._crowd.merged(thing, answer["grasps"], self.config.max_plans)
         answer = {**answer, "grasps": grasps}
-        planned = self._plan(thing, view, answer, seconds)
+        refused = _Planning(None, None, "refused") if decided.ends else None
+        planned = refused or self._plan(thing, view, answer, seconds)
         if planned.plan is None or planned.grasp is None:
-            if may_wait and not thing.waiting:
+            if waits:
                 thing.waiting = True
-                return
-            self._give_up(encounter, thing, observation, answer, planned, number, seconds)
+            elif decided.ends != "pushed" and (decided.ends or not self._push(thing, view, side)):
+                self._give_up(encounter, thing, observation, answer, planned, number, seconds)
             return
         grasp = planned.grasp
         self._tell(
@@ -296,6 +320,14 @@ class Agent:
             "attempt",
             {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
         )
+
+    def _push(self, thing: TrackedObject, view: Perceived, side: str) -> bool:
+        """Push a thing that cannot be grasped; tell whether that was done."""
+        seed = mix_seed(self.config.seed, thing.number, self._runs)
+        reason = self._pushes.push(thing, view, side, seed)
+        if reason:
+            self._tell("push", {"object": thing.number, "reason": reason, "doing": "pushing"})
+        return bool(reason)
 
     def _encounter(self, thing: TrackedObject, side: str) -> Encounter:
         if thing.number not in self.encounters:

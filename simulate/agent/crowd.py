@@ -103,6 +103,10 @@ class Crowd:
         able = [thing for thing in things if thing.number in rank and not thing.waiting]
         return min(able, key=lambda thing: rank[thing.number], default=None)
 
+    def has_grasps(self, thing: TrackedObject) -> bool:
+        """Tell whether grasps of a thing were planned on the latest view."""
+        return bool(self._grasps.get(thing.number))
+
     def merged(
         self, thing: TrackedObject, grasps: Sequence[dict[str, Any]], most: int
     ) -> list[dict[str, Any]]:

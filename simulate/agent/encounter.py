@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from features.tabletop import TabletopShape
+from simulate.agent.decisions import Refusal
 
 __all__ = ["Attempt", "Encounter"]
 
@@ -63,6 +64,8 @@ class Encounter:
         Confidence of the best match in the first view, whether accepted or not.
     object_iri
         IRI of the object in the graph at the end.
+    refusals
+        Refusals to grasp it, in order.
     lost
         Whether it went out of sight before the robot was done with it, and was not found again.
     """
@@ -78,6 +81,7 @@ class Encounter:
     object_iri: str = ""
     lost: bool = False
     attempts: list[Attempt] = field(default_factory=list)
+    refusals: list[Refusal] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
     @classmethod

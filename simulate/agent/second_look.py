@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -13,7 +13,7 @@ from features.perception import Ignored, Perceived, Seen, perceive
 from simulate.agent.messages import observation_message
 from simulate.agent.tracking import TrackedObject, Tracker
 
-__all__ = ["View", "asked_again", "look_at_side"]
+__all__ = ["View", "look_at_side", "seen_from_aside"]
 
 _ASIDE: Mapping[str, tuple[str, ...]] = {"right": ("ahead", "left"), "left": ("ahead", "right")}
 
@@ -38,19 +38,11 @@ class View(NamedTuple):
     perceived: Perceived
 
 
-def asked_again(
-    ask: Callable[..., dict[str, Any]],
-    eyes: Eyes,
-    thing: TrackedObject,
-    side: str,
-    request: dict[str, Any],
-) -> dict[str, Any] | None:
-    """Return the answer to a request with a second look at its object; None without one.
+def seen_from_aside(eyes: Eyes, thing: TrackedObject, side: str) -> dict[str, Any] | None:
+    """Return an object as an observation with the head turned elsewhere; None if that fails.
 
     Parameters
     ----------
-    ask
-        ``recognise_for_grasp`` of a server.
     side
         Where the head was turned for the first look.
     """
@@ -58,8 +50,7 @@ def asked_again(
     if found is None:
         return None
     seen, view, base_from_camera = found
-    look = observation_message(seen, view, base_from_camera, eyes.base_frame)
-    return ask(**request, looks=[look])
+    return observation_message(seen, view, base_from_camera, eyes.base_frame)
 
 
 def look_at_side(eyes: Eyes, tracker: Tracker, handled: TrackedObject | None, side: str) -> View:

@@ -27,6 +27,7 @@ _PAUSE_S = 0.5
 _DIRECTIONS = 12
 _BLIND_GRASPS = 10
 _LOOK = ("data", "sensor_pose", "frame_id", "support_height")
+_DECIDING = ("decide", "min_identity", "min_pose", "min_grasp", "unknown")
 
 
 class _Client(Protocol):
@@ -83,6 +84,10 @@ class RetryingServer:
     def report_outcome(self, **request: Any) -> dict[str, Any]:
         """Report the outcome of a grasp."""
         return self._repeat("report_outcome", request)
+
+    def report_refusal(self, **request: Any) -> dict[str, Any]:
+        """Report what the robot did after a refusal."""
+        return self._repeat("report_refusal", request)
 
     def _repeat(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
         deadline = time.monotonic() + self._patience_s
@@ -166,6 +171,13 @@ class OutboxServer:
             self._on_wait("report_outcome")
         return answer or {}
 
+    def report_refusal(self, **request: Any) -> dict[str, Any]:
+        """Report now or later; see :meth:`report_outcome`."""
+        answer = self._client.tell("report_refusal", **request)
+        if answer is None:
+            self._on_wait("report_refusal")
+        return answer or {}
+
 
 class BlindServer:
     """Simulates a robot that cannot judge shapes: it takes remembered grasps or random ones.
@@ -190,9 +202,10 @@ class BlindServer:
         self._look: dict[str, Any] = {}
 
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
-        """Ask for remembered grasps and append blind ones."""
+        """Ask for remembered grasps and append blind ones, to which no decision applies."""
         self._look = {name: request[name] for name in _LOOK}
-        answer = self._server.recognise_for_grasp(**{**request, "propose": False})
+        asked = {name: value for name, value in request.items() if name not in _DECIDING}
+        answer = self._server.recognise_for_grasp(**{**asked, "propose": False})
         held = [g for g in answer["grasps"] if _share_held(g) > 0.5]
         held.sort(key=_share_held, reverse=True)
         shape = answer["shape"]
@@ -206,6 +219,10 @@ class BlindServer:
     def insert_object(self, **request: Any) -> dict[str, Any]:
         """Report to the graph."""
         return self._server.insert_object(**request)
+
+    def report_refusal(self, **request: Any) -> dict[str, Any]:
+        """Report to the graph."""
+        return self._server.report_refusal(**request)
 
     def report_outcome(self, **request: Any) -> dict[str, Any]:
         """Report to the graph, for a blind grasp together with the view of the object."""

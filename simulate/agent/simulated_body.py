@@ -11,7 +11,9 @@ import numpy as np
 
 from features.geometry import FloatArray, Frame
 from features.perception import Ignored
+from rtask.engine.perception.clutter import ClutterView
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
+from simulate.grasping.pushing import carry_out_push, plan_push
 from simulate.robots import describe
 from simulate.robots.description import Floats
 from simulate.world.camera import Lighting
@@ -117,6 +119,18 @@ class RobotAtTable:
                 name = f"{self._taken:02d}-{number}-{phase}.png"
                 (self._pictures / name).write_bytes(png)
         return record, taken
+
+    def push(
+        self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
+    ) -> str:
+        """Push a thing with the closed hand; return the reason code, empty if there is no way."""
+        labels = np.repeat([1, 2], [len(points), sum(len(cloud) for cloud in others)])
+        view = ClutterView(
+            np.concatenate([points, *others]).astype(np.float64), labels.astype(np.int32),
+            np.arange(len(labels)), np.zeros(3), np.array([0.0, 0.0, 1.0, -height]), height,
+        )  # fmt: skip
+        plan = plan_push(view, 1, self.executor, self.robot.arm(side).name, seed)
+        return "" if plan is None else carry_out_push(self.executor, plan)
 
     def _picture(self, plan: PlannedGrasp) -> bytes:
         side = "left" if plan.request.y > 0 else "right"

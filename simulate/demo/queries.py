@@ -1,4 +1,4 @@
-"""The three SPARQL queries at the end of the demo, sent to the live endpoint over HTTP."""
+"""The SPARQL queries at the end of the demo, sent to the live endpoint over HTTP."""
 
 from __future__ import annotations
 
@@ -71,6 +71,17 @@ SELECT DISTINCT ?robot ?property ?value {
         ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object }
       } GROUP BY ?who } BIND("can grasp objects" AS ?property) }
 } ORDER BY ?robot ?property ?value""",
+    ),
+    Question(
+        "Why did a robot not grasp, and what did it do then?",
+        """
+SELECT ?robot ?id ?lacking (ROUND(100 * ?confidence) / 100 AS ?found) ?required ?then {
+  ?refusal a rt:GraspRefusal ; prov:wasAssociatedWith/rt:name ?robot ; rt:atTime ?time ;
+    rt:lackingConfidence ?lacking ; rt:foundConfidence ?confidence ;
+    rt:requiredConfidence ?required .
+  OPTIONAL { ?refusal rt:refusedObject/rt:objectId ?id }
+  OPTIONAL { ?refusal rt:refusalResponse ?then }
+} ORDER BY ?robot ?time""",
     ),
 )
 

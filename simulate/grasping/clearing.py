@@ -13,7 +13,7 @@ from grasp.spatial.scene_plan import SceneOptions
 from rtask.engine.perception.clutter import ClutterView, plan_in_view
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
 from simulate.grasping.executor import Executor
-from simulate.grasping.pushing import plan_push
+from simulate.grasping.pushing import carry_out_push, plan_push
 
 __all__ = ["Move", "clear_clutter"]
 
@@ -132,11 +132,7 @@ def _push(executor: Executor, view: ClutterView, arm: str, seed: int) -> str:
     for label in labels[np.argsort(-sizes, kind="stable")].tolist():
         plan = plan_push(view, int(label), executor, arm, seed)
         if plan is not None:
-            run = executor.begin(plan)
-            reason = run.pretend()
-            if reason == "ok":
-                run.put_back()
-            return reason
+            return carry_out_push(executor, plan)
     return ""
 
 

@@ -14,7 +14,7 @@ from simulate.motion.kinematics import Goal, IkOptions, follow_line, solve_ik
 from simulate.motion.trajectory import CARRYING_ACCELERATION, time_path
 from simulate.robots.description import Floats
 
-__all__ = ["plan_push"]
+__all__ = ["carry_out_push", "plan_push"]
 
 _DIRECTIONS = 12
 _BESIDE_M, _BEYOND_M, _DOWN_M, _OVER_TABLE_M = 0.030, 0.050, 0.10, 0.012
@@ -44,8 +44,8 @@ def plan_push(
     Returns
     -------
     PlannedGrasp or None
-        Its ``lift`` is the push; :meth:`~simulate.grasping.attempt_run.AttemptRun.pretend` and
-        ``put_back`` carry it out. None when the arm cannot push it from anywhere.
+        Its ``lift`` is the push, for :func:`carry_out_push`. None when the arm cannot push it from
+        anywhere.
     """
     own = view.of(segment)
     if not len(own):
@@ -67,6 +67,15 @@ def plan_push(
         if planned is not None:
             return planned
     return None
+
+
+def carry_out_push(executor: Executor, plan: PlannedGrasp) -> str:
+    """Push as planned and go home; return the reason code."""
+    run = executor.begin(plan)
+    reason = run.pretend()
+    if reason == "ok":
+        run.put_back()
+    return reason
 
 
 def _planned(

@@ -118,6 +118,8 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     told = call("recognise_for_grasp", again).to_dict()
     outcome = {"task_id": told["task_id"], "grasp": stored.to_dict()["grasp"], "success": True}
     call("report_outcome", {**outcome, "gripper_id": "right_hand"})
+    refused = call("recognise_for_grasp", {**again, "min_grasp": 1.0}).to_dict()["decision"]
+    call("report_refusal", {"refusal": refused["refusal"], "response": "left_alone"})
     assert call("recall_grasps", {"object": thing}).to_dict()["grasps"]
     assert thing in json.dumps(call("search_object", again).to_dict())
     call(

@@ -150,6 +150,9 @@ def _remember(forms: Forms) -> None:
     thing = stored["object"]
     (grasp,) = ask("recall_grasps", object=thing)["grasps"]
     ask("report_outcome", object=thing, grasp=grasp["id"], gripper_id="right_hand", success="false")
+    asked = {"gripper_id": "right_hand", "min_grasp": 1, **SIGHT}
+    refused = ask("recognise_for_grasp", again, **asked)["decision"]["refusal"]
+    assert ask("report_refusal", refusal=refused, response="left_alone")["stored"] == 1
     assert ask("plan_in_space", object=thing, gripper_id="right_hand") is not None
     assert ask("plan_on_scene", again, gripper_id="right_hand", **SIGHT) is not None
     assert ask("resolve_request", wanted="tin", gripper_id="right_hand") is not None

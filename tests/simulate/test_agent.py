@@ -12,6 +12,7 @@ from features.geometry import Frame
 from features.perception import Perceived
 from simulate.agent import second_look
 from simulate.agent.agent import Agent, AgentConfig
+from simulate.agent.decisions import Refusal, Thresholds
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import outcome_message, pose_message
 from simulate.grasping.judgement import Judgement
@@ -34,6 +35,13 @@ class _Body:
     ignored = ()
     preset = "faithful"
     takes_poses = False
+
+    def __post_init__(self) -> None:
+        self.pushed: list[Any] = []
+
+    def push(self, points, others, height, side, seed):
+        self.pushed.append((points, others))
+        return "ok"
 
     @property
     def gripper_ids(self) -> dict[str, str]:
@@ -67,6 +75,7 @@ class _Server:
         self.asked: list[dict] = []
         self.inserted: list[dict] = []
         self.reported: list[dict] = []
+        self.responses: list[tuple[str, str]] = []
 
     def recognise_for_grasp(self, **request):
         self.asked.append(request)
@@ -102,6 +111,31 @@ class _Server:
     def report_outcome(self, **report):
         self.reported.append(report)
         return {"stored": 1}
+
+    def report_refusal(self, refusal, response):
+        self.responses.append((refusal, response))
+        return {"stored": 1}
+
+
+def _too_low(lacking: str, confidence: float, threshold: float) -> dict[str, Any]:
+    return {
+        "answer": "too_low", "too_low": lacking, "confidence": confidence,
+        "threshold": threshold, "refusal": f"r:{lacking}",
+    }  # fmt: skip
+
+
+class _Doubting(_Server):
+    """Refuses whatever a request asks for by name, and grants what it does not."""
+
+    def __init__(self, lacking: str, **more: Any) -> None:
+        super().__init__(**more)
+        self.lacking = lacking
+
+    def recognise_for_grasp(self, **request):
+        answer = super().recognise_for_grasp(**request)
+        if request[f"min_{self.lacking}"] > 0:
+            answer |= {"decision": _too_low(self.lacking, 0.05, 0.1), "grasps": []}
+        return answer
 
 
 TABLE_OF: list[tuple[float, float]] = []
@@ -244,7 +278,8 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
         def recognise_for_grasp(self, **request):
             self.confidence = 0.95 if "looks" in request else 0.6
             answer = super().recognise_for_grasp(**request)
-            answer["recognition"]["ask_again"] = not answer["recognition"]["accepted"]
+            if request["unknown"] == "if_new" and not answer["recognition"]["accepted"]:
+                answer["decision"] = _too_low("identity", 0.6, 0.7)
             return answer
 
     body, server = Turning([(0.16, -0.1)]), Unsure()
@@ -262,9 +297,104 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
     assert again["data"] == first["data"]
     assert looked[looked.index("ahead") + 1] == "right"  # the head is back
 
+    assert encounter.refusals == [Refusal("identity", 0.6, 0.7, "second_look", "r:identity")]
+
     fixed = Unsure()
-    run(_Body([(0.16, -0.1)]), fixed, [(0.16, -0.1)])
+    (encounter,) = run(_Body([(0.16, -0.1)]), fixed, [(0.16, -0.1)] * 2)
     assert all("looks" not in asked for asked in fixed.asked)
+    assert fixed.responses == [("r:identity", "new_object")]
+    assert encounter.placed
+
+
+def test_a_doubtful_pose_is_done_without(run) -> None:
+    spot = (0.15, -0.1)
+    server = _Doubting("pose", knows=0.95)
+    (met,) = run(_Body([spot]), server, [spot] * 2, thresholds=Thresholds(pose=0.7))
+    assert [asked["min_pose"] for asked in server.asked] == [0.7, 0.0]
+    assert server.responses == [("r:pose", "measured_sides")]
+    assert met.placed
+
+
+def test_what_no_grasp_is_likely_to_hold_waits_for_others_and_is_then_left_alone(run) -> None:
+    outer, inner = (0.15, -0.16), (0.15, -0.05)
+
+    class Fearing(_Doubting):
+        def recognise_for_grasp(self, **request):
+            known = TABLE_OF[len(self.asked)]
+            answer = super().recognise_for_grasp(**request)
+            return answer if known == outer else {**answer, "decision": None, "grasps": _at(inner)}
+
+    def _at(spot):
+        return [{"id": "g", "source": "candidate", "x": spot[0], "y": spot[1], "z": 0.3,
+                 "theta": 0.0, "width": 0.03, "opening": 0.05, "mean": 0.9}]  # fmt: skip
+
+    body, server = _Body([outer, inner]), Fearing("grasp")
+    first, second = run(body, server, [outer, inner, outer])
+    assert server.responses == [("r:grasp", "postponed"), ("r:grasp", "left_alone")]
+    assert [(a.reason, a.physical) for a in first.attempts] == [("refused", False)]
+    assert second.placed
+    assert len(body.executed) == 1
+    assert all(asked["decide"] and asked["min_grasp"] == 0.1 for asked in server.asked)
+
+
+class _Strong(_Body):
+    """Its pushes part what touches."""
+
+    takes_poses = True
+
+    def push(self, points, others, height, side, seed):
+        spot = tuple(np.round(points[0, :2], 3).tolist())
+        self.table[self.table.index(spot)] = (spot[0], spot[1] - 0.05)
+        return super().push(points, others, height, side, seed)
+
+
+class _Crowded(_Server):
+    """Plans nothing on a view; its grasps are those of the thing that is asked about."""
+
+    def __init__(self, body: _Body) -> None:
+        super().__init__()
+        self.body = body
+
+    def plan_on_scene(self, **request):
+        return {"segments": [], "grasps": []}
+
+    def recognise_for_grasp(self, **request):
+        around = {tuple(point[:2]) for point in request["neighbours"]}
+        TABLE_OF[:] = [spot for spot in self.body.table if spot not in around] * 99
+        return super().recognise_for_grasp(**request)
+
+
+def test_what_touches_others_and_cannot_be_grasped_is_pushed(run) -> None:
+    spots = [(0.15, -0.10), (0.16, -0.10)]
+    events: list[str] = []
+
+    class Stuck(_Strong):
+        def plan(self, request, obstacles, seed):
+            return super().plan(request, obstacles, seed) if self.pushed else "ik"
+
+    body = Stuck(list(spots))
+    met = run(body, _Crowded(body), [], on_event=lambda name, _: events.append(name))
+    ((points, (other,)),) = body.pushed
+    assert {tuple(points[0, :2]), tuple(other[0, :2])} == set(spots)
+    assert events.count("push") == 1
+    assert all(one.placed for one in met)
+
+
+def test_what_stands_free_is_not_pushed(run) -> None:
+    body = _Strong([(0.15, -0.1)], unreachable=True)
+    (met,) = run(body, _Crowded(body), [])
+    assert body.pushed == []
+    assert met.attempts[0].reason == "ik"
+
+
+def test_a_thing_that_was_missed_three_times_in_a_crowd_is_pushed_and_tried_once_more(run) -> None:
+    miss = Record("missed", held=False, placed=False)
+    body = _Strong([(0.15, -0.16), (0.16, -0.16)], [miss] * 3)
+    met = run(body, _Crowded(body), [], max_attempts=4)
+    assert sorted(tuple(a.reason for a in one.attempts) for one in met) == [
+        ("missed", "missed", "missed", "ok"), ("ok",)
+    ]  # fmt: skip
+    assert len(body.pushed) == 1
 
 
 def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> None:

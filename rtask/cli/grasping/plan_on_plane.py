@@ -140,7 +140,7 @@ grasp.add_command(batch)
     "--race",
     is_flag=True,
     help="Push: drop grasps as soon as they are worse than the best beyond doubt; advised, with "
-    "--samples 200.",
+    "--samples 400.",
 )
 @click.option(
     "--method",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from grasp.spatial.collision import SLIDE
 from rtask.engine.decisions import Option
@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from features.pose import PoseEstimate
     from features.recognition.recogniser import Recognition
 
-__all__ = ["Assessment", "Thresholds", "asked", "decide", "grasps_above"]
+__all__ = ["Assessment", "Thresholds", "Unknown", "asked", "decide", "grasps_above"]
 
 MAX_ALTERNATIVES = 3
+Unknown = Literal["refuse", "if_new", "grasp"]
+"""Treatment of objects that are not recognised; see :attr:`Thresholds.unknown`."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class Thresholds:
     cautious
         Whether c_G is compared with the lower end of the 90 % interval of a grasp's chance, not
         with its mean.
+    unknown
+        Treatment of objects that are not recognised: ``refuse`` all; ``if_new`` grasps those that
+        resemble nothing known, so that no other view could recognise them; ``grasp`` all, for tasks
+        that do not depend on the identity.
     """
 
     identity: float
@@ -44,6 +50,7 @@ class Thresholds:
     grasp: float
     needs_pose: bool = False
     cautious: bool = False
+    unknown: Unknown = "refuse"
 
 
 @dataclass(frozen=True)
@@ -97,13 +104,18 @@ class Asking(Protocol):
     def cautious(self) -> bool:
         """Whether the task asks for caution."""
 
+    @property
+    def unknown(self) -> Unknown:
+        """Treatment of objects that are not recognised."""
+
 
 def asked(policy: Policy, request: Asking) -> Thresholds | None:
     """Return the thresholds of a request, or None when it does not ask for a decision.
 
     >>> from types import SimpleNamespace
     >>> wish = {"min_confidence": None, "min_identity": None, "min_pose": None, "min_grasp": 0.5}
-    >>> asked(Policy(), SimpleNamespace(decide=False, cautious=False, **wish)).grasp
+    >>> how = {"decide": False, "cautious": False, "unknown": "refuse"}
+    >>> asked(Policy(), SimpleNamespace(**how, **wish)).grasp
     0.5
     """
     given = (request.min_identity, request.min_pose, request.min_grasp)
@@ -119,6 +131,7 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
         grasp,
         needs_pose=bool(request.min_pose),
         cautious=request.cautious,
+        unknown=request.unknown,
     )
 
 
@@ -159,14 +172,15 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         "text": "",
         "advice": "",
     }
-    if case.known is None or identity < thresholds.identity:
+    is_new = case.known is None and _may_be_new(thresholds, case)
+    if not is_new and (case.known is None or identity < thresholds.identity):
         low = ("identity", identity, thresholds.identity, _objects(case), _look(case))
     elif (pose is not None and pose < thresholds.pose) or (pose is None and thresholds.needs_pose):
         low = ("pose", pose or 0.0, thresholds.pose, _poses(case), _turn(case))
     elif not case.chosen or grasp < thresholds.grasp:
         low = ("grasp", grasp, thresholds.grasp, _grasps(case, thresholds.cautious), _try(case))
     else:
-        answer["text"] = _sentence(identity, pose, grasp)
+        answer["text"] = _sentence(None if is_new else identity, pose, grasp)
         return answer
     name, confidence, threshold, alternatives, advice = low
     said = f"{name}: {math.floor(confidence * 100) / 100:.2f} is below {threshold:.2f}"
@@ -183,7 +197,15 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
     return answer
 
 
-def _sentence(identity: float, pose: float | None, grasp: float) -> str:
+def _may_be_new(thresholds: Thresholds, case: Assessment) -> bool:
+    """Tell whether an object that was not recognised is grasped as a new one."""
+    doubtful = case.recognition.ask_again
+    return thresholds.unknown == "grasp" or (thresholds.unknown == "if_new" and not doubtful)
+
+
+def _sentence(identity: float | None, pose: float | None, grasp: float) -> str:
+    if identity is None:
+        return f"a new object; that it will hold {grasp:.2f}: this suffices"
     seen = "" if pose is None else f", where it is {pose:.2f}"
     return f"what it is {identity:.2f}{seen}, that it will hold {grasp:.2f}: all suffice"
 

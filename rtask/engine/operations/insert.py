@@ -94,7 +94,7 @@ class Inserted(Answer):
     objects: list[InsertedObject]
 
 
-@operation("write", "store what was seen and what came of grasping it")
+@operation("write", "store what was seen and the outcome of grasping it")
 def insert_object(context: Context, request: InsertObject, access: Access) -> Inserted:
     """Store a list of objects in one commit; one invalid entry rejects them all."""
     prepared = []

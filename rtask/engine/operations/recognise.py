@@ -109,6 +109,9 @@ class RecogniseForGrasp(Looks, _Wanted):
     """kind of physics that the robot is in: faithful, fast or real; default: not known"""
     cautious: Flag = False
     """compare c_G with the lower end of the interval90 of a grasp, not with its mean"""
+    unknown: Literal["refuse", "if_new", "grasp"] = "refuse"
+    """in a decision, whether to grasp what is not recognised: refuse; if_new, unless another view
+    may recognise it; grasp"""
 
 
 class OfferedGrasp(GraspMessage):
@@ -211,7 +214,7 @@ def recognise_for_grasp(
     seen, looks = observe_all(context, request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
-    least = request.min_confidence if thresholds is None else thresholds.identity
+    least = _least(request, thresholds, bool(looks))
     recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, least,
         context.views.embeddings, looks,
@@ -249,6 +252,23 @@ def recognise_for_grasp(
         ),
     )
     return Recognition(**fields, task_id=task, decision=decision, times=times)
+
+
+def _least(
+    request: RecogniseForGrasp, thresholds: Thresholds | None, has_looks: bool
+) -> float | None:
+    """Return the confidence that recognition requires; None = its own default.
+
+    Several looks are fused with a stricter default, which stays in force unless the request names
+    c_I.
+    """
+    if thresholds is None:
+        return request.min_confidence
+    if not has_looks or request.min_identity is not None or request.min_confidence is not None:
+        return thresholds.identity
+    from features.recognition.fusion import FusionParams
+
+    return max(thresholds.identity, FusionParams().min_confidence)
 
 
 def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:

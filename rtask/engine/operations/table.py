@@ -20,6 +20,7 @@ from rtask.engine.operations.operation import Operation
 from rtask.engine.operations.outcome import report_outcome
 from rtask.engine.operations.planned import plan_in_space
 from rtask.engine.operations.recognise import recognise_for_grasp
+from rtask.engine.operations.refusal import report_refusal
 from rtask.engine.operations.resolve import resolve_request
 from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
@@ -38,6 +39,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     resolve_request,
     insert_object,
     report_outcome,
+    report_refusal,
     give_feedback,
     teach_object,
     curate_object,

@@ -5,18 +5,30 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.triples import Triples, rounded, stamp
 from rtask.rdf.namespaces import PROV, RT
-from rtask.rdf.terms import NamedNode, iri
+from rtask.rdf.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
 
-__all__ = ["Refusal", "store_refusal"]
+__all__ = ["Refusal", "Response", "store_refusal", "store_response"]
+
+Response = Literal[
+    "second_look",
+    "new_object",
+    "measured_sides",
+    "other_grasp",
+    "postponed",
+    "pushed",
+    "left_alone",
+]
+"""A robot's action after a refusal, as ``rt:refusalResponse`` keeps it."""
 
 
 @dataclass(frozen=True)
@@ -66,3 +78,15 @@ def store_refusal(context: Context, refusal: Refusal, access: Access) -> NamedNo
         with context.kb.transaction(access=author, note="refuse to grasp") as tx:
             triples.write(tx)
     return node
+
+
+def store_response(
+    context: Context, refusal: NamedNode, response: Response, author: Access
+) -> Commit | None:
+    """Store the robot's action after a refusal; return None if one is stored already."""
+    with context.writing:
+        if context.kb.match(refusal, RT.refusalResponse):
+            return None
+        with context.kb.transaction(access=author, note="respond to a refusal") as tx:
+            tx.add(refusal, RT.refusalResponse, literal(response))
+    return tx.commit

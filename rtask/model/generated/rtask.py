@@ -272,7 +272,7 @@ class Activity(Thing):
         The identifier that a client gave its request, so that a repeated request adds
         nothing.
     segmentation_time
-        The time to cut the scene into objects. [SEC]
+        The time to segment the scene into objects. [SEC]
     total_time
         The time from request to result. [SEC]
     transfer_time
@@ -414,9 +414,12 @@ class GraspRefusal(Activity):
     lacking_confidence
         The confidence that was too low: identity, pose or grasp.
     refusal_advice
-        What would help to grasp after all.
+        Advice on how the object could be grasped after all.
     refusal_reason
         The refusal in words.
+    refusal_response
+        The robot's response to the refusal: second_look, new_object, measured_sides,
+        other_grasp, postponed, pushed or left_alone.
     refused_object
         The object that was not grasped; where its identity was in doubt, the one most alike.
     refused_with
@@ -432,6 +435,7 @@ class GraspRefusal(Activity):
     lacking_confidence: One[str] = One(_RT + "lackingConfidence", _XSD + "string", functional=True)
     refusal_advice: One[str] = One(_RT + "refusalAdvice", _XSD + "string", functional=True)
     refusal_reason: One[str] = One(_RT + "refusalReason", _XSD + "string", functional=True)
+    refusal_response: One[str] = One(_RT + "refusalResponse", _XSD + "string", functional=True)
     refused_object: Link[ManipulableObject] = Link(_RT + "refusedObject", _RT + "ManipulableObject", functional=True)
     refused_with: Link[EndEffector] = Link(_RT + "refusedWith", _RT + "EndEffector", functional=True)
     required_confidence: One[float] = One(_RT + "requiredConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
@@ -816,7 +820,7 @@ class Action(Process, Activity):
     Attributes
     ----------
     has_outcome
-        What came of the action.
+        The result of the action.
     performed_by
         Who performed the action.
     realises_motion
@@ -1007,9 +1011,9 @@ class Feedback(InformationEntity):
     Attributes
     ----------
     comment
-        Words of the person, or the executor's own text.
+        The person's words, or the executor's own text.
     verdict
-        What this piece of evidence says: success or not.
+        The verdict of this piece of evidence: success or not.
     """
 
     __iri__: ClassVar[str] = _RT + "Feedback"
@@ -1055,7 +1059,7 @@ class GraspConfiguration(InformationEntity):
     Attributes
     ----------
     allowed_touch
-        What may be touched meanwhile.
+        An object that the hand may touch during the grasp.
     approach_angle
         The angle phi of a push grasp (Kehoe 2014, 3.3). [RAD]
     contact_arc_length
@@ -1074,17 +1078,17 @@ class GraspConfiguration(InformationEntity):
     grasp_quality
         The generator's own score. [UNITLESS]
     has_evaluation
-        What was computed about the grasp.
+        A computed quality of the grasp.
     jaw_opening
         The opening of the jaws on approach. [M]
     max_contact_force
         The limit of the contact force for the controller. [N]
     post_grasp_retreat
-        The way out with the object.
+        The motion away from the support, with the object.
     post_place_retreat
-        The way out after placing.
+        The motion away from the object after placing it.
     pre_grasp_approach
-        The way in.
+        The motion towards the object.
     pre_grasp_posture
         The fingers before the grasp; positions count.
     tried_in
@@ -1121,11 +1125,11 @@ class GraspEvaluation(InformationEntity):
     Attributes
     ----------
     belief_alpha
-        The belief in success that the confidence is the mean of: prior and counted successes
-        (alpha of a Beta distribution). [UNITLESS]
+        Alpha of the Beta distribution whose mean is the confidence: prior and counted
+        successes. [UNITLESS]
     belief_beta
-        The belief in failure that the confidence is the mean of: prior and counted failures
-        (beta of a Beta distribution). [UNITLESS]
+        Beta of the Beta distribution whose mean is the confidence: prior and counted
+        failures. [UNITLESS]
     closure_mode
         How the grasp closes.
     confidence_lower95
@@ -1195,9 +1199,9 @@ class GripperTranslation(InformationEntity):
     Attributes
     ----------
     desired_distance
-        The distance that is wanted. [M]
+        The intended distance. [M]
     min_distance
-        The distance that is needed at least. [M]
+        The minimum distance. [M]
     translation_direction
         The direction of travel.
     """
@@ -1337,7 +1341,7 @@ class LearnerSnapshot(InformationEntity):
 
 
 class LearningState(InformationEntity):
-    """What the learner saw of the object before it chose (Gatto 2016, 3.3.4: five numbers).
+    """The learner's view of the object before its choice, as five numbers (Gatto 2016, 3.3.4).
 
     ``rt:LearningState``
 
@@ -1454,7 +1458,7 @@ class Observation(Process, SosaObservation, Activity):
 
 
 class Outcome(InformationEntity):
-    """What came of an action.
+    """The result of an action.
 
     ``rt:Outcome``
 
@@ -1463,7 +1467,7 @@ class Outcome(InformationEntity):
     has_feedback
         The evidence for the outcome.
     has_reason
-        Why it ended so.
+        The reason for this outcome.
     outcome_of
         The action of which this is the outcome.
     success
@@ -2114,16 +2118,16 @@ class GraspCandidate(GraspConfiguration):
 
 
 class GraspOutcome(Outcome):
-    """What came of a grasp attempt.
+    """The result of a grasp attempt.
 
     ``rt:GraspOutcome``
 
     Attributes
     ----------
     place_reason
-        Why an object that was held did not arrive where it was to go.
+        The reason why an object that was held did not reach its destination.
     placed
-        Whether the object arrived where it was to go.
+        Whether the object reached its destination.
     """
 
     __iri__: ClassVar[str] = _RT + "GraspOutcome"
@@ -2163,14 +2167,14 @@ class HumanFeedback(Feedback):
     Attributes
     ----------
     held_votes
-        How many people say that it held, each by the latest word, once this feedback was
-        given. [NUM]
+        The number of people who say that it held, each by their latest verdict, when this
+        feedback was given. [NUM]
     lost_votes
-        How many people say that it did not hold, each by the latest word, once this feedback
-        was given. [NUM]
+        The number of people who say that it did not hold, each by their latest verdict, when
+        this feedback was given. [NUM]
     said_reason
-        Why it ended so, in the opinion of the person; the executor's own reason stays on the
-        outcome.
+        The reason for the outcome in the person's opinion; the executor's own reason stays on
+        the outcome.
     """
 
     __iri__: ClassVar[str] = _RT + "HumanFeedback"
@@ -2311,7 +2315,7 @@ class PhysicsFeedback(Feedback):
     contact_force
         The normal force at the jaws. [N]
     hold_time
-        How long the object was held. [SEC]
+        The time for which the object was held. [SEC]
     jaw_gap
         The gap between the jaws after closing. [M]
     lift_height
@@ -2323,7 +2327,7 @@ class PhysicsFeedback(Feedback):
     preset
         The physics behind the evidence: "faithful", "fast", "real".
     slip_distance
-        How far the object slipped in the hand. [M]
+        The distance by which the object slipped in the hand. [M]
     """
 
     __iri__: ClassVar[str] = _RT + "PhysicsFeedback"
@@ -3229,11 +3233,11 @@ class GraspAttempt(RobotManipulationAction):
     approach_tilt
         The angle between the executed approach and the vertical. [RAD]
     attempt_number
-        The how-manieth attempt on this object for this task. [NUM]
+        The number of this attempt among those on the object for this task, from 1. [NUM]
     candidate_count
         The number of grasps to choose from. [NUM]
     candidate_rank
-        The place of the chosen grasp among the candidates. [NUM]
+        The rank of the chosen grasp among the candidates. [NUM]
     executes_grasp
         The grasp that was tried.
     followed_policy
@@ -3243,7 +3247,7 @@ class GraspAttempt(RobotManipulationAction):
     prior_beta
         The belief in failure before the attempt (beta of a Beta distribution). [UNITLESS]
     quality_kind
-        Which measure the analytic quality is.
+        The measure used for the analytic quality.
     seed
         The seed of the choice and of the simulation. [NUM]
     used_pose_estimate

@@ -229,6 +229,8 @@ def _by_agent(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any
 
     def on_event(name: str, data: dict[str, Any]) -> None:
         nonlocal cleared
+        if name == "push":
+            moves.append({"kind": "push", "reason": data["reason"], "lifted": False})
         if name != "attempt":
             return
         cleared += table.empty_boxes()

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+import ontology
 from rtask.engine import Engine, Policy
 from rtask.engine.memory.thresholds import Assessment, Thresholds, decide
-from rtask.errors import UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
 
@@ -190,3 +191,46 @@ def test_a_grasp_and_a_mere_reader_store_no_refusal(kb, known):
     assert granted["decision"]["refusal"] == refused["decision"]["refusal"] == ""
     assert refused["decision"]["too_low"] == "grasp"
     assert kb.match(None, RDF.type, RT.GraspRefusal) == before
+
+
+def test_an_object_that_resembles_nothing_known_may_be_grasped_as_a_new_one(bench, known):
+    robot, _ = known
+    answer = robot.recognise(bench.sight(bench.PEN), decide=True, unknown="if_new", propose=True)
+    assert answer["decision"]["answer"] == "grasp"
+    assert "new object" in answer["decision"]["text"]
+    assert answer["grasps"]
+    assert answer["object"] == ""
+    nothing = robot.recognise(bench.sight(bench.PEN), unknown="if_new", propose=True, min_grasp=1.0)
+    assert nothing["decision"]["too_low"] == "grasp"
+
+
+def test_what_another_view_may_recognise_is_grasped_only_by_a_task_that_takes_anything():
+    doubtful = SimpleNamespace(matches=(), accepted=False, ask_again=True)
+    option = SimpleNamespace(choice=SimpleNamespace(mean=0.9, interval90=(0.7, 1.0)))
+    case = Assessment(doubtful, SimpleNamespace(objects={}), None, None, (option,))
+    told = {
+        unknown: decide(Thresholds(0.7, 0.7, 0.3, unknown=unknown), case, 0.6)["too_low"]
+        for unknown in ("refuse", "if_new", "grasp")
+    }
+    assert told == {"refuse": "identity", "if_new": "identity", "grasp": ""}
+
+
+def test_a_robot_tells_once_what_it_did_after_a_refusal(kb, robots, known):
+    robot, seen = known
+    refusal = robot.recognise(seen, min_grasp=1.0)["decision"]["refusal"]
+    first = robot.call("report_refusal", refusal=refusal, response="postponed")
+    again = robot.call("report_refusal", refusal=refusal, response="left_alone")
+    assert (first["stored"], again["stored"], again["commit"]) == (1, 0, "")
+    (told,) = kb.match(refusal, RT.refusalResponse)
+    assert told.object.value == "postponed"
+    (file,) = [path for path in ontology.episode_queries() if path.stem == "eq24"]
+    (row,) = kb.select(file.read_text("utf-8")).to_dicts()
+    told_of = (row["robot"], row["object"], row["lacking"], row["required"], row["then"])
+    assert told_of == (robot.name, "tea box", "grasp", 1.0, "postponed")
+    (stored,) = kb.match(refusal, RT.refusalReason)
+    assert told.graph_name == stored.graph_name
+    other = robots("nao-2")
+    with pytest.raises(ForbiddenError, match="of another robot"):
+        other.call("report_refusal", refusal=refusal, response="left_alone")
+    with pytest.raises(UnknownTermError, match="has no refusal"):
+        robot.call("report_refusal", refusal="urn:nothing", response="left_alone")
