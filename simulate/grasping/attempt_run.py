@@ -25,7 +25,7 @@ from simulate.grasping.judgement import (
     new_cells,
 )
 from simulate.grasping.motion_log import MotionLog
-from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
+from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.arm_space import SPEED, ArmSpace
@@ -49,6 +49,7 @@ _MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
 _HIGHEST_M = 0.20
 _BESIDE_M = 0.05
 _MARGIN_M = 0.005
+_OVER_TABLE_M = 0.010
 _LOW_M = 0.030
 """Over the table: a lifted hand and what it holds are higher."""
 
@@ -108,6 +109,7 @@ class AttemptRun:
         self._tool_height: dict[str, float] = {}
         self._old_place: HeightMap | None = None
         self._box_before: HeightMap | None = None
+        self._turn = 0.0
         self.held, self.placed = Judgement("no"), Judgement("no")
         """The robot's own judgements of the grasp and of placing."""
         self.old_place = Judgement()
@@ -169,7 +171,9 @@ class AttemptRun:
         self._steps(_HOLD_S)
         self._end("hold")
         self.reason = self._judge_grasp()
-        if self.reason != "ok":
+        if self.reason == "ok":
+            self._look_in_hand()
+        else:
             self.put_back()
             self._look_after()
         return self.reason
@@ -201,6 +205,21 @@ class AttemptRun:
             return Judgement()
         after = self._low_map(outline)
         return judge_off_table(after, after.within(*outline))
+
+    def _look_in_hand(self) -> None:
+        """Look whether what is held has turned about the closing axis, and how far."""
+        request = self.plan.request
+        if request.outline is None and request.points is None:
+            return
+        points = self._station.eyes.points(self._side)
+        points = points[points[:, 2] > request.table_height + _OVER_TABLE_M]
+        tool = self.robot.tool_pose(self.arm)
+        gap = self.robot.finger_opening(self.arm) * self._hand.mouth
+        load = held_load(self.plan, self._station.space_of(self.plan.stance).chains[self.arm])
+        turn = load.seen_turn((points - tool[:3, 3]) @ tool[:3, :3], gap)
+        self._turn = turn or 0.0
+        seen = "not seen in the hand" if turn is None else f"turned by {np.degrees(turn):.0f} deg"
+        self.held = Judgement(self.held.answer, f"{self.held.evidence}, {seen}")
 
     def place_in_box(self) -> str:
         """Place the held object into the box of its side and go home; return the reason code."""
@@ -242,7 +261,8 @@ class AttemptRun:
         self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], wanted: Floats
     ) -> str:
         start = self.plan.lift.positions[-1]
-        way = plan_place(self._station.space_of(self.plan.stance), self.plan, start, spot)
+        space = self._station.space_of(self.plan.stance)
+        way = plan_place(space, self.plan, start, spot, self._turn)
         if isinstance(way, str):
             self.put_back()
             self.place_reason = way

@@ -11,13 +11,14 @@ import numpy as np
 from simulate.grasping.judgement import HeightMap
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
-from simulate.motion.collision import ArmSpheres, Surroundings
+from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings
 from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
+from simulate.motion.load import Load
 from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
 from simulate.robots.description import Floats
 from simulate.world.world import PlaceBox
 
-__all__ = ["PlacePlan", "PlaceSpot", "plan_place"]
+__all__ = ["PlacePlan", "PlaceSpot", "held_load", "plan_place"]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
 _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
@@ -27,7 +28,10 @@ _GENTLE = (0.003, 0.055)
 _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _LOAD_TOLERANCE = 0.012
-_LARGE, _THINNEST_M = 0.08, 0.004
+_LARGE = 0.08
+_RISES = (1.0, 0.67, 0.33)
+"""Shares of what an end of the object hangs down by which the hand first rises, best first."""
+_HANGS_M = 0.005
 _HIGHEST_M = 0.08
 """Over the ground of a box: what is seen higher is the robot's arm, which hides what lies there."""
 _TOP_SHARE = 0.95
@@ -129,8 +133,11 @@ def plan_place(
     plan: PlannedGrasp,
     start: Floats,
     spot: PlaceSpot,
+    turn: float = 0.0,
 ) -> PlacePlan | str:
     """Plan the transport of a held object to a place.
+
+    Where an end of it hangs down, the hand first rises by as much.
 
     Parameters
     ----------
@@ -142,6 +149,8 @@ def plan_place(
         Posture at the top of the lift.
     spot
         Where to.
+    turn
+        By which the object has turned in the hand about the closing axis, rad.
 
     Returns
     -------
@@ -150,14 +159,20 @@ def plan_place(
     """
     chain, request = space.chains[plan.arm], plan.request
     empty = space.spheres(plan.arm, plan.opening)
-    loaded = empty.carrying(*_load(plan, chain))
+    upright_load = held_load(plan, chain)
+    load = upright_load.turned(turn)
+    centres, radii = load.spheres()
+    loaded = empty.carrying(centres @ chain.tool.rotation.T + chain.tool.origin, radii)
     around = space.surroundings(plan.arm, request.table_height, plan.obstacles)
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     tool, _ = chain.tool_poses(start[None])
-    tool_over_bottom = request.table_height + plan.tool_height - request.base_height
+    base_from_tool = _pose(*(part[0] for part in chain.tool_poses(start[None])))
+    hangs = upright_load.bottom(base_from_tool) - load.bottom(base_from_tool)
+    tool_over_bottom = request.table_height + plan.tool_height - request.base_height + hangs
     upright = tool[0, 2]
     approach = tool[0, :, 2] if chain.orients_freely else None
+    rise = _rise(chain, loaded, around, slack, start, hangs)
     for ground, (release, above) in product(spot.grounds, spot.descents):
         for x, y in spot.centres:
             height = ground + tool_over_bottom + release
@@ -167,7 +182,7 @@ def plan_place(
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
-                planned = _complete(space, plan, loaded, around, start, line, goal.position)
+                planned = _complete(space, plan, loaded, around, rise, line, goal.position)
                 if planned is not None:
                     return planned
     return "place_plan"
@@ -178,7 +193,7 @@ def _complete(
     plan: PlannedGrasp,
     loaded: ArmSpheres,
     around: Surroundings,
-    start: Floats,
+    rise: Floats,
     line: Floats,
     tool: Floats,
 ) -> PlacePlan | None:
@@ -187,7 +202,7 @@ def _complete(
         plan.arm,
         loaded,
         around,
-        start,
+        rise[-1],
         line[-1],
         plan.seed,
         SPEED["transport"],
@@ -197,6 +212,9 @@ def _complete(
     )
     if isinstance(transport, str):
         return None
+    if len(rise) > 1:
+        up = time_path(rise, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION)
+        transport = join([up, transport])
     home = np.array(space.robot.arm(plan.arm).home)
     empty = space.spheres(plan.arm, plan.opening)
     back = space.path(
@@ -213,6 +231,24 @@ def _complete(
     )
 
 
+def _rise(
+    chain: Chain,
+    loaded: ArmSpheres,
+    around: Surroundings,
+    slack: Floats,
+    start: Floats,
+    hangs: float,
+) -> Floats:
+    """Return the line (k, dof) straight up by what an end hangs down, or by less if need be."""
+    if hangs > _HANGS_M:
+        free = min(float(loaded.clearances(start[None], around, slack)[0]), 0.0)
+        for share in _RISES:
+            line = follow_line(chain, start, np.array([0.0, 0.0, share * hangs]), tolerance=0.006)
+            if line is not None and (loaded.clearances(line, around, slack) >= free).all():
+                return line
+    return start[None]
+
+
 def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:
     """Return the best few postures, those that tilt the object and move the joints least."""
     if len(found) == 0:
@@ -223,34 +259,33 @@ def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -
     return found[order[:_POSTURES_TRIED]]
 
 
-def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:
-    """Cover the held object with spheres: centres (k, 3) in the wrist frame, radii (k,), m."""
-    request = plan.request
-    middle, yaw, size = _extent(request)
-    radius = max(float(size.min()), _THINNEST_M) / 2
-    reach = np.maximum(size / 2 - radius, 0.0)
-    counts = np.minimum(np.ceil(2 * reach / (1.6 * radius)).astype(int) + 1, 8)
-    grid = np.meshgrid(*[np.linspace(-r, r, n) for r, n in zip(reach, counts, strict=True)])
-    local = np.stack([axis.ravel() for axis in grid], axis=1)
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    across = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    rotations, positions = chain.link_frames(plan.posture[None])
-    points = local @ across.T + middle
-    return (points - positions[0, -1]) @ rotations[0, -1], np.full(len(points), radius)
-
-
-def _extent(request: GraspRequest) -> tuple[Floats, float, Floats]:
-    """Return the middle (3,) m, base frame, yaw (rad) and size (3,) m of what is grasped.
+def held_load(plan: PlannedGrasp, chain: Chain) -> Load:
+    """Return what a grasp closes on, as it is seen before.
 
     The hand may hold it far from its middle.
     """
-    height = request.base_height + request.height / 2
+    request = plan.request
     if request.outline is not None:
         x, y, yaw, length, width = request.outline
-        return np.array([x, y, height]), yaw, np.array([length, width, request.height])
-    if request.points is not None:
-        low, high = request.points.min(axis=0), request.points.max(axis=0)
-        x, y = (low + high)[:2] / 2
-        return np.array([x, y, height]), 0.0, np.array([*(high - low)[:2], request.height])
-    size = np.array([request.width, max(request.length, request.width), request.height])
-    return np.array([request.x, request.y, height]), request.theta, size
+        seen = _standing(request, x, y, yaw, (length, width))
+    elif request.points is not None:
+        seen = Obstacle.around("load", request.points, request.base_height)
+    else:
+        footprint = (request.width, max(request.length, request.width))
+        seen = _standing(request, request.x, request.y, request.theta, footprint)
+    rotation, position = chain.tool_poses(plan.posture[None])
+    base_from_tool = _pose(rotation[0], position[0])
+    return Load.of(base_from_tool, _pose(seen.rotation, seen.centre), 2 * seen.half)
+
+
+def _standing(
+    request: GraspRequest, x: float, y: float, yaw: float, footprint: tuple[float, float]
+) -> Obstacle:
+    middle = (x, y, request.base_height + request.height / 2)
+    return Obstacle.box("load", middle, (*footprint, request.height), yaw)
+
+
+def _pose(rotation: Floats, position: Floats) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose

@@ -191,9 +191,11 @@ def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
 
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
         os.dup2(2, 1)  # Bullet and Mesa write there
-        from simulate.study.tables import grasp_times
+        from simulate.study.runner import Progress
+        from simulate.study.tables import TABLE_5, grasp_times
 
-        _print_times(grasp_times(repeats, seed, preset), as_json, out)
+        told = Progress(repeats * len(TABLE_5), 0)
+        _print_times(grasp_times(repeats, seed, preset, told.step), as_json, out)
 
 
 def _print_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:

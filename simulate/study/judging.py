@@ -41,6 +41,7 @@ __all__ = [
 COLUMNS = ("robot", "question", "attempts", "true", "right", "false yes", "false no", "unknown")
 _PRODUCT, _PLACE, _LIGHT, _NOISE, _ERROR, _DIFFICULT = range(50, 56)
 _PRODUCTS_OF_A_KIND = 200
+_DRAWS = 5
 _FRICTION, _MASS_FACTOR = (0.03, 0.8), (1.0, 8.0)
 _POSITION_ERROR, _ANGLE_ERROR_RAD = 0.2, 0.17
 """Standard deviations; the position error as a share of the width of the open hand."""
@@ -67,15 +68,33 @@ def judging_study(
 
 
 def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Try one grasp of one object; return the robot's judgement and the truth."""
+    """Try one grasp of one object; return the robot's judgement and the truth.
+
+    An object that turns out to be out of reach is put elsewhere, a few times.
+    """
     seed, robot = int(settings["seed"]), str(settings["robot"])
     side = -1 if (number // len(KINDS)) % 2 == 0 else 1
     difficult = stream(seed, _DIFFICULT, number).random() < float(settings["difficult"])
     spec = _product(KINDS[number % len(KINDS)], seed, number, difficult)
-    workplace = describe(robot).workplace
-    (placement,) = arrange([spec], stream(seed, _PLACE, number), [side], workplace=workplace)
+    result: dict[str, Any] = {}
+    for again in range(_DRAWS):
+        place = stream(seed, _PLACE, number, *((again,) if again else ()))
+        (placement,) = arrange([spec], place, [side], workplace=describe(robot).workplace)
+        result = _judged(settings, placement, number, difficult)
+        if result["planned"]:
+            break
+    return {"robot": robot, "product": spec.name, "says": f"{spec.name}: {result['says']}", **{
+        name: value for name, value in result.items() if name != "says"
+    }}  # fmt: skip
+
+
+def _judged(
+    settings: Mapping[str, Any], placement: Placement, number: int, difficult: bool
+) -> dict[str, Any]:
+    """Try one grasp of an object at a place."""
+    seed = int(settings["seed"])
     conditions = Conditions(
-        robot=robot,
+        robot=str(settings["robot"]),
         preset=str(settings["preset"]),
         lighting=Lighting.sample(stream(seed, _LIGHT, number)),
         noise_seed=(seed, _NOISE, number),
@@ -84,12 +103,9 @@ def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         body = SimulatedBody([placement], Path(assets), conditions)
         try:
             error = stream(seed, _ERROR, number) if difficult else None
-            result = _attempt(body, placement, error, mix_seed(seed, number))
+            return _attempt(body, placement, error, mix_seed(seed, number))
         finally:
             body.close()
-    return {"robot": robot, "product": spec.name, "says": f"{spec.name}: {result['says']}", **{
-        name: value for name, value in result.items() if name != "says"
-    }}  # fmt: skip
 
 
 def _product(kind: Kind, seed: int, number: int, difficult: bool) -> ObjectSpec:

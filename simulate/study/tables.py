@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -127,12 +127,17 @@ def retrieval_times(
     return rows
 
 
-def grasp_times(repeats: int, seed: int, preset: str = "faithful") -> list[dict[str, Any]]:
+def grasp_times(
+    repeats: int,
+    seed: int,
+    preset: str = "faithful",
+    on_grasp: Callable[[str], None] = lambda words: None,
+) -> list[dict[str, Any]]:
     """Plan and execute planar grasps (X, Y, theta) of each kind; return median times, s.
 
     ``plan_s`` is computing time; ``grasp_s`` the time of motion until the object has been lifted
     and held for two seconds; ``place_s`` the motion into the box and home. Only grasps that held
-    are counted.
+    are counted. ``on_grasp`` is called ``repeats`` times for each kind, with words about the grasp.
     """
     rows = []
     for kind, thesis in TABLE_5.items():
@@ -143,6 +148,9 @@ def grasp_times(repeats: int, seed: int, preset: str = "faithful") -> list[dict[
             times = _one_grasp(kind, seed, number, preset)
             if times is not None:
                 done.append(times)
+                on_grasp(f"{kind}: held")
+        for _ in range(len(done), repeats):
+            on_grasp(f"{kind}: not held")
         medians = {
             name: statistics.median(times[name] for times in done) if done else None
             for name in ("plan_s", "grasp_s", "place_s")

@@ -9,9 +9,10 @@ import pytest
 
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import HeightMap
-from simulate.grasping.placing import PlaceSpot
+from simulate.grasping.placing import PlaceSpot, held_load, plan_place
+from simulate.robots.description import Floats
 from simulate.world.hidden import NO_SECRET
-from simulate.world.objects import product
+from simulate.world.objects import ObjectSpec, product
 from simulate.world.world import PlaceBox
 
 _YAW, _OFF_M = 0.8, 0.045
@@ -68,3 +69,64 @@ def test_a_long_thing_held_by_its_end_clears_the_walls_of_the_box(x: float, y: f
         there = cell.world.object_pose(body)
         assert box.x_range[0] < there.x < box.x_range[1]
         assert box.y_range[0] < there.y < box.y_range[1]
+
+
+def held_in_the_middle(
+    cell: Workcell, spec: ObjectSpec, x: float, y: float, yaw: float
+) -> PlannedGrasp:
+    """Return a plan for a grasp of the middle of a bar."""
+    length, width, height = spec.extent
+    request = GraspRequest(
+        x=x, y=y, theta=yaw + np.pi / 2, width=width, height=height, length=length,
+        table_height=cell.world.table_height, only_theta=True,
+        outline=(x, y, yaw, length, width),
+    )  # fmt: skip
+    plan = cell.executor.plan(request, seed=1)
+    assert isinstance(plan, PlannedGrasp)
+    return plan
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [-0.85, 0.85])
+def test_the_end_that_hangs_from_the_hand_is_carried_over_the_wall_of_the_box(turn: float) -> None:
+    with Workcell("panda", preset="fast") as cell:
+        plan = held_in_the_middle(cell, product("bar", 50), 0.47, -0.15, _YAW)
+        space, box = cell.executor.space_of(plan.stance), cell.world.place_boxes["right"]
+        spot = PlaceSpot.in_box(box, 0, 0.13)
+        way = plan_place(space, plan, plan.lift.positions[-1], spot, turn)
+        chain = space.chains[plan.arm]
+    assert not isinstance(way, str)
+    load = held_load(plan, chain).turned(turn)
+    centres, radii = load.spheres()
+    rotations, positions = chain.tool_poses(way.transport.positions)
+    points = centres @ rotations.transpose(0, 2, 1) + positions[:, None]
+    over_wall = np.abs(points[..., 1] - box.y_range[1]) < radii[0]
+    bottoms = (points[..., 2] - radii[0])[over_wall]
+    assert bottoms.size
+    assert bottoms.min() > box.rim
+    heights = positions[:, 2] - chain.tool_poses(plan.posture[None])[1][0, 2]
+    assert heights[0] == pytest.approx(0.06, abs=0.01)
+    assert heights.max() > 0.09  # it rises before it goes aside
+    assert load.bottom(_pose(rotations[-1], positions[-1])) > box.rim
+
+
+@pytest.mark.slow
+def test_a_bar_that_turns_in_the_hand_is_seen_to_and_reaches_the_box() -> None:
+    # Carried as if it lay in the hand as it lay on the table, it hits the wall of the box.
+    bar, place, yaw = product("bar", 31), (0.436, -0.113), 1.134
+    with Workcell("panda", preset="fast") as cell:
+        body = cell.world.spawn(bar, place, yaw)
+        cell.world.step(0.2)
+        record = cell.executor.execute(held_in_the_middle(cell, bar, *place, yaw))
+        there = cell.world.object_pose(body)
+        box = cell.world.place_boxes["right"]
+    assert "turned by" in record.evidence
+    assert (record.reason, record.place_reason) == ("ok", "ok")
+    assert box.x_range[0] < there.x < box.x_range[1]
+    assert box.y_range[0] < there.y < box.y_range[1]
+
+
+def _pose(rotation: Floats, position: Floats) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
