@@ -17,7 +17,7 @@ __all__ = ["Triples", "difference", "missing_and_surplus", "small_difference"]
 
 
 class Triples(Collection[Triple]):
-    """Triples kept as columns of ids; each pass over them makes the terms anew.
+    """Triples kept as columns of ids; each pass over them recreates the terms.
 
     Parameters
     ----------

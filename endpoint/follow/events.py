@@ -113,7 +113,7 @@ class Follower:
     Raises
     ------
     GoneError, EpochChangedError
-        Commits after ``since`` are not kept, or are numbered anew.
+        Commits after ``since`` are not kept, or were renumbered.
     """
 
     def __init__(

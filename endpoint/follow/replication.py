@@ -91,7 +91,7 @@ class RecordStream(EventStream):
         if not number.isdecimal() or len(number) > 17:
             raise RefusedError(400, "usage", "since=EPOCH:NUMBER names the last commit you have")
         if epoch != kb.epoch or int(number) > kb.feed.last_seq:
-            raise RefusedError(409, "epoch", f"commits are numbered anew since epoch {kb.epoch}")
+            raise RefusedError(409, "epoch", f"commits were renumbered with epoch {kb.epoch}")
         oldest = kb.feed.oldest_kept()
         if int(number) + 1 < oldest:
             raise RefusedError(410, "gone", f"commits before {oldest} are not kept", oldest=oldest)

@@ -54,7 +54,7 @@ def minimum_version(kb: ServedGraph, text: str) -> Callable[[Callable[[], Respon
     if not number.isdecimal() or len(number) > 17:
         raise RefusedError(400, "usage", "RTASK-Min-Version is EPOCH:NUMBER, as in RTASK-Version")
     if epoch != kb.epoch:
-        raise RefusedError(409, "epoch", f"versions are counted anew since epoch {kb.epoch}")
+        raise RefusedError(409, "epoch", f"versions were renumbered with epoch {kb.epoch}")
     wanted = int(number)
 
     def run(then: Callable[[], Response]) -> Response:

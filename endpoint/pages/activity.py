@@ -47,7 +47,7 @@ def last_events(count: int) -> list[Model]:
         return []
     log = context().activity
     events = [one for one in log.after(0) if one.kind not in _SILENT]
-    if len(events) < count:  # commits before the log began are read anew each time
+    if len(events) < count:  # commits before the log began are read again each time
         events = [*(one for one in _before(log.first_seq) if one.kind not in _SILENT), *events]
     return [as_json(one) for one in reversed(events[-count:])]
 

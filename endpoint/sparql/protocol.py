@@ -316,7 +316,7 @@ def _expected(kb: ServedGraph, text: str) -> int | None:
     if not number.isdecimal() or len(number) > 17:
         raise RefusedError(400, "usage", "`if-version` is EPOCH:NUMBER, as in RTASK-Version")
     if epoch != kb.epoch:
-        raise VersionConflictError(f"versions are counted anew since epoch {kb.epoch}")
+        raise VersionConflictError(f"versions were renumbered with epoch {kb.epoch}")
     return int(number)
 
 

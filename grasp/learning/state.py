@@ -60,7 +60,7 @@ class GrowingComponents:
     """Principal components of all views seen, kept current with every view.
 
     Until thirty views are known a fixed random projection stands in. Mean and scatter are updated
-    exactly, view by view; the version goes up whenever the components are computed anew, at every
+    exactly, view by view; the version goes up whenever the components are recomputed, at every
     doubling of the number of views, so that states of one version are comparable.
 
     Parameters

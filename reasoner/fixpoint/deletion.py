@@ -18,7 +18,7 @@ from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import LITERAL, SAME, is_schema
 
 REBUILD_RATIO, REBUILD_FROM = 10, 20_000
-"""Deleting more than so many facts, and one in ten, costs more than deriving all anew."""
+"""Deleting more than so many facts, and one in ten, costs more than deriving everything again."""
 
 
 class CannotRetractError(Exception):

@@ -163,6 +163,6 @@ class Derivation:
             self.schema_changed = True
         for fact in self.layer.about(loser):
             self.layer.discard(*fact)
-            # Facts of higher strata rest on absences that the merge may fill: derive them anew.
+            # Facts of higher strata rest on absences that the merge may fill: derive them again.
             if self._program.level(fact) == 0 or self._is_asserted(fact):
                 self.insert(fact)

@@ -135,10 +135,10 @@ class Maintainer:
                 raise CannotRetractError("schema is retracted")
             return _Revision(self, state, asserted).run(former_rules is not None)
         except CannotRetractError as reason:
-            log.info("deriving all anew: %s", reason)
+            log.info("deriving everything again: %s", reason)
             return self.rebuild(asserted)
         except TooMuchWorkError:
-            log.info("deriving all anew: too much follows to go fact by fact")
+            log.info("deriving everything again: too much follows to go fact by fact")
             return self.rebuild(asserted, in_bulk=True)
 
     def rebuild(self, asserted: Asserted, in_bulk: bool = False) -> Draft:

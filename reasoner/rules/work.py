@@ -41,7 +41,7 @@ class Work:
         self._rules: Sequence[Rule] = ()
 
     def use(self, rules: Sequence[Rule]) -> None:
-        """Take note of the rules in force, the users' last; counting begins anew."""
+        """Take note of the rules in force, the users' last; counting restarts."""
         self._rules = rules
         self._done = {}
 

@@ -134,7 +134,7 @@ def export(
 def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     """Add the episodes of FILE (.mcap, .bag, or an exported data set) to the graph, in one commit.
 
-    Counts, beliefs and hidden causes are then stated anew from all attempts, in a second one. What
+    Counts, beliefs and hidden causes are then restated from all attempts, in a second one. What
     is known already changes nothing.
     """
     import rtask

@@ -244,7 +244,7 @@ def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> No
 def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
     """Withdraw all that the robot or person NAME told, and all that followed from it.
 
-    Attempts, outcomes, verdicts and places go; counts and beliefs are stated anew from what the
+    Attempts, outcomes, verdicts and places go; counts and beliefs are restated from what the
     others told. Objects and grasps that others build on stay. `rtask objects undo COMMIT` undoes
     it.
     """

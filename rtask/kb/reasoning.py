@@ -239,5 +239,5 @@ class Reasoning(Writing):
         return complete(self._writer, self._files, self._inference, self.access())
 
     def take_in_lost(self) -> bool:
-        """Count statements whose commits were lost when the machine stopped, and derive anew."""
+        """Count statements whose commits were lost when the machine stopped, and derive again."""
         return take_in(self._writer, self._files, self._inference, self.access())

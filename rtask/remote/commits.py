@@ -147,7 +147,7 @@ class Commits:
 
 
 def _is_from(version: str, other: str) -> bool:
-    """Whether a version is another one or a later one, or is counted anew."""
+    """Whether a version is another one or a later one, or numbering has restarted."""
     epoch, _, number = version.rpartition(":")
     other_epoch, _, other_number = other.rpartition(":")
     return epoch != other_epoch or int(number) >= int(other_number)

@@ -18,7 +18,7 @@ _AT_ONCE = 500
 
 
 class Excerpt:
-    """The statements about some subjects, read in few queries; about others, each time anew.
+    """The statements about some subjects, read in few queries; about others, each time again.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_grasp_learning.py [decision] [latency] [transfer]
 
 ``decision``: the bandit over 50 candidates with priors ready, beside a random forest of
-scikit-learn that is fitted anew from 500 outcomes and rates the same candidates, as a learner
+scikit-learn that is refitted from 500 outcomes and rates the same candidates, as a learner
 without own trees would do. ``latency``: how long the real-time TEXPLORE takes to act while its
 model trains on 5,000 experiences, against one period and 5 ms. ``transfer``: first tries of a robot
 that starts from another's outcomes, beside one that does not. The learners side by side are ``rtask
@@ -47,7 +47,7 @@ def decision(rounds: int = 40) -> None:
     print(
         f"decision, 50 candidates: ours {np.median(ours):.2f} ms, 95 % within "
         f"{np.quantile(ours, 0.95):.2f} ms (target 5), of the processor {np.median(busy):.2f} ms; "
-        f"forest fitted anew {np.median(peer):.0f} ms, "
+        f"forest refitted {np.median(peer):.0f} ms, "
         f"ratio {np.median(peer) / np.median(ours):.0f}"
     )
 

@@ -120,12 +120,12 @@ def main() -> None:
         _run(folder, "prepare", options.triples)
         load = os.getloadavg()[0]
         print(f"{options.triples} triples; load average {load:.1f} on {os.cpu_count()} cores")
-        found: dict[str, list[dict[str, float]]] = {"saved closure": [], "built anew": []}
+        found: dict[str, list[dict[str, float]]] = {"saved closure": [], "rebuilt": []}
         for _ in range(options.rounds):
             for side, runs in found.items():
                 shutil.rmtree(bare, ignore_errors=True)
                 shutil.copytree(folder, bare)
-                if side == "built anew":
+                if side == "rebuilt":
                     for path in bare.glob("closure-*"):
                         shutil.rmtree(path)
                 runs.append(json.loads(_run(bare, "first")))

@@ -6,8 +6,8 @@
 Each round starts a process that commits and saves the closure after every commit, and kills it
 with SIGKILL at a random moment after its first commit. Then a process of its own opens the folder:
 every saved closure must be whole, the commits that were acknowledged must be there, and the closure
-that is used, its inferred graph and its contradictions must equal those built anew. Printed is also
-how long it took until the folder could be written again.
+that is used, its inferred graph and its contradictions must equal those of a rebuilt one.
+Printed is also how long it took until the folder could be written again.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def write(folder: Path) -> None:
 
 
 def check(folder: Path, acknowledged: int) -> None:
-    """Open the folder and compare the closure with one built anew."""
+    """Open the folder and compare the closure with a rebuilt one."""
     import rtask
     from reasoner.saved.container import read_head, require_whole
     from rtask.kb.durability.saved_closures import saved_folders

@@ -201,7 +201,7 @@ def test_a_session_goes_on_after_the_server_started_anew(
         assert mug.mass == 0.3
         monkeypatch.setattr(lab._commits, "_version", "old:5")
         monkeypatch.setattr(lab._commits, "_awaited", "old:5")  # as after an own write
-        with pytest.raises(RemoteError, match="counted anew"):
+        with pytest.raises(RemoteError, match="renumbered"):
             s.query(RTASK.Robot).exists()
         assert s.query(RTASK.Robot).exists()
         assert s.get(RTASK.Mug, mug.iri) is mug

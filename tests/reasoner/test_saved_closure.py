@@ -52,7 +52,7 @@ def assert_same(one: Closure, other: Closure) -> None:
 
 
 def run_script(world, script, rules) -> None:
-    """Edit, and save and reopen between the edits; each time compare with a closure built anew."""
+    """Edit, and save and reopen between the edits; each time compare with a rebuilt closure."""
     asserted = {*world[0], *world[1]}
     closure = reopened(Closure.build(asserted, [], rules), rules)
     assert_same(closure, Closure.build(asserted, [], rules, IN_BULK))

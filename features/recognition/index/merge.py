@@ -14,7 +14,7 @@ from features.recognition.index.segments import Block, ViewName
 __all__ = ["MAX_DEAD", "Piece", "sealed_pieces"]
 
 MAX_DEAD = 0.25
-"""Share of removed views above which a segment is written anew without them."""
+"""Share of removed views above which a segment is rewritten without them."""
 
 _ALIKE = 2.0
 

@@ -63,7 +63,7 @@ class RMax(TabularAgent):
         return self.best(cell, mask)
 
     def observe(self, transition: Transition) -> None:
-        """Count one step; plan anew when a pair becomes known."""
+        """Count one step; plan again when a pair becomes known."""
         pair = (self.bins.number(transition.state), transition.action)
         seen = self._counts[pair]
         if seen >= self.visits:

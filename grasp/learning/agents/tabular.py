@@ -286,7 +286,7 @@ def load_arrays(
         remedy = (
             "use the release of RTASK that wrote it"
             if known and version > _FORMAT
-            else "learn anew from the outcomes, or go on with the release that wrote it"
+            else "relearn from the outcomes, or go on with the release that wrote it"
         )
         raise ValueError(f"{path} is of version {version}, this release reads {_FORMAT}: {remedy}")
     if header.get("kind") != kind:

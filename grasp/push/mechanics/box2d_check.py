@@ -180,7 +180,7 @@ class _World:
             if not contact.touching:
                 continue
             a, b = contact.fixtureA.body, contact.fixtureB.body
-            # Wrappers are made anew at every look, so identity says nothing.
+            # Wrappers are made again at every look, so identity says nothing.
             if a != jaw and b != jaw:
                 continue
             manifold = contact.worldManifold

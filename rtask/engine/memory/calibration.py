@@ -82,7 +82,7 @@ def calibrate(
     graph: NamedNode,
     without: Collection[str] = (),
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
-    """State a hand's map anew from all its outcomes; return the old statements, which go.
+    """Restate a hand's map from all its outcomes; return the old statements, which go.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Tried:
 
 
 class Causes:
-    """Causes that a commit states anew.
+    """Causes that a commit restates.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 The engine's own learner has no state: every decision is made from the outcomes in the graph
 (:mod:`rtask.engine.memory.experience`), so it continues wherever the graph is opened. The learners
-of Gatto 2016, 3.3.4 (:mod:`grasp.learning.agents`) learn step by step. They either learn anew from
+of Gatto 2016, 3.3.4 (:mod:`grasp.learning.agents`) learn step by step. They either relearn from
 the outcomes of all robots, with states computed from the stored descriptors, or load a state that
 was saved as a blob; a state of another version is not loaded, and a note says so.
 """

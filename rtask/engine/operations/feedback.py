@@ -194,7 +194,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
 def _recalibrated(
     context: Context, triples: Triples, judged: Judged, held: bool | None, graph: NamedNode
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
-    """State anew the map of the hand whose attempt was judged otherwise; return what goes."""
+    """Restate the map of the hand whose attempt was judged otherwise; return what goes."""
     scored = score_of(context, judged.attempt)
     hands = {quad.object for quad in context.kb.match(judged.attempt, RT.activates)}
     gripper = next((g for g in context.grippers.all() if g.iri in hands), None)

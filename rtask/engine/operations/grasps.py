@@ -196,7 +196,7 @@ def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> Gras
     elif stored.policy != policy.version:
         counts = [(t.held, t.is_fast, t.count) for t in grasp.tallies]
         belief = posterior(policy, prior, counts)
-        note = f"computed anew: stored by the rules {stored.policy or 'of an older release'}"
+        note = f"recomputed: stored by the rules {stored.policy or 'of an older release'}"
     return GraspConfidence(
         mean=belief.mean,
         alpha=belief.alpha,

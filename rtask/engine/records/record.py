@@ -219,7 +219,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
 
 
 def _calibrate(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Withdrawn:
-    """State the hand's map from scores to chances anew where the robot itself reports a score."""
+    """Restate the hand's map from scores to chances where the robot itself reports a score."""
     quality, gripper = entry.received.quality, entry.gripper
     if quality is None or entry.graph != context.kb.graphs.agent(gripper.robot_name):
         return []

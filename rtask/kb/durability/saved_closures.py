@@ -123,7 +123,7 @@ class SavedClosures:
             try:
                 closure = self._read(path, held, tuple(rules))
             except (_MisfitError, DamagedFolderError, StoreError, OSError) as error:
-                _log.warning("%s is not used, the closure is built anew: %s", path, error)
+                _log.warning("%s is not used, the closure is rebuilt: %s", path, error)
                 continue
             self._saved_changes = 0
             self._saved_seq = int(path.name.removeprefix(_PREFIX))
@@ -138,7 +138,7 @@ class SavedClosures:
         head = read_head(path)
         origin: dict[str, Any] = head["origin"]
         if origin["epoch"] != self._epoch:
-            raise _MisfitError("commits were numbered anew since it was saved")
+            raise _MisfitError("commits were renumbered since it was saved")
         if head["made_by"] != Closure(rules).fingerprint():
             raise _MisfitError("it was made by other rules or another version of the reasoner")
         if origin["seq"] > held.seq:
@@ -245,7 +245,7 @@ class SavedClosures:
                     image.write(path, head)
                     self._prune()
                 except OSError as error:
-                    # The closure can always be built anew; a full disk must not stop a commit.
+                    # The closure can always be rebuilt; a full disk must not stop a commit.
                     _log.warning("the closure was not saved in %s: %s", path, error)
 
         return write

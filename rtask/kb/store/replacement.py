@@ -53,7 +53,7 @@ def is_large_removal(store: GraphStore, change: Writes) -> bool:
 
 
 def replace_contents(store: GraphStore, change: Writes) -> None:
-    """Load anew what the named graphs hold after a change, and the union of them.
+    """Load again what the named graphs hold after a change, and the union of them.
 
     The journal must hold the change durably. Reads in this process wait meanwhile; those that have
     begun go on with what they began with.

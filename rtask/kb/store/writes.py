@@ -24,7 +24,7 @@ class Writes:
     Parameters
     ----------
     is_replacement
-        Whether the store was emptied and filled again instead; copies of it are to be made anew.
+        Whether the store was emptied and filled again instead; copies of it are to be made again.
     has_union
         Whether what is added to the default graph belongs to the union of the named graphs, so
         that it may be there already.

@@ -107,7 +107,7 @@ def test_a_file_of_another_learner_or_world_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("version", "remedy"), [(1, "learn anew"), (None, "learn anew"), (99, "the release of RTASK")]
+    ("version", "remedy"), [(1, "relearn"), (None, "relearn"), (99, "the release of RTASK")]
 )
 def test_a_file_of_another_version_says_what_to_do(
     version: int | None, remedy: str, tmp_path: Path

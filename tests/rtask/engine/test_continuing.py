@@ -162,7 +162,7 @@ def test_a_belief_of_other_rules_is_computed_anew_and_says_so(folder):
     first, second = name["grasps"][0]["confidence"], anew["grasps"][0]["confidence"]
     assert (first["note"], first["policy"]) == ("", Policy().version)
     assert second["policy"] == other.version
-    assert second["note"] == f"computed anew: stored by the rules {Policy().version}"
+    assert second["note"] == f"recomputed: stored by the rules {Policy().version}"
     prior = first["prior"]
     assert second["alpha"] == pytest.approx(0.3 + 6 * prior + 1)
     assert first["alpha"] == pytest.approx(0.3 + 2 * prior + 1, abs=1e-5)
@@ -243,7 +243,7 @@ def test_a_state_of_an_older_version_is_left_alone_with_a_note(folder):
         told = resume_learner(engine.context, fresh, "quadrants")
         assert not told.done
         assert "version 1" in told.note
-        assert "learn anew from the outcomes" in told.note
+        assert "relearn from the outcomes" in told.note
         assert not fresh.values.any()
         assert (
             resume_learner(engine.context, fresh, "nothing").note

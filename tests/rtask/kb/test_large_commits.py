@@ -76,7 +76,7 @@ def _content(store: EmbeddedStore) -> set[ox.Quad]:
 
 
 def _said(kb: KnowledgeBase) -> list[str]:
-    """Return all statements but the notes of commits, without names that are drawn anew."""
+    """Return all statements but the notes of commits, without names that are redrawn."""
     kept = (kb.graphs.meta, kb.graphs.provenance)
     texts = (
         " ".join(map(str, quad))

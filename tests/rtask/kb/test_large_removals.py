@@ -1,4 +1,4 @@
-"""Large removals load anew what stays: the same content, all or nothing, no read in between."""
+"""Large removals load again what stays: the same content, all or nothing, no read in between."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closure is read from the folder after a restart, and built anew if none there fits."""
+"""The closure is read from the folder after a restart, and rebuilt if none there fits."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def folder(tmp_path: Path) -> Path:
 
 def _reasons(caplog: pytest.LogCaptureFixture) -> list[str]:
     """Return why saved closures were not used."""
-    return [r.getMessage() for r in caplog.records if "built anew" in r.getMessage()]
+    return [r.getMessage() for r in caplog.records if "rebuilt" in r.getMessage()]
 
 
 def _assert_current(kb: KnowledgeBase) -> None:
@@ -200,7 +200,7 @@ def test_one_of_another_numbering_is_not_used(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     replace(Settings.load(folder), epoch="another").save(folder)
-    _assert_rebuilt(folder, caplog, "numbered anew")
+    _assert_rebuilt(folder, caplog, "renumbered")
 
 
 def test_one_from_commits_that_were_lost_is_not_used(
