@@ -128,7 +128,7 @@ class ReaderProcess:
             self._pid_handle = descriptors[0] if descriptors else -1
 
     def ask(self, question: bytes, kind: bytes = b"Q") -> None:
-        """Send the waiting commits, then a query, or an update as kind ``U``."""
+        """Send the waiting commits, then a query, or a long one or an update as its kind says."""
         with self._lock:
             self._flush(message(kind, question))
 

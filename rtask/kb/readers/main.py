@@ -25,6 +25,7 @@ import pyoxigraph as ox
 from rtask.kb.readers.answering import answer_query
 from rtask.kb.readers.memory import limit_memory, resident_bytes
 from rtask.kb.readers.messages import Incoming, Questions, decode_change, message
+from rtask.kb.readers.scheduling import in_long_turns
 
 _PARENT_CHECK_S = 2.0
 _PR_SET_PDEATHSIG = 1
@@ -154,8 +155,13 @@ def _read(store: ox.Store, questions: int, answers: int) -> NoReturn:
         elif kind == b"U":
             from rtask.kb.readers.update_answering import answer_update
 
-            if not answer_update(store, json.loads(payload), answers):
+            with in_long_turns():
+                is_reusable = answer_update(store, json.loads(payload), answers)
+            if not is_reusable:
                 os._exit(0)  # a new reader costs less than restoring this copy
+        elif kind == b"S":
+            with in_long_turns():
+                answer_query(store, payload, answers)
         else:
             answer_query(store, payload, answers)
 

@@ -6,8 +6,9 @@ A message consists of a type byte, a length and a payload. To the keeper: ``L`` 
 follows in ``D`` pieces, the last one empty; ``F`` a change; ``K`` fork a reader on the descriptors
 sent along. From the keeper: ``R`` the dump is loaded; ``E`` a reader has ended. From a reader,
 through a socket, once: ``H`` it is ready. To a reader, through a pipe: ``F`` a change; ``Q`` a
-query; ``U`` an update, answered with its exact change. From a reader, through a pipe: ``M`` the
-kind and media type of the answer; ``C`` a piece of it; ``E`` its end; ``X`` an error.
+query; ``S`` one that may take long; ``U`` an update, answered with its exact change. From a reader,
+through a pipe: ``M`` the kind and media type of the answer; ``C`` a piece of it; ``E`` its end;
+``X`` an error.
 
 A change, whether it comes from a commit or from an update that a reader evaluated, is a line of
 JSON followed by the removed and the added statements as N-Quads. A query is a line of JSON with

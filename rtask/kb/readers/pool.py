@@ -39,6 +39,12 @@ class _Asked:
     text: str
     kind: bytes = b"Q"
     what: str = "query"
+    is_quick: bool = True
+
+    @property
+    def message_kind(self) -> bytes:
+        """Kind of the message, which tells a reader about queries that take long."""
+        return self.kind if self.is_quick else b"S"
 
 
 class Readers:
@@ -127,9 +133,9 @@ class Readers:
             Too many queries are waiting.
         """
         at = None if timeout_s is None else time.monotonic() + timeout_s
-        asked = _Asked(question.encode(), question.text)
-        self._refused.check(asked.kind, asked.text)
         quick = is_quick(question.text) if quick is None else quick
+        asked = _Asked(question.encode(), question.text, is_quick=quick)
+        self._refused.check(asked.kind, asked.text)
         leave = self._places.enter(not quick, at, timeout_s)
         try:
             stream = self._ask(asked, at, timeout_s, on_start)
@@ -301,7 +307,7 @@ class Readers:
                 asked.what,
             )
             try:
-                reader.ask(asked.payload, asked.kind)
+                reader.ask(asked.payload, asked.message_kind)
                 with self._lock:
                     self._running.add(stream)
                 if at is not None:
