@@ -144,6 +144,10 @@ class Recogniser:
         confidence = confidences(evidence, constants)
         order = np.argsort(-confidence, kind="stable")
         outcome, accepted = decide(confidence[order], least, constants)
+        printed = candidates[order[0]].printed if accepted else None
+        if printed is not None and self._facts.same_print(snapshot, printed.view):
+            # Of two objects with one print, the one that looks more alike does so by chance.
+            outcome, accepted = "multiple", False
         matches = [
             candidates[k].as_match(snapshot, float(confidence[k]))
             for k in order[:max_results]
@@ -170,6 +174,14 @@ class Recogniser:
         alive = np.flatnonzero(snapshot.alive).tolist()
         wanted = set(view_iris)
         self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
+
+    def same_print(self, view_iri: str) -> tuple[str, ...]:
+        """Return the IRIs of other objects that carry the print of a stored view, sorted."""
+        snapshot = self.index.snapshot()
+        alive = np.flatnonzero(snapshot.alive).tolist()
+        views = [view for view in alive if snapshot.view_iris[view] == view_iri]
+        others = [one for view in views for one in self._facts.same_print(snapshot, view)]
+        return tuple(sorted({snapshot.object_iris[snapshot.object_of_view[k]] for k in others}))
 
     def forget_comparisons(self) -> None:
         """Delete what lies beside the index: its next recogniser compares stored views again."""

@@ -565,6 +565,8 @@ InsertedObject = TypedDict(
         "new": bool,
         "features": int,
         "commit": str,
+        "same_print": NotRequired[list[str]],
+        "message": NotRequired[str],
     },
 )
 """Result for one entry."""

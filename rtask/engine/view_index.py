@@ -106,6 +106,17 @@ class ViewIndex:
         except (OSError, ValueError):
             log.exception("%d new views will be compared in the next query", len(views))
 
+    def same_print(self, view: NamedNode) -> tuple[str, ...]:
+        """Return the IRIs of other objects that carry the print of a view.
+
+        If it cannot be told, there are none: the view is stored all the same.
+        """
+        try:
+            return self.recogniser.same_print(view.value)
+        except (OSError, ValueError):
+            log.exception("view %s was not compared with other objects' prints", view.value)
+            return ()
+
     def sync(self) -> int:
         """Synchronise the index with the graph; return the number of added views."""
         if self._opened is None:

@@ -24,9 +24,10 @@ from features.recognition.comparison.difference import (
     compare_pictures,
     grid_shape,
 )
-from features.recognition.comparison.evidence import ViewFacts
+from features.recognition.comparison.evidence import ViewFacts, print_evidence
 from features.recognition.comparison.facts_file import FactsFile, Record
 from features.recognition.comparison.known import Known
+from features.recognition.comparison.same_print import MIN_SAME_PRINT, is_same_print
 from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
 from features.recognition.comparison.votes import (
     Changes,
@@ -95,6 +96,7 @@ class StoreFacts:
         self._pictures: _Kept[int, tuple[ViewPicture | None]] = _Kept(_MAX_PICTURES)
         self._facts: _Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
         self._facts = _Kept(_MAX_AT_HAND)
+        self._same: _Kept[tuple[int, int], tuple[ViewFacts, bool]] = _Kept(_MAX_AT_HAND)
         self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
         self._filed = np.array([v.id for v in self._file.views] if self._file else [], np.int64)
         self._filed_place = len(self._changes.since(0))
@@ -130,6 +132,19 @@ class StoreFacts:
                 if self._held(number) is not None:
                     self._current(snapshot, int(moment.view_of[number]))
         self._write()
+
+    def same_print(self, snapshot: Snapshot, view: int) -> list[int]:
+        """Return the views of other objects that show the same print as a view."""
+        if self.picture(snapshot, view) is None:
+            return []
+        _, known = self._current(snapshot, view)
+        view_of = self._changes.at(snapshot).view_of
+        alike = [
+            int(view_of[number])
+            for number in known.others
+            if (pair := known.pairs[number]) is not None and len(pair.rows) >= MIN_SAME_PRINT
+        ]
+        return [other for other in alike if self._is_same_print(snapshot, view, other)]
 
     def close(self) -> None:
         """Write what is not yet in the file, and close it."""
@@ -235,6 +250,29 @@ class StoreFacts:
         counted = votes.counted(moment, self._cap)
         counted[snapshot.object_of_view == snapshot.object_of_view[view]] = 0
         return _first_by(counted, snapshot, _MAX_OTHERS, _MIN_VOTES)
+
+    def _is_same_print(self, snapshot: Snapshot, view: int, other: int) -> bool:
+        """Tell it as of now: what supports the other view may have changed."""
+        key = int(snapshot.serials[view]), int(snapshot.serials[other])
+        facts = self.of(snapshot, other)
+        held = self._same.get(key)
+        if held is None or held[0] is not facts:
+            held = self._same.put(key, (facts, self._shows_same(snapshot, view, other, facts)))
+        return held[1]
+
+    def _shows_same(self, snapshot: Snapshot, view: int, other: int, facts: ViewFacts) -> bool:
+        first, second = snapshot.stored_view(view), snapshot.stored_view(other)
+        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
+        side_px = float(snapshot.measures(np.array([view]))[0, 0])
+        found = align_views(first, second, side_px)
+        if here is None or there is None or found is None:
+            return False
+        places = first.keypoints[found.query_rows, :2]
+        comparison = compare_pictures(here, there, found.query_from_view, places)
+        height, width = here.mask.shape
+        mask_px = np.array([0, 0, width, height], np.float32)
+        evidence = print_evidence(found, comparison, second.keypoints, mask_px, facts)
+        return is_same_print(evidence, comparison)
 
     def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)

@@ -76,6 +76,8 @@ def teach(
         return
     for entry in entries:
         click.echo(f"{entry['file']}: {entry['features']} keypoints")
+    for message in dict.fromkeys(entry["message"] for entry in entries if entry.get("message")):
+        click.echo(message)
     what = "new" if entries[0]["new"] else "known"
     click.echo(f"{len(entries)} view{'' if len(entries) == 1 else 's'} of {name} ({what}): {thing}")
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from annotated_types import MaxLen, MinLen
 from numpy.typing import NDArray
+from pydantic import Field
 
 from rtask.engine.curation.naming import described_class, short_id_of
 from rtask.engine.memory.causes import StatingCauses, state_causes
@@ -83,6 +85,10 @@ class InsertedObject(Answer):
     new: bool
     features: int
     commit: str
+    same_print: list[str] = Field(default_factory=list)
+    """IRIs of other objects that carry the print of this view: sight does not tell them apart"""
+    message: str = ""
+    """the same in words; empty without such objects"""
 
 
 class Inserted(Answer):
@@ -126,7 +132,11 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
             context.models.keep(blob, model)
     if writer.views:
         context.views.prepare([view for view, *_ in writer.views])
-    objects = [InsertedObject(**entry, commit=commit) for entry in entries]
+    stored = {view.value for view, *_ in writer.views}
+    objects = [
+        InsertedObject(**entry, commit=commit, **_alike(context, entry["view"], stored))
+        for entry in entries
+    ]
     return Inserted(stored=writer.stored, commit=commit, objects=objects)
 
 
@@ -298,6 +308,19 @@ class _Writer:
         )  # fmt: skip
         short_id = short_id_of(context, self.triples, class_iri or RT.ManipulableObject)
         return thing, (class_iri or RT.ManipulableObject).value, short_id, name
+
+
+def _alike(context: Context, view: str, stored: Collection[str]) -> dict[str, Any]:
+    """Return what the answer says of other objects with the print of a view that was stored."""
+    others = context.views.same_print(iri(view)) if view in stored else ()
+    if not others:
+        return {}
+    known = recall(context.kb, Question(objects=others)).objects
+    names = [known[one].label if one in known else one for one in others]
+    return {
+        "same_print": list(others),
+        "message": f"the same print as {', '.join(names)}: sight does not tell them apart",
+    }
 
 
 def _entry(

@@ -80,3 +80,33 @@ def test_an_insertion_that_asks_for_a_new_object_gets_one(bench, kb, engine, rob
     answers = insert_at_once(engine, gathered, jobs)
     assert all(answer["new"] for answer in answers)
     assert len(objects(kb)) == 2
+
+
+@pytest.mark.slow
+def test_an_object_with_the_print_of_another_is_told_so_and_sight_decides_for_neither(
+    bench, kb, engine, robots
+):
+    robot = robots()
+    seen = views(bench, bench.BOX, 3)
+    (first,) = robot.insert(seen[0], name="tea")["objects"]
+    assert "same_print" not in first
+    (other,) = robot.insert(bench.sight(bench.CAN))["objects"]
+    assert "same_print" not in other
+    (second,) = robot.insert(seen[1], name="tea, other shop", merge=False)["objects"]
+    assert second["new"]
+    assert second["same_print"] == [first["object"]]
+    assert second["message"].startswith("the same print as tea:")
+    answer = robot.recognise(seen[2])
+    assert answer["object"] == ""
+    assert answer["recognition"]["outcome"] == "multiple"
+    alike = {one["object"] for one in answer["similar_objects"][:2]}
+    assert alike == {first["object"], second["object"]}
+
+
+@pytest.mark.slow
+def test_another_view_of_the_same_object_is_no_twin(bench, kb, engine, robots):
+    robot = robots()
+    seen = views(bench, bench.BOX, 2)
+    (first,) = robot.insert(seen[0])["objects"]
+    (again,) = robot.insert(seen[1], object=first["object"])["objects"]
+    assert "same_print" not in again

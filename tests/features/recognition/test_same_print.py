@@ -1,0 +1,62 @@
+"""Two objects of one print are told to be so, and sight decides for neither."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, describe_view
+
+Image = NDArray[np.uint8]
+
+
+@pytest.fixture
+def see(photograph_print):
+    """Describe a print as a colour camera sees it, sharp or not."""
+
+    def described(print_: Image, yaw: float, seed: int, blur: float = 0.0) -> ViewFeatures:
+        shot = photograph_print(print_, yaw=yaw, tilt=0.2 + yaw / 2, distance=0.15, seed=seed)
+        image = shot.image
+        if blur:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), blur), np.uint8)
+        return describe_view(image, shot.mask)
+
+    return described
+
+
+@pytest.fixture
+def twins(see, print_image) -> Recogniser:
+    """Print 1 under two names, one of them seen badly; print 2; and a sibling of print 1."""
+    sibling = print_image(1).copy()
+    sibling[180:, 240:] = print_image(3)[180:, 240:]
+    index = RecognitionIndex()
+    index.add("sharp", "a", "c", see(print_image(1), 0.1, seed=1))
+    index.add("dim", "b", "c", see(print_image(1), 0.5, seed=2, blur=2.0))
+    index.add("other", "d", "c", see(print_image(2), 0.1, seed=3))
+    index.add("sibling", "e", "c", see(sibling, 0.1, seed=4))
+    return Recogniser(index)
+
+
+def test_one_print_under_two_names_is_told_and_a_sibling_is_not(twins):
+    assert twins.same_print("sharp") == ("b",)
+    assert twins.same_print("dim") == ("a",)
+    assert twins.same_print("other") == ()
+    assert twins.same_print("sibling") == ()
+    assert twins.same_print("not stored") == ()
+
+
+def test_sight_does_not_decide_between_two_names_of_one_print(twins, see, print_image):
+    answer = twins.recognise(see(print_image(1), 0.1, seed=5))
+    assert {match.object_iri for match in answer.matches[:2]} == {"a", "b"}
+    assert not answer.accepted
+    assert answer.outcome == "multiple"
+    twins.index.remove("dim")
+    assert twins.recognise(see(print_image(1), 0.1, seed=5)).accepts("a")
+
+
+def test_twins_that_become_one_object_are_recognised_again(twins, see, print_image):
+    twins.index.relabel("dim", "a", "c")
+    assert twins.same_print("sharp") == ()
+    assert twins.recognise(see(print_image(1), 0.1, seed=5)).accepts("a")
