@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
-from grasp.push.quality import lower_bound
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
+from grasp.spatial.each_thing import plan_each_thing
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
 from grasp.spatial.scoring.holding import assumed_mass
+from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
 from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.suction_cup import SuctionCup
 
@@ -37,10 +38,7 @@ _STEEP = float(np.cos(np.deg2rad(50.0)))
 _SCREENED, _SCORED = 400, 60
 _GRAVITY = 9.81
 _SHAKEN_G = 1.5
-_SLOPE = 4
 _SURFEL = 1.5
-_FEWEST = 30
-"""Points of a thing in a scene on which a lip may be planned."""
 
 
 def sealed(mesh: Mesh, cup: SuctionCup, poses: FloatArray) -> NDArray[np.bool_]:
@@ -306,25 +304,12 @@ def plan_suction_on_scene(
     Proposals
         Ranked over all things; ``segment`` is the label.
     """
-    options, found, counts = options or SpatialOptions(), list[GraspCandidate](), dict[str, int]()
-    reasons = []
-    for label in np.unique(labels[labels > 0]).tolist():
-        own = labels == label
-        if own.sum() < _FEWEST:
-            reasons.append(f"thing {label}: fewer than {_FEWEST} points")
-            continue
-        one = plan_suction_on_cloud(
-            points[own], cup, support, viewpoints, options, points[~own] if (~own).any() else None
-        )
-        found += [replace(candidate, segment=label) for candidate in one]
-        for name, count in one.counts.items():
-            counts[name] = counts.get(name, 0) + count
-        if not one:
-            reasons.append(f"thing {label}: {one.reason}")
-    if not found:
-        return Proposals(reason="; ".join(reasons) or "the scene holds nothing", counts=counts)
-    best = tuple(rank(found, support.up)[: options.most])
-    return Proposals(best, notes=tuple(reasons), counts=counts)
+    options = options or SpatialOptions()
+
+    def plan(own: FloatArray, others: FloatArray | None) -> Proposals:
+        return plan_suction_on_cloud(own, cup, support, viewpoints, options, others)
+
+    return plan_each_thing(points, labels, support.up, options.most, plan)
 
 
 def _facing(points: FloatArray, normals: FloatArray, up: FloatArray) -> FloatArray:
@@ -350,22 +335,17 @@ def _scored(
     options: SpatialOptions,
 ) -> list[GraspCandidate]:
     """Return the candidates with their scores under errors of the pose."""
-    errors = options.noise.transforms(options.samples, options.seed)
-    own = options.noise.covariance is None
+
+    def judge(poses: FloatArray) -> Judged:
+        return sealed(mesh, cup, poses), {
+            name: _asked(cup, poses, mesh.com, mass, _loads(up, shaken))
+            for name, shaken in (("lift", False), ("carry", True))
+        }
+
     found = []
     for one in candidates:
         pose = one.frame_from_gripper
-        poses = pose @ errors if own else errors @ pose
-        tight = sealed(mesh, cup, poses)
-        scores = {"confidence": float(tight.mean())}
-        scores["lower_95"] = float(
-            lower_bound(np.array([tight.sum()]), np.array([len(tight)]))[0]
-        )  # fmt: skip
-        for name, shaken in (("lift", False), ("carry", True)):
-            asked = _asked(cup, poses, mesh.com, mass, _loads(up, shaken))
-            held = tight / (1 + np.minimum(asked, 1e3) ** _SLOPE)
-            scores[name] = float(held.mean())
-        lever = mesh.com - pose[:3, 3]
-        scores["lever"] = float(np.linalg.norm(np.cross(lever, pose[:3, 2])))
-        found.append(replace(one, scores={**one.scores, **scores}))
+        lever = float(np.linalg.norm(np.cross(mesh.com - pose[:3, 3], pose[:3, 2])))
+        scored = scored_under_errors(one, options.noise, options.samples, options.seed, judge)
+        found.append(replace(scored, scores={**scored.scores, "lever": lever}))
     return found

@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
-from grasp.push.quality import lower_bound
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
+from grasp.spatial.each_thing import plan_each_thing
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
 from grasp.spatial.scoring.holding import CARRY_G, LIFT_G, assumed_mass
+from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
 from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 
@@ -31,13 +32,14 @@ __all__ = [
     "close",
     "plan_three_finger",
     "plan_three_finger_on_cloud",
+    "plan_three_finger_on_scene",
 ]
 
 _ROUNDS, _SAME_M = 6, 5e-4
 _STARTS, _TURNS, _DEPTHS = 24, 8, 5
 _ROOM_M, _LEAST_ROOM_M = 0.010, 0.006
 _SCREENED, _SCORED = 600, 60
-_GRAVITY, _SLOPE = 9.81, 4
+_GRAVITY = 9.81
 _SURFEL = 1.5
 
 
@@ -249,6 +251,38 @@ def plan_three_finger_on_cloud(
     return replace(found, notes=(*cloud.notes, *found.notes))
 
 
+def plan_three_finger_on_scene(
+    points: FloatArray,
+    labels: NDArray[np.integer],
+    hand: ThreeFingerHand,
+    support: Support,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Plan grasps of any thing of a scene, with the others around it.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of things on a support, without the support.
+    labels : (n,) int
+        The thing of each point, from 1 on; 0 = none: in the way, but not to be taken.
+    viewpoints : (k, 3) or None, m
+        Where cameras were; None = seen from all around.
+
+    Returns
+    -------
+    Proposals
+        Ranked over all things; ``segment`` is the label.
+    """
+    options = options or SpatialOptions()
+
+    def plan(own: FloatArray, others: FloatArray | None) -> Proposals:
+        return plan_three_finger_on_cloud(own, hand, support, viewpoints, options, others)
+
+    return plan_each_thing(points, labels, support.up, options.most, plan)
+
+
 def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> FloatArray:
     """Return poses (n, 4, 4) from which to close: along the vertical and the object's axes."""
     rng = np.random.default_rng(seed)
@@ -290,18 +324,16 @@ def _scored(
     options: SpatialOptions,
 ) -> GraspCandidate:
     """Return a candidate with its scores under errors of the pose."""
-    pose = one.frame_from_gripper
-    errors = options.noise.transforms(options.samples, options.seed)
-    poses = pose @ errors if options.noise.covariance is None else errors @ pose
-    opening = np.full(len(poses), one.opening)
-    free = room_around(poses, opening, hand, Surroundings(sweep=around.sweep), mesh).free
-    closed = close(mesh, hand, poses)
-    good = closed.holds & free
-    scores = {"confidence": float(good.mean())}
-    scores["lower_95"] = float(lower_bound(np.array([good.sum()]), np.array([len(good)]))[0])
-    for name, g in (("lift", LIFT_G), ("carry", CARRY_G)):
-        asked = _asked(hand, closed, mesh.com, mass, up, g)
-        held = np.where(good, 1 / (1 + np.minimum(asked, 1e3) ** _SLOPE), 0.0)
-        scores[name] = float(held.mean())
-    scores["lever"] = float(np.linalg.norm(mesh.com - pose[:3, 3]))
-    return replace(one, scores={**one.scores, **scores})
+
+    def judge(poses: FloatArray) -> Judged:
+        opening = np.full(len(poses), one.opening)
+        free = room_around(poses, opening, hand, Surroundings(sweep=around.sweep), mesh).free
+        closed = close(mesh, hand, poses)
+        return closed.holds & free, {
+            name: _asked(hand, closed, mesh.com, mass, up, g)
+            for name, g in (("lift", LIFT_G), ("carry", CARRY_G))
+        }
+
+    scored = scored_under_errors(one, options.noise, options.samples, options.seed, judge)
+    lever = float(np.linalg.norm(mesh.com - one.frame_from_gripper[:3, 3]))
+    return replace(scored, scores={**scored.scores, "lever": lever})

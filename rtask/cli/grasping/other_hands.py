@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,23 +32,13 @@ def plan_with_cup(
     options: dict[str, Any],
 ) -> Proposals:
     """Plan where a suction cup takes a mesh, what a cloud shows, or any thing of a scene."""
-    import numpy as np
-
-    from grasp.spatial.candidate import Proposals
-    from grasp.spatial.collision import Support, Surroundings
+    from grasp.spatial.collision import Surroundings
     from grasp.spatial.meshes.mesh import Mesh
     from grasp.spatial.suction import plan_suction, plan_suction_on_cloud, plan_suction_on_scene
 
     _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "a suction cup")
     if options["scene"]:
-        view = scene_view(shape, options)
-        if isinstance(view, str):
-            return Proposals(reason=view)
-        eyes = np.array([options["viewpoint"]])
-        found = plan_suction_on_scene(
-            view.points, view.labels, cup, Support(view.table_height), eyes, wanted
-        )
-        return replace(found, notes=(things_in(view), *found.notes))
+        return _on_scene(shape, options, plan_suction_on_scene, cup, wanted)
     support, viewpoints = _standing(shape, known, options)
     if isinstance(shape, Mesh):
         return plan_suction(shape, cup, Surroundings(support), wanted)
@@ -61,19 +52,43 @@ def plan_with_three_fingers(
     wanted: SpatialOptions,
     options: dict[str, Any],
 ) -> Proposals:
-    """Plan where three fingers close on a mesh, or on what a cloud shows."""
+    """Plan where three fingers close on a mesh, what a cloud shows, or any thing of a scene."""
     from grasp.spatial.collision import Surroundings
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
-    from rtask.errors import UsageError
+    from grasp.spatial.three_finger.planning import (
+        plan_three_finger,
+        plan_three_finger_on_cloud,
+        plan_three_finger_on_scene,
+    )
 
     _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "three fingers")
     if options["scene"]:
-        raise UsageError("--mode scene is for grippers with two jaws and suction cups")
+        return _on_scene(shape, options, plan_three_finger_on_scene, hand, wanted)
     support, viewpoints = _standing(shape, known, options)
     if isinstance(shape, Mesh):
         return plan_three_finger(shape, hand, Surroundings(support), wanted)
     return plan_three_finger_on_cloud(shape, hand, support, viewpoints, wanted)
+
+
+def _on_scene(
+    shape: Shape,
+    options: dict[str, Any],
+    plan: Callable[..., Proposals],
+    hand: SuctionCup | ThreeFingerHand,
+    wanted: SpatialOptions,
+) -> Proposals:
+    """Plan on all things that a cloud shows on its table."""
+    import numpy as np
+
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.collision import Support
+
+    view = scene_view(shape, options)
+    if isinstance(view, str):
+        return Proposals(reason=view)
+    eyes = np.array([options["viewpoint"]])
+    found = plan(view.points, view.labels, hand, Support(view.table_height), eyes, wanted)
+    return replace(found, notes=(things_in(view), *found.notes))
 
 
 def _refuse_for(options: dict[str, Any], names: tuple[str, ...], what: str) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -20,6 +22,13 @@ __all__ = ["grasp_quality"]
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="Folder of YCB models; every second one takes part.",
 )
+@click.option(
+    "--ranked",
+    default=6,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Grasps of each plan, from the best to the worst, for rank correlations; 0 = none.",
+)
 @click.option("--workers", default=2, show_default=True, help="Processes; changes only the time.")
 @click.option(
     "--out",
@@ -34,6 +43,7 @@ def grasp_quality(
     trials: int,
     seed: int,
     ycb: Path | None,
+    ranked: int,
     workers: int,
     out: Path,
     resume: bool,
@@ -43,7 +53,8 @@ def grasp_quality(
 
     A hand without an arm, the Panda's at 20 N and the NAO's at 2 N, carries out the first grasp of
     a plan, the first by s_G alone and the sampler's, all under the same draws of pose error,
-    friction and centre of mass. Differences are paired by object.
+    friction and centre of mass. Differences are paired by object. Further grasps of each plan tell
+    how well its scores rank them.
     """
     from simulate.study.commands import print_table
     from simulate.study.quality.report import (
@@ -54,7 +65,8 @@ def grasp_quality(
     )
     from simulate.study.runner import run
 
-    study = quality_study(objects, trials, seed, str(ycb.resolve()) if ycb else "")
+    models = str(ycb.resolve()) if ycb else ""
+    study = quality_study(objects, trials, seed, models, ranked=ranked)
     summary = write_quality_report(out, run(study, out, workers, resume), seed)
     if as_json:
         click.echo(json.dumps(summary))
@@ -69,6 +81,21 @@ def grasp_quality(
                 f"{found.get('error_after_50', float('nan')):.3f}; at least what is promised at "
                 f"90 %: {found['covered']:.3f} of the objects; n {found['n']}"
             )
+    for name, found in summary["ranks"].items():
+        if found["grasps"]:
+            click.echo(
+                f"{name}: rank correlation of score and share held over all "
+                f"{found['grasps']} grasps {_correlation(found['over'])}, within objects "
+                f"{_correlation(found['within'])}"
+            )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
     click.echo(f"report  {out / 'report.json'}")
+
+
+def _correlation(found: Mapping[str, Any]) -> str:
+    """Return a correlation with its interval and the number of objects."""
+    if found["mean"] is None:
+        return "-"
+    low, high = found["interval95"]
+    return f"{found['mean']:.2f} [{low:.2f}, {high:.2f}] (n {found['n']})"

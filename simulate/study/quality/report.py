@@ -15,15 +15,13 @@ from grasp.arrays import FloatArray, IntArray
 from grasp.learning.calibration import band_margin, fit_map
 from grasp.spatial.scoring.holding import FACTORY, MARGIN
 from simulate.study.intervals import mean_interval
+from simulate.study.quality.ranks import OUTCOMES, rank_correlations
 from simulate.study.quality.trial import HANDS, RULES
 from simulate.study.runner import Study
 
 __all__ = ["COLUMNS", "quality_rows", "quality_study", "summarise_quality", "write_quality_report"]
 
 COLUMNS = ("hand, outcome", "objects", *RULES, "planned - confidence", "planned - sampler")
-OUTCOMES = {"held": "lift", "carried": "carry"}
-"""Outcomes of a trial, and the score that promises each."""
-
 _OWN, _DRAWS = 50, 20
 _HALVES, _FEWEST = 200, 9
 
@@ -31,10 +29,15 @@ Results = Sequence[Mapping[str, Any]]
 
 
 def quality_study(
-    objects: int, trials: int, seed: int, ycb: str = "", preset: str = "fast"
+    objects: int, trials: int, seed: int, ycb: str = "", preset: str = "fast", ranked: int = 0
 ) -> Study:
-    """Return the comparison: for each hand ``objects`` objects with ``trials`` draws each."""
-    settings = {"seed": seed, "trials": trials, "ycb": ycb, "preset": preset}
+    """Return the comparison: for each hand ``objects`` objects with ``trials`` draws each.
+
+    Of every plan, ``ranked`` grasps from the best to the worst are carried out, too.
+    """
+    settings = {
+        "seed": seed, "trials": trials, "ycb": ycb, "preset": preset, "ranked": ranked
+    }  # fmt: skip
     return Study(
         "picks of grasps", "simulate.study.quality.trial:quality_trial", settings,
         objects * len(HANDS),
@@ -47,7 +50,8 @@ def summarise_quality(results: Results) -> dict[str, Any]:
     ``cases`` has one entry for each hand and outcome, and one over all: shares of each rule over
     the objects for which it and the planner found a grasp, and the planner's paired differences to
     the other rules with 95 % bootstrap intervals over objects. ``none`` counts objects without a
-    grasp. ``gate`` says whether the planned pick may replace the former order.
+    grasp. ``gate`` says whether the planned pick may replace the former order. ``ranks`` has the
+    rank correlations of scores with outcomes.
     """
     groups = {f"{hand}, {score}": [(r, outcome) for r in results if r["hand"] == hand]
               for hand in HANDS for outcome, score in OUTCOMES.items()}  # fmt: skip
@@ -59,6 +63,11 @@ def summarise_quality(results: Results) -> dict[str, Any]:
         "cases": cases,
         "calibration": {name: _promises(group) for name, group in groups.items()},
         "gate": _gate(cases),
+        "ranks": {
+            name: rank_correlations([result for result, _ in group], group[0][1])
+            for name, group in groups.items()
+            if group
+        },
     }
 
 

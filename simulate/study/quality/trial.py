@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.scoring.confidence import Load, score_grasps
 from grasp.spatial.scoring.select import rank_by_confidence
-from simulate.study.quality.bench import Bench, draws, laid_out
+from simulate.study.quality.bench import Bench, Draw, draws, laid_out
 from simulate.study.quality.objects import GraspObject, fits, generated, ycb_models
 from simulate.study.quality.sampler import sampled_grasp
 from simulate.world.seeds import mix_seed
@@ -40,7 +40,11 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     gripper, index = gripper_named(hand), number // len(HANDS)
     thing = _thing(settings, index, gripper)
     with laid_out(thing, str(settings["preset"])) as bench:
-        picks = _picks(bench, gripper, mix_seed(seed, _PLAN, number))
+        choice = mix_seed(seed, _PLAN, number)
+        plan = plan_on_mesh(
+            bench.mesh, gripper, bench.around, SpatialOptions(mass=bench.thing.mass, seed=choice)
+        )
+        picks = _picks(bench, plan, gripper, choice)
         size = float(bench.mesh.extent.max())
         trials = draws(seed, number, int(settings["trials"]), size)
         outcomes: dict[str, dict[str, Any]] = {}
@@ -49,17 +53,19 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             if same is not None:
                 done = {k: outcomes[same][k] for k in ("held", "carried")}
             else:
-                held = bench.try_out(pick, gripper, trials)
-                done = {
-                    "held": [one.held for one in held],
-                    "carried": [bool(one.carried) for one in held],
-                }
+                done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
+        ranked = [
+            {**{k: round(float(one.scores[k]), 4) for k in ("lift", "carry")},
+             **_tried(bench, one, gripper, trials)}
+            for one in _spread(plan, int(settings.get("ranked", 0)))
+        ]  # fmt: skip
     return {
         "hand": hand,
         "object": thing.name,
         "mass": round(thing.mass, 4),
         "rules": outcomes,
+        "ranked": ranked,
         "says": f"{hand} {thing.name}: "
         + ", ".join(f"{rule} {sum(o['carried'])}" for rule, o in outcomes.items()),
     }
@@ -81,12 +87,30 @@ def _models(folder: str, gripper: ParallelGripper) -> tuple[GraspObject, ...]:
     return tuple(one for one in models if fits(one, gripper))
 
 
+def _tried(
+    bench: Bench, pick: GraspCandidate, gripper: ParallelGripper, trials: Sequence[Draw]
+) -> dict[str, list[bool]]:
+    """Carry out a grasp under each draw; return what was lifted and what was carried."""
+    held = bench.try_out(pick, gripper, trials)
+    return {
+        "held": [one.held for one in held],
+        "carried": [bool(one.carried) for one in held],
+    }
+
+
+def _spread(plan: Proposals, count: int) -> list[GraspCandidate]:
+    """Return so many grasps of a plan, evenly from its best to its worst."""
+    found = list(plan)
+    places = np.linspace(0, len(found) - 1, min(count, len(found))).round().astype(int)
+    return [found[k] for k in places]
+
+
 def _picks(
-    bench: Bench, gripper: ParallelGripper, seed: int
+    bench: Bench, plan: Proposals, gripper: ParallelGripper, seed: int
 ) -> dict[str, tuple[GraspCandidate, dict[str, float]]]:
     """Return each rule's grasp in the object's frame, and what was promised of it."""
     found: dict[str, GraspCandidate | None] = {
-        "planned": _planned(bench, gripper, seed),
+        "planned": next(iter(plan), None),
         "confidence": _by_confidence(bench, gripper, seed),
         "sampler": _sampled(bench, gripper, seed),
     }
@@ -95,11 +119,6 @@ def _picks(
         for rule, one in found.items()
         if one is not None
     }
-
-
-def _planned(bench: Bench, gripper: ParallelGripper, seed: int) -> GraspCandidate | None:
-    options = SpatialOptions(mass=bench.thing.mass, seed=seed)
-    return next(iter(plan_on_mesh(bench.mesh, gripper, bench.around, options)), None)
 
 
 def _by_confidence(bench: Bench, gripper: ParallelGripper, seed: int) -> GraspCandidate | None:

@@ -22,6 +22,7 @@ from grasp.spatial.three_finger.planning import (
     close,
     plan_three_finger,
     plan_three_finger_on_cloud,
+    plan_three_finger_on_scene,
 )
 from rtask.cli import cli
 from simulate.grasping.floating import Conditions, settle, spawn_parts
@@ -123,6 +124,24 @@ def test_a_view_of_a_can_is_enough() -> None:
     assert close(CAN, HAND, np.stack([found[0].frame_from_gripper])).holds[0]
     nothing = plan_three_finger_on_cloud(np.zeros((5, 3)), HAND)
     assert nothing.reason == "all points lie in one place"
+
+
+def test_in_a_scene_each_thing_is_closed_on_with_the_others_in_the_way() -> None:
+    rng = np.random.default_rng(0)
+    can = CAN.sample(3000, rng)[0] + np.array([0.0, 0.0, 0.05])
+    aside, far = np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.3, 0.0])
+    points = np.vstack([can, can + aside, can[:9] + far])
+    labels = np.repeat([1, 2, 3], [len(can), len(can), 9])
+    found = plan_three_finger_on_scene(points, labels, HAND, Support(0.0), options=FEW)
+    assert {one.segment for one in found} == {1, 2}
+    assert any("thing 3: fewer than" in note for note in found.notes)
+    # Beside a wall that leaves the fingers no room, only the other can is taken.
+    y, z = np.meshgrid(np.linspace(-0.06, 0.06, 40), np.linspace(0.0, 0.15, 50))
+    wall = np.stack([np.full(y.size, -0.034), y.ravel(), z.ravel()], axis=1)
+    crowded = np.vstack([points, wall, wall * (-1, 1, 1)])
+    labels = np.concatenate([labels, np.zeros(2 * len(wall), int)])
+    found = plan_three_finger_on_scene(crowded, labels, HAND, Support(0.0), options=FEW)
+    assert {one.segment for one in found} == {2}
 
 
 def test_a_file_or_a_short_text_describes_a_hand(tmp_path: Path) -> None:

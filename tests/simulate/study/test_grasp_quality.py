@@ -15,6 +15,7 @@ from rtask.errors import UsageError
 from simulate.study.quality.bench import draws, laid_out
 from simulate.study.quality.command import grasp_quality
 from simulate.study.quality.objects import FAMILIES, GraspObject, fits, generated, ycb_models
+from simulate.study.quality.ranks import rank_correlations
 from simulate.study.quality.report import quality_rows, summarise_quality
 from simulate.study.quality.sampler import sampled_grasp
 from simulate.study.quality.trial import RULES, quality_trial
@@ -105,13 +106,16 @@ def test_a_good_grasp_of_a_box_is_carried_and_one_beside_it_is_not() -> None:
 
 @pytest.mark.slow
 def test_a_trial_depends_on_seed_and_number_alone() -> None:
-    settings = {"seed": 5, "trials": 1, "ycb": "", "preset": "fast"}
+    settings = {"seed": 5, "trials": 1, "ycb": "", "preset": "fast", "ranked": 2}
     one = quality_trial(settings, 2)
     assert one == quality_trial(settings, 2)
     assert one["hand"] == "panda"
     assert set(one["rules"]) <= set(RULES)
     assert {"lift", "carry", "confidence"} <= set(one["rules"]["planned"]["promised"])
     assert all(len(rule["held"]) == len(rule["carried"]) == 1 for rule in one["rules"].values())
+    best, worst = one["ranked"]
+    assert best["carry"] == one["rules"]["planned"]["promised"]["carry"] > worst["carry"]
+    assert best["carried"] == one["rules"]["planned"]["carried"]
 
 
 def _result(number: int, planned: float, confidence: float, sampler: float) -> dict[str, Any]:
@@ -155,6 +159,31 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert worse["calibration"]["panda, lift"]["covered"] == 0.0
 
 
+def _ranked(*pairs: tuple[float, float]) -> dict[str, Any]:
+    return {
+        "ranked": [
+            {"carry": score, "carried": [k < round(share * 4) for k in range(4)]}
+            for score, share in pairs
+        ]
+    }
+
+
+def test_ranks_are_compared_over_all_grasps_and_within_objects() -> None:
+    light = _ranked((0.9, 0.75), (0.8, 1.0), (0.7, 0.5))  # the two best are swapped
+    heavy = _ranked((0.3, 0.25), (0.2, 0.25), (0.1, 0.0))
+    alike = _ranked((0.9, 1.0), (0.8, 1.0), (0.7, 1.0))
+    none: dict[str, Any] = {"ranked": []}
+    found = rank_correlations([light, heavy, none], "carried")
+    assert found["grasps"] == 6
+    assert found["over"]["n"] == 2
+    assert 0.9 < found["over"]["mean"] < 1.0
+    assert found["within"]["mean"] == pytest.approx((0.5 + 0.8660) / 2, abs=1e-3)
+    # Where all hold nothing can be ranked; over all objects, it counts.
+    found = rank_correlations([light, alike], "carried")
+    assert (found["within"]["n"], found["over"]["n"]) == (1, 2)
+    assert rank_correlations([none], "carried")["over"]["mean"] is None
+
+
 def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:
     results = [_result(n, 1.0, 1.0, 1.0) for n in range(4)]
     del results[0]["rules"]["sampler"]
@@ -166,11 +195,25 @@ def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:
 
 @pytest.mark.slow
 def test_the_command_prints_paired_intervals_and_goes_on_where_it_was(tmp_path: Path) -> None:
-    asked = ["--objects", "1", "-n", "1", "--seed", "5", "--workers", "1", "--out", str(tmp_path)]
+    asked = [
+        "--objects",
+        "1",
+        "-n",
+        "1",
+        "--ranked",
+        "3",
+        "--seed",
+        "5",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path),
+    ]
     done = CliRunner().invoke(grasp_quality, asked)
     assert done.exit_code == 0, done.output
     assert "planned - sampler" in done.output
     assert "gate:" in done.output
+    assert "panda, carry: rank correlation" in done.output
     journal = (tmp_path / "journal.jsonl").read_text()
     again = CliRunner().invoke(grasp_quality, [*asked, "--resume", "--json"])
     assert again.exit_code == 0, again.output

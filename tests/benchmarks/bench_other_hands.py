@@ -1,10 +1,10 @@
-"""First grasps of a suction cup planned on one noisy view, beside those planned on the mesh.
+"""First grasps of a suction cup or of three fingers on one noisy view, beside those on the mesh.
 
-    python tests/benchmarks/bench_suction.py
-    python tests/benchmarks/bench_suction.py --objects 100 --seed 7
+    python tests/benchmarks/bench_other_hands.py
+    python tests/benchmarks/bench_other_hands.py --hand three --objects 100 --seed 7
 
 Generated objects as heavy as wood, at most 500 g, at rest, each seen by one camera. The floating
-cup takes the first grasp of either plan four times in physics, with the same errors of the pose
+hand takes the first grasp of either plan four times in physics, with the same errors of the pose
 (4 mm, .1 rad) and frictions for both, lifts and shakes. An object of which a plan finds nothing
 counts as not held. The interval of the difference resamples objects.
 """
@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +25,11 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.scoring.holding import assumed_mass
 from grasp.spatial.suction import plan_suction, plan_suction_on_cloud
 from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
+from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
+from simulate.grasping.floating import Held
 from simulate.grasping.floating_cup import execute_suction
+from simulate.grasping.floating_three_finger import execute_three_finger
 from simulate.study.grasp_views import depth_view, sample_camera
 from simulate.study.intervals import bootstrap
 from simulate.study.quality.bench import Bench, draws, laid_out
@@ -34,7 +39,44 @@ from simulate.world.noise import SensorNoise
 TRIALS, OFF_TABLE_M, HEAVIEST_KG = 4, 0.006, 0.5
 
 
-def held(bench: Bench, found: Proposals, cup: SuctionCup, seed: int, number: int) -> np.ndarray:
+@dataclass(frozen=True)
+class Hand:
+    """A kind of hand: its plans on a mesh and on a cloud, and its carrying out.
+
+    Parameters
+    ----------
+    on_mesh, on_cloud
+        As :func:`plan_suction` and :func:`plan_suction_on_cloud`, without the hand.
+    execute
+        Takes world, body, pose, opening, rest and conditions.
+    """
+
+    on_mesh: Callable[..., Proposals]
+    on_cloud: Callable[..., Proposals]
+    execute: Callable[..., Held]
+
+
+def cup_of(radius: float) -> Hand:
+    """Return a suction cup."""
+    cup = SuctionCup("cup", radius=radius)
+    return Hand(
+        lambda mesh, *more: plan_suction(mesh, cup, *more),
+        lambda points, *more: plan_suction_on_cloud(points, cup, *more),
+        lambda world, body, pose, _, *more: execute_suction(world, body, cup, pose, *more),
+    )
+
+
+def fingers_of(opening: float) -> Hand:
+    """Return a hand with three fingers of 20 N."""
+    hand = ThreeFingerHand("centric", opening)
+    return Hand(
+        lambda mesh, *more: plan_three_finger(mesh, hand, *more),
+        lambda points, *more: plan_three_finger_on_cloud(points, hand, *more),
+        lambda world, body, *more: execute_three_finger(world, body, hand, *more),
+    )
+
+
+def held(bench: Bench, found: Proposals, hand: Hand, seed: int, number: int) -> np.ndarray:
     """Return the shares of trials (2,) in which the first grasp lifts and carries; world frame."""
     if not found:
         return np.zeros(2)
@@ -42,7 +84,9 @@ def held(bench: Bench, found: Proposals, cup: SuctionCup, seed: int, number: int
     outcomes = []
     for draw in draws(seed, number, TRIALS, size):
         pose = found[0].frame_from_gripper @ draw.error
-        done = execute_suction(bench.world, bench.body, cup, pose, bench.rest, draw.conditions)
+        done = hand.execute(
+            bench.world, bench.body, pose, found[0].opening, bench.rest, draw.conditions
+        )
         outcomes.append((done.held, bool(done.carried)))
     return np.mean(np.array(outcomes, dtype=float), axis=0)
 
@@ -51,9 +95,12 @@ def main() -> None:
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("--objects", type=int, default=60)
     ask.add_argument("--seed", type=int, default=5150)
-    ask.add_argument("--radius", type=float, default=0.012)
+    ask.add_argument("--hand", choices=("cup", "three"), default="cup")
+    ask.add_argument("--radius", type=float, default=0.012, help="of the cup, m")
+    ask.add_argument("--opening", type=float, default=0.1, help="of three fingers, m")
     told = ask.parse_args()
-    cup, shares, none = SuctionCup("cup", radius=told.radius), [], [0, 0]
+    hand = cup_of(told.radius) if told.hand == "cup" else fingers_of(told.opening)
+    shares, none = [], [0, 0]
     for number in range(told.objects):
         thing = generated(told.seed, number, panda_hand())
         thing = replace(thing, mass=min(assumed_mass(thing.mesh()), HEAVIEST_KG))
@@ -65,14 +112,14 @@ def main() -> None:
             view = depth_view(mesh, eye, SensorNoise(), number)
             points = view.points[view.points[:, 2] > OFF_TABLE_M]
             plans = (
-                plan_suction(mesh, cup, Surroundings(Support(0.0)), options),
-                plan_suction_on_cloud(points, cup, Support(0.0), eye[None], options)
+                hand.on_mesh(mesh, Surroundings(Support(0.0)), options),
+                hand.on_cloud(points, Support(0.0), eye[None], options)
                 if len(points) > 3
                 else Proposals(reason="nothing over the table"),
             )
             for k, plan in enumerate(plans):
                 none[k] += not plan
-            shares.append([held(bench, plan, cup, told.seed, number) for plan in plans])
+            shares.append([held(bench, plan, hand, told.seed, number) for plan in plans])
     table = np.array(shares)
     for k, name in enumerate(("lifted", "carried")):
         whole, seen = table[:, 0, k], table[:, 1, k]

@@ -1,0 +1,82 @@
+"""Rank correlation of scores with the shares that held, over all grasps and within objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from simulate.study.intervals import bootstrap, mean_interval
+
+__all__ = ["OUTCOMES", "rank_correlations"]
+
+OUTCOMES = {"held": "lift", "carried": "carry"}
+"""Outcomes of a trial, and the score that promises each."""
+
+_FEWEST = 3
+
+
+def rank_correlations(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str, Any]:
+    """Return Spearman's correlation of score and share held, with 95 % bootstrap over objects.
+
+    Parameters
+    ----------
+    results
+        Of objects, each with the grasps in ``ranked``: their scores and outcomes.
+    outcome
+        ``held`` or ``carried``.
+
+    Returns
+    -------
+    dict
+        ``over`` pools the grasps of all objects, ``within`` is the mean over the objects with three
+        grasps or more whose scores and shares differ. Each has ``mean``, ``n`` and ``interval95``;
+        ``grasps`` counts them.
+    """
+    tables = [
+        np.array([[one[OUTCOMES[outcome]], np.mean(one[outcome])] for one in result["ranked"]])
+        for result in results
+        if len(result.get("ranked", ())) > 0
+    ]
+    within = [
+        rho for table in tables if len(table) >= _FEWEST
+        if (rho := _spearman(table[:, 0], table[:, 1])) is not None
+    ]  # fmt: skip
+    return {
+        "over": _over(tables),
+        "within": mean_interval(within),
+        "grasps": sum(len(table) for table in tables),
+    }
+
+
+def _over(tables: Sequence[np.ndarray]) -> dict[str, Any]:
+    def pooled(chosen: np.ndarray) -> float:
+        every = np.concatenate([tables[int(k)] for k in chosen])
+        rho = _spearman(every[:, 0], every[:, 1])
+        return 0.0 if rho is None else rho
+
+    every = None if not tables else _spearman(*np.concatenate(tables).T)
+    if every is None:
+        return {"mean": None, "n": 0, "interval95": None}
+    low, high = bootstrap(pooled, len(tables))
+    return {
+        "mean": round(every, 4),
+        "n": len(tables),
+        "interval95": [round(low, 4), round(high, 4)],
+    }
+
+
+def _spearman(scores: ArrayLike, shares: ArrayLike) -> float | None:
+    """Return the correlation of ranks; None where all of one side are equal.
+
+    >>> _spearman([0.1, 0.5, 0.9], [0.0, 0.5, 1.0])
+    1.0
+    >>> _spearman([0.1, 0.5, 0.9], [1.0, 1.0, 1.0]) is None
+    True
+    """
+    if np.ptp(scores) == 0 or np.ptp(shares) == 0:
+        return None
+    return round(float(stats.spearmanr(scores, shares).statistic), 12)
