@@ -55,6 +55,9 @@ class RecogniserParams:
         stored.
     look_min_objects
         With fewer objects stored, a look that resembles one of them most may suggest it only.
+    min_print_keypoints
+        A query with fewer keypoints carries too little print for it to have to agree. Photographs
+        of cartons of 350 px have 340 to 600, most plain household objects below 150.
     verify, confidence, printed
         Constants of the steps that follow.
     """
@@ -70,6 +73,7 @@ class RecogniserParams:
     twin_matches: int = 5
     usual_look: float = 0.75
     look_min_objects: int = 20
+    min_print_keypoints: int = 200
     verify: VerifyParams = field(default_factory=VerifyParams)
     confidence: ConfidenceParams = field(default_factory=ConfidenceParams)
     printed: PrintParams = field(default_factory=PrintParams)

@@ -49,6 +49,9 @@ class Evidence:
         The places agree in space as well: both views have depth.
     has_print
         Query and views have pictures, so that the print between the places was compared.
+    is_plain
+        The query has so few keypoints that print says little of it: that none agrees with a view
+        from another side is no contradiction.
     print_odds
         Logarithmic odds by that comparison; None where too few matches agree.
     family_odds
@@ -68,6 +71,7 @@ class Evidence:
     is_twin: bool = False
     is_solid: bool = False
     has_print: bool = False
+    is_plain: bool = False
     print_odds: float | None = None
     family_odds: float | None = None
 
@@ -88,6 +92,9 @@ class ConfidenceParams:
     look_colour, look_lead, look_gap, look_rival, look_offset
         Weights of the logistic function of the look, for what carries no print. What agrees in
         places with another object does not look like this one by nature.
+    few_caution
+        Taken off the logarithmic odds of the look where few objects are stored: what would look
+        more alike may be unknown.
     colour_noise, gap_noise
         Differences of colours and sizes that two views of one object from one side have anyhow.
     min_colour
@@ -102,11 +109,14 @@ class ConfidenceParams:
         Second best confidence over best from which on the answer is ambiguous.
     decisive_inliers
         Fewer inliers may suggest an object, but not decide, unless the size is known to fit and
-        many other objects are stored.
+        either many other objects are stored or the query carries too little print to tell.
     undecided
         The most confidence without that, and of twins.
     suggestion
-        The most confidence of a look without depth, where print could have been compared.
+        The most confidence of a look without depth, and of places in the image alone, where the
+        print has to confirm them.
+    contradicting_odds
+        Logarithmic odds of print below which it contradicts even what carries little of it.
     undecided_from
         The least confidence of a rejected answer that another view may turn.
     family_odds
@@ -124,6 +134,7 @@ class ConfidenceParams:
     look_gap: float = 0.35
     look_rival: float = -1.0
     look_offset: float = -7.3
+    few_caution: float = 0.5
     colour_noise: float = 0.02
     gap_noise: float = 0.01
     min_colour: float = 0.65
@@ -135,6 +146,7 @@ class ConfidenceParams:
     decisive_inliers: int = 4
     undecided: float = 0.69
     suggestion: float = 0.3
+    contradicting_odds: float = -2.0
     undecided_from: float = 0.5
     family_odds: float = 0.85
 
@@ -158,18 +170,29 @@ def confidences(
 def _confidence(e: Evidence, params: ConfidenceParams) -> float:
     if e.size_ok is False:
         return 0.0
-    look = _by_look(e, params)
+    is_untested = _is_untested(e, params)
+    needs_print = e.has_print and not is_untested
+    look_odds = _look_odds(e, params)
+    look = _logistic(look_odds)
     if not (e.size_ok and e.is_among_many and e.size_gap is not None):
         look = min(look, params.undecided)
-    if e.has_print and e.size_gap is None:
+        if e.size_ok and e.size_gap is not None and is_untested:
+            look = max(look, _logistic(look_odds - params.few_caution))
+    if needs_print and e.size_gap is None:
         look = min(look, params.suggestion)
     places = _by_places(e, params)
-    if e.has_print and not e.is_solid:
+    if needs_print and not e.is_solid:
         # In the image alone the places of an emblem are as good as any: the print between decides.
         places = min(places, params.suggestion)
     printed = 0.0 if e.print_odds is None else _logistic(e.print_odds)
     best = max(look, places, printed)
     return min(best, params.undecided) if e.is_twin else best
+
+
+def _is_untested(e: Evidence, params: ConfidenceParams) -> bool:
+    """Tell whether there is too little print to confirm an object, and none that contradicts it."""
+    contradicts = e.print_odds is not None and e.print_odds < params.contradicting_odds
+    return e.is_plain and not contradicts
 
 
 def _by_places(e: Evidence, params: ConfidenceParams) -> float:
@@ -185,10 +208,10 @@ def _by_places(e: Evidence, params: ConfidenceParams) -> float:
     )
 
 
-def _by_look(e: Evidence, params: ConfidenceParams) -> float:
-    """Return how sure the look alone makes."""
+def _look_odds(e: Evidence, params: ConfidenceParams) -> float:
+    """Return the logarithmic odds by the look alone."""
     gap = params.unknown_gap if e.size_gap is None else min(e.size_gap, params.max_gap)
-    return _logistic(
+    return float(
         params.look_colour * _closeness(e.colour, params)
         + params.look_lead * min(max(e.appearance_lead, -0.2), 0.2)
         - params.look_gap * np.log(params.gap_noise + gap)

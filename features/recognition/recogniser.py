@@ -340,6 +340,7 @@ class _Ranking:
             is_twin=is_twin,
             is_solid=bool(fits) and fits[0].query_from_view is not None,
             has_print=bool(features.picture) and len(snapshot.stored_view(shown).picture) > 0,
+            is_plain=len(features) < self._params.min_print_keypoints,
             print_odds=odds,
             family_odds=family,
         )

@@ -12,9 +12,10 @@ one row, right or wrong. For each support by the object's other views (``PrintEv
 one logistic function is fitted, with the sign of every weight held, the least weight of two of
 them, and an L2 penalty (C on standardised terms). What is reported are decisions, as a recogniser
 with those constants takes them; ``--held-out`` decides each photograph by a fit without its brand.
-The other half of the YCB objects is never fitted. ``--cache`` keeps described renders and the
-evidence: to gather it takes ten minutes of one core. The constants that it prints are the shipped
-ones.
+The other half of the YCB objects is never fitted; it is asked with and without depth, and each
+object once more while it is taken out of the store, as one of the unknown. ``--cache`` keeps
+described renders and the evidence: to gather it takes ten minutes of one core. The constants that
+it prints are the shipped ones.
 """
 
 from __future__ import annotations
@@ -105,33 +106,57 @@ class Photographs:
 
 
 def asked_of(
-    stored: Views, asked: dict[str, Views], known: int, views: int, seed: int
+    stored: Views,
+    asked: dict[str, Views],
+    known: int,
+    views: int,
+    seed: int,
+    takes_out: bool = False,
 ) -> list[Query]:
-    """Store ``views`` of so many objects and ask; only queries of ``asked`` as they are count."""
+    """Store ``views`` of so many objects and ask; only queries of ``asked`` as they are count.
+
+    With ``takes_out`` each stored object is asked once more while it is not stored.
+    """
     rng = random.Random(seed)
     index = RecognitionIndex()
     names = set(rng.sample(sorted(stored), known))
-    for name in sorted(names):
-        for k, view in enumerate(rng.sample(stored[name], min(views, len(stored[name])))):
-            index.add(f"{name}/{k}", name, "class", view)
-    index.save()
-    recogniser, snapshot = Recogniser(index), index.snapshot()
+    chosen = {n: rng.sample(stored[n], min(views, len(stored[n]))) for n in sorted(names)}
+    for name in chosen:
+        _store(index, name, chosen[name])
+    recogniser = Recogniser(index)
     queries = []
     for kind, shown in asked.items():
+        store = f"{kind}, {known} known, {views} views"
         for name, mine in shown.items():
-            for query in mine:
-                found = tuple(
-                    (
-                        snapshot.object_iris[one.object_number],
-                        one.evidence,
-                        one.printed.evidence if one.printed is not None else None,
-                    )
-                    for one in recogniser.gather(query, snapshot)
-                )
-                is_genuine = name in names and kind not in ("mirrored", "produce")
-                store = f"{kind}, {known} known, {views} views"
-                queries.append(Query(kind, name, store, name if is_genuine else None, found))
+            is_genuine = name in names and kind not in ("mirrored", "produce")
+            truth = name if is_genuine else None
+            queries += [Query(kind, name, store, truth, _found(recogniser, q)) for q in mine]
+        for name in chosen if takes_out else ():
+            for k in range(len(chosen[name])):
+                index.remove(f"{name}/{k}")
+            queries += [Query(kind, name, store, None, _found(recogniser, q)) for q in shown[name]]
+            _store(index, name, chosen[name])
     return queries
+
+
+def _store(index: RecognitionIndex, name: str, views: list[ViewFeatures]) -> None:
+    for k, view in enumerate(views):
+        index.add(f"{name}/{k}", name, "class", view)
+    index.save()
+
+
+def _found(
+    recogniser: Recogniser, query: ViewFeatures
+) -> tuple[tuple[str, Evidence, PrintEvidence | None], ...]:
+    snapshot = recogniser.index.snapshot()
+    return tuple(
+        (
+            snapshot.object_iris[one.object_number],
+            one.evidence,
+            one.printed.evidence if one.printed is not None else None,
+        )
+        for one in recogniser.gather(query, snapshot)
+    )
 
 
 def gather_photographs(folder: Path, per_class: int) -> list[Query]:
@@ -168,22 +193,29 @@ def gather_cartons(count: int) -> list[Query]:
     return queries
 
 
-def gather_renders(folder: Path, wanted: Callable[[str], bool], cache: Path | None) -> list[Query]:
-    """Ask for views of groups of ten objects of which eight are stored, without depth."""
-    names = [name for name in ycb_names(folder) if wanted(name)]
+def gather_renders(
+    folder: Path,
+    is_wanted: Callable[[str], bool],
+    cache: Path | None,
+    seen: Callable[[ViewFeatures], ViewFeatures] = without_depth,
+    counts: Sequence[int] = (8, 3, 1, 18),
+    takes_out: bool = False,
+) -> list[Query]:
+    """Ask for views of groups of ten objects of which eight are stored."""
+    names = [name for name in ycb_names(folder) if is_wanted(name)]
     names = random.Random(99).sample(names, len(names))
     queries = []
     for first in range(0, len(names), GROUP):
         views = {
-            name: [without_depth(v) for v in described_views(folder, name, STEP_DEG, 0, cache)]
+            name: [seen(v) for v in described_views(folder, name, STEP_DEG, 0, cache)]
             for name in names[first : first + GROUP]
         }
-        for seed, count in enumerate((8, 3, 1, 18)):
+        for seed, count in enumerate(counts):
             rng = random.Random(500 + seed)
             shuffled = {name: rng.sample(mine, 26) for name, mine in views.items()}
             asked = {name: mine[18:24] for name, mine in shuffled.items()}
             stored = {name: mine[:count] for name, mine in shuffled.items()}
-            queries += asked_of(stored, {"render": asked}, 8, count, seed)
+            queries += asked_of(stored, {"render": asked}, 8, count, seed, takes_out)
     return queries
 
 
@@ -237,15 +269,19 @@ def _fitted(
     return np.append(found[0] - slopes @ mean - CAUTION[group], slopes)
 
 
-def decided(query: Query, weights: Weights | None) -> tuple[float, bool, bool]:
+def decided(
+    query: Query, weights: Weights | None, allows_plain: bool = True
+) -> tuple[float, bool, bool]:
     """Return the confidence of the first answer, whether it is right, and whether accepted.
 
-    Without weights print is not compared, and agreeing places decide in the image alone.
+    Without weights print is not compared, and agreeing places decide in the image alone. Unless
+    plain things are allowed, print has to confirm them as well.
     """
     constants = ConfidenceParams()
     if weights is None:
         evidence = [
-            replace(one, has_print=False, print_odds=None) for _, one, _ in query.candidates
+            replace(one, has_print=False, is_plain=False, print_odds=None)
+            for _, one, _ in query.candidates
         ]
     else:
         params = PrintParams(tuple(tuple(map(float, group)) for group in weights))
@@ -255,6 +291,8 @@ def decided(query: Query, weights: Weights | None) -> tuple[float, bool, bool]:
         ]
     if not evidence:
         return 0.0, False, False
+    if not allows_plain:
+        evidence = [replace(one, is_plain=False) for one in evidence]
     sure = confidences(evidence, constants)
     order = np.argsort(-sure, kind="stable")
     _, accepted = decide(sure[order], constants.threshold, constants)
@@ -262,12 +300,20 @@ def decided(query: Query, weights: Weights | None) -> tuple[float, bool, bool]:
     return float(sure[order[0]]), is_right, accepted
 
 
-def report(title: str, queries: list[Query], weights_of: Callable[[Query], Weights | None]) -> None:
+def report(
+    title: str,
+    queries: list[Query],
+    weights_of: Callable[[Query], Weights | None],
+    allows_plain: bool = True,
+) -> None:
     """Print recall and false answers for every sort of store."""
     print(title)
     for store in sorted({query.store for query in queries}):
         mine = [query for query in queries if query.store == store]
-        answers = [(query.truth is not None, *decided(query, weights_of(query))) for query in mine]
+        answers = [
+            (query.truth is not None, *decided(query, weights_of(query), allows_plain))
+            for query in mine
+        ]
         known = [(right, accepted) for is_known, _, right, accepted in answers if is_known]
         strange = [accepted for is_known, _, _, accepted in answers if not is_known]
         line = f"  {store:32s}"
@@ -279,6 +325,11 @@ def report(title: str, queries: list[Query], weights_of: Callable[[Query], Weigh
             line += f", unknown accepted {np.mean(strange):.3f} of {len(strange)}"
         sure, right = (np.array([answer[k] for answer in answers]) for k in (1, 2))
         print(f"{line}, calibration error {expected_calibration_error(sure, right):.3f}")
+
+
+def is_fresh(name: str) -> bool:
+    """Tell whether no constant was fitted on an object."""
+    return not is_fitted(name)
 
 
 def main() -> None:
@@ -294,12 +345,17 @@ def main() -> None:
     if ycb is None:
         parser.error("needs the YCB models: set RTASK_SHARED_DATA to the folder that holds ycb")
     cache: Path | None = args.cache
+
+    def gather_fresh(
+        part: str, seen: Callable[[ViewFeatures], ViewFeatures], counts: Sequence[int]
+    ) -> list[Query]:
+        return kept(cache, part, lambda: gather_renders(ycb, is_fresh, cache, seen, counts, True))
+
     fitted = kept(cache, "photographs", lambda: gather_photographs(args.photos, args.per_class))
     fitted += kept(cache, "cartons", lambda: gather_cartons(args.families))
     fitted += kept(cache, "renders", lambda: gather_renders(ycb, is_fitted, cache))
-    fresh = kept(
-        cache, "fresh", lambda: gather_renders(ycb, lambda name: not is_fitted(name), cache)
-    )
+    flat = gather_fresh("fresh", without_depth, (8, 3, 1, 18))
+    solid = gather_fresh("fresh-depth", lambda view: view, (8, 3))
     shipped = PrintParams().weights
     weights = fit(fitted, args.strength)
     for found in weights:
@@ -317,8 +373,12 @@ def main() -> None:
         )
     else:
         report("what was fitted, by the shipped constants", fitted, lambda query: shipped)
-    report("renders of objects that were not fitted", fresh, lambda query: shipped)
-    report("the same without comparison of print", fresh, lambda query: None)
+    for title, queries in (("renders that were not fitted", flat), ("with depth", solid)):
+        report(title, queries, lambda query: shipped)
+        report(
+            "  where print has to confirm plain things too", queries, lambda query: shipped, False
+        )
+        report("  without comparison of print", queries, lambda query: None)
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ def test_a_measured_look_decides_for_what_carries_no_print() -> None:
     [
         {"rival_inliers": 30},  # the print of another object
         {"size_gap": None, "size_ok": None},  # no depth
-        {"is_among_many": False},  # too few objects to compare with
+        {"is_among_many": False},  # too few objects to compare with, and it may carry print
         {"size_ok": False},
         {"appearance_lead": -0.05, "colour": 0.95},  # something else looks more like it
         {"colour": 0.80},
@@ -65,3 +65,39 @@ def test_an_emblem_on_another_package_does_not_decide() -> None:
 def test_thirty_places_decide_in_any_light() -> None:
     dark = replace(PRINTED, inliers=30, colour=0.1, place_colour=0.1)
     assert confidences([dark])[0] > 0.7
+
+
+def test_among_few_objects_a_measured_look_decides_only_where_there_is_no_print() -> None:
+    few = replace(PLAIN, is_among_many=False, has_print=True)
+    assert confidences([replace(few, is_plain=True)])[0] > 0.7
+    assert confidences([few])[0] < 0.7
+    assert confidences([replace(few, is_plain=True, print_odds=-3.0)])[0] < 0.7
+    assert confidences([replace(few, is_plain=True, size_ok=None, size_gap=None)])[0] < 0.7
+
+
+def test_among_few_objects_a_look_has_to_be_clearer() -> None:
+    """What would look more like it may not be stored."""
+    faint = replace(PLAIN, appearance_lead=0.09, size_gap=0.03, colour=0.98)
+    few = replace(faint, is_among_many=False, is_plain=True)
+    assert confidences([faint])[0] > confidences([few])[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "decides"),
+    [
+        ({"is_plain": True}, True),
+        ({}, False),  # print could confirm them, and does not
+        ({"is_plain": True, "print_odds": -3.0}, False),  # what print there is contradicts
+        ({"is_plain": True, "print_odds": -1.0}, True),
+        ({"is_plain": True, "place_colour": 0.7}, False),
+    ],
+)
+def test_without_depth_places_decide_for_what_carries_little_print(
+    change: dict[str, object], decides: bool
+) -> None:
+    places = Evidence(
+        inliers=9, rival_inliers=0, appearance=0.9, appearance_lead=0.1, colour=0.98,
+        place_colour=0.98, has_print=True,
+    )  # fmt: skip
+    sure = confidences([replace(places, **change)])[0]  # type: ignore[arg-type]
+    assert (sure > 0.7) == decides

@@ -180,6 +180,23 @@ def test_a_view_without_keypoints_is_answered_by_looks_and_never_accepted(stocke
         assert not Recogniser(stocked).recognise(view).accepted
 
 
+def test_a_plain_thing_without_depth_is_suggested_and_another_look_is_asked_for() -> None:
+    """Nothing contradicts its look, but colours alone decide nothing."""
+    row, column = np.indices((80, 80)) - 40
+    disc = row**2 + column**2 < 30**2
+    seen = {
+        name: describe_view(np.full((80, 80, 3), colour, np.uint8), disc)
+        for name, colour in (("red", (180, 40, 40)), ("green", (40, 180, 40)))
+    }
+    index = RecognitionIndex()
+    for name, view in seen.items():
+        index.add(f"view:{name}", f"object:{name}", "class:brick", view)
+    answer = Recogniser(index).recognise(seen["red"])
+    assert answer.matches[0].object_iri == "object:red"
+    assert not answer.accepted
+    assert answer.ask_again
+
+
 @pytest.mark.slow
 def test_the_same_query_gives_the_same_answer(stocked, photo) -> None:
     query = photo(7, yaw=0.6, seed=3).describe()
