@@ -135,13 +135,22 @@ class Tracker:
         return next((thing for thing in self.missing if thing.object_iri == object_iri), None)
 
     def stray(self, found: TrackedObject) -> TrackedObject | None:
-        """Return the only missing object of the size of one that appeared elsewhere, if any."""
-        size = np.array(_size(found))
+        """Return the missing object that one that appeared elsewhere must be, if any.
+
+        It is the only one of that size or, if a single one is missing, that one: a thing that leans
+        on a wall or is partly hidden by it has another size, but is no larger than before.
+        """
+        missing, size = self.missing, np.array(_size(found))
         alike = [
-            thing for thing in self.missing
+            thing for thing in missing
             if np.all(np.abs(np.array(_size(thing)) / size - 1) < _SAME_SIZE)
         ]  # fmt: skip
-        return alike[0] if len(alike) == 1 else None
+        if len(alike) == 1:
+            return alike[0]
+        fits = len(missing) == 1 and np.linalg.norm(size) < np.linalg.norm(_size(missing[0])) * (
+            1 + _SAME_SIZE
+        )
+        return missing[0] if fits else None
 
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""

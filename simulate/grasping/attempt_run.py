@@ -25,7 +25,7 @@ from simulate.grasping.judgement import (
     new_cells,
 )
 from simulate.grasping.motion_log import MotionLog
-from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place
+from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place, plan_rise
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.arm_space import SPEED, ArmSpace
@@ -33,7 +33,7 @@ from simulate.motion.stance import UPRIGHT
 from simulate.motion.trajectory import Trajectory, reverse, time_path
 from simulate.robots.description import Floats
 from simulate.world.eyes import Eyes
-from simulate.world.robot_body import FingerTouch, RobotBody
+from simulate.world.robot_body import REST_OPENING, FingerTouch, RobotBody
 from simulate.world.world import PlaceBox, World
 
 __all__ = ["AttemptRun", "Station"]
@@ -50,6 +50,9 @@ _HIGHEST_M = 0.20
 _BESIDE_M = 0.05
 _MARGIN_M = 0.005
 _OVER_TABLE_M = 0.010
+_HIGHER_M = 0.060
+"""By which a hand is lifted further if an end of what it holds is still low."""
+_ARM_MARGIN_M = 0.010
 _LOW_M = 0.030
 """Over the table: a lifted hand and what it holds are higher."""
 
@@ -110,6 +113,7 @@ class AttemptRun:
         self._old_place: HeightMap | None = None
         self._box_before: HeightMap | None = None
         self._turn = 0.0
+        self._raised: Trajectory | None = None
         self.held, self.placed = Judgement("no"), Judgement("no")
         """The robot's own judgements of the grasp and of placing."""
         self.old_place = Judgement()
@@ -167,6 +171,7 @@ class AttemptRun:
             self._look_after()
             return self.reason
         self._follow(self.plan.lift)
+        self._lift_further()
         self._end("lift")
         self._steps(_HOLD_S)
         self._end("hold")
@@ -177,6 +182,14 @@ class AttemptRun:
             self.put_back()
             self._look_after()
         return self.reason
+
+    def _lift_further(self) -> None:
+        """Lift what still has an end on the table higher: it may have turned in the hand."""
+        if self._grips and self._judge_clear().answer == "no":
+            space = self._station.space_of(self.plan.stance)
+            top = self.plan.lift.positions[-1]
+            self._raised = plan_rise(space, self.plan, top, _HIGHER_M)
+            self._follow(self._raised)
 
     def _is_stuck(self, before: float, closed: float) -> bool:
         """Tell whether the fingers moved less than even a wide object would let them."""
@@ -244,6 +257,8 @@ class AttemptRun:
 
     def put_back(self) -> None:
         """Lower whatever is still in the hand, back off and go home."""
+        if self._raised is not None:
+            self._follow(reverse(self._raised, 1.0))
         self._follow(reverse(self.plan.lift, 1.0))
         self.back_off()
 
@@ -260,7 +275,7 @@ class AttemptRun:
     def _place(
         self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], wanted: Floats
     ) -> str:
-        start = self.plan.lift.positions[-1]
+        start = (self._raised or self.plan.lift).positions[-1]
         space = self._station.space_of(self.plan.stance)
         way = plan_place(space, self.plan, start, spot, self._turn)
         if isinstance(way, str):
@@ -421,8 +436,16 @@ class AttemptRun:
         )
 
     def _box_map(self, box: PlaceBox) -> HeightMap:
-        points = self._station.eyes.box_points(box.side)
+        """Return the height map of a box, without the arms that hide a part of it."""
         ceiling = box.floor + _HIGHEST_M
+        points = self._station.eyes.box_points(box.side)
+        low, high = np.array([box.x_range, box.y_range]).T
+        over = ((points[:, :2] >= low) & (points[:, :2] < high)).all(axis=1)
+        points = points[over & (points[:, 2] < ceiling)]
+        space = self._station.space_of(self.robot.stance)
+        for arm in space.chains:
+            spheres = space.spheres(arm, REST_OPENING)
+            points = points[~spheres.shows(self.robot.arm_joints(arm), points, _ARM_MARGIN_M)]
         return HeightMap.of(points, box.x_range, box.y_range, box.floor, ceiling)
 
     def _end(self, phase: str) -> FingerTouch:

@@ -38,8 +38,8 @@ _KEPT_SHARE = 0.75
 """Share of the opening after the lift that must remain; a slipping object lets the hand close."""
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
-_MIN_NEW_CELLS = 8
-_MIN_SEEN_SHARE = 0.15
+_MIN_NEW_CELLS = 4
+_MIN_SEEN_SHARE, _ALL_SEEN_SHARE = 0.15, 0.75
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
 _MAX_LOW_CELLS = 5
@@ -187,6 +187,9 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
 def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
     """Judge whether an object arrived at its destination.
 
+    Cells along the edge do not count, because they may show the walls of a box, and cells that
+    became free count against it: what was only pushed about leaves as many as it takes.
+
     Parameters
     ----------
     kept
@@ -197,9 +200,15 @@ def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
-    count = int(new_cells(before, after).sum())
-    evidence = f"place +{count} cells, {'held' if kept else 'lost'} in transport"
-    return Judgement("yes" if kept and count >= _MIN_NEW_CELLS else "no", evidence)
+    seen = np.isfinite(after.heights)
+    came, went = (
+        int(cells[1:-1, 1:-1].sum())
+        for cells in (new_cells(before, after), new_cells(after, before) & seen)
+    )
+    evidence = f"place +{came} -{went} cells, {'held' if kept else 'lost'} in transport"
+    if kept and came - went < _MIN_NEW_CELLS and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
+        return Judgement("unknown", f"{evidence}, a part of the place is hidden")
+    return Judgement("yes" if kept and came - went >= _MIN_NEW_CELLS else "no", evidence)
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:

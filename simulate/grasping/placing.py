@@ -18,7 +18,7 @@ from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, join, 
 from simulate.robots.description import Floats
 from simulate.world.world import PlaceBox
 
-__all__ = ["PlacePlan", "PlaceSpot", "held_load", "plan_place"]
+__all__ = ["PlacePlan", "PlaceSpot", "held_load", "plan_place", "plan_rise"]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
 _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
@@ -172,7 +172,9 @@ def plan_place(
     tool_over_bottom = request.table_height + plan.tool_height - request.base_height + hangs
     upright = tool[0, 2]
     approach = tool[0, :, 2] if chain.orients_freely else None
-    rise = _rise(chain, loaded, around, slack, start, hangs)
+    _, lifted = chain.tool_poses(plan.lift.positions[-1:])
+    higher = float(base_from_tool[2, 3] - lifted[0, 2])
+    rise = _rise(chain, loaded, around, slack, start, hangs - higher)
     for ground, (release, above) in product(spot.grounds, spot.descents):
         for x, y in spot.centres:
             height = ground + tool_over_bottom + release
@@ -186,6 +188,15 @@ def plan_place(
                 if planned is not None:
                     return planned
     return "place_plan"
+
+
+def plan_rise(space: ArmSpace, plan: PlannedGrasp, start: Floats, height: float) -> Trajectory:
+    """Plan the way straight up with a held object, by a height (m) or as far as the arm can."""
+    chain = space.chains[plan.arm]
+    spheres = space.spheres(plan.arm, plan.opening)
+    around = space.surroundings(plan.arm, plan.request.table_height, plan.obstacles)
+    line = _rise(chain, spheres, around, spheres.slack(around, _CARRYING), start, height)
+    return time_path(line, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION)
 
 
 def _complete(
@@ -237,13 +248,16 @@ def _rise(
     around: Surroundings,
     slack: Floats,
     start: Floats,
-    hangs: float,
+    height: float,
 ) -> Floats:
-    """Return the line (k, dof) straight up by what an end hangs down, or by less if need be."""
-    if hangs > _HANGS_M:
+    """Return the line (k, dof) straight up by a height, m, or by less if need be.
+
+    Without one, it is the start alone.
+    """
+    if height > _HANGS_M:
         free = min(float(loaded.clearances(start[None], around, slack)[0]), 0.0)
         for share in _RISES:
-            line = follow_line(chain, start, np.array([0.0, 0.0, share * hangs]), tolerance=0.006)
+            line = follow_line(chain, start, np.array([0.0, 0.0, share * height]), tolerance=0.006)
             if line is not None and (loaded.clearances(line, around, slack) >= free).all():
                 return line
     return start[None]

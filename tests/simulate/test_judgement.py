@@ -63,6 +63,12 @@ def mapped(points: np.ndarray) -> HeightMap:
 
 EMPTY = mapped(scene(0.0, (0, 0), (0, 0)))
 BLOCK = mapped(scene(0.04, (0.03, 0.06), (0.03, 0.06)))
+MOVED = mapped(scene(0.04, (0.06, 0.09), (0.06, 0.09)))
+TWO_BLOCKS = replace(
+    BLOCK, heights=np.fmax(BLOCK.heights, mapped(scene(0.03, (0.07, 0.1), (0.03, 0.09))).heights)
+)
+EDGES = mapped(scene(0.03, (0.0, 0.12), (0.0, 0.006)))
+HALF_HIDDEN = mapped(scene(0.0, (0, 0), (0, 0))[: 60 * 40])
 UNSEEN = mapped(np.zeros((0, 3)))
 
 
@@ -87,6 +93,10 @@ def test_what_lies_on_something_else_is_new_as_well():
         (True, EMPTY, BLOCK, "yes"),
         (True, EMPTY, EMPTY, "no"),
         (True, BLOCK, BLOCK, "no"),
+        (True, BLOCK, MOVED, "no"),  # it pushed about what lay there, and lies elsewhere
+        (True, BLOCK, TWO_BLOCKS, "yes"),
+        (True, EMPTY, EDGES, "no"),  # the walls of the box
+        (True, EMPTY, HALF_HIDDEN, "unknown"),
         (True, EMPTY, UNSEEN, "unknown"),
         (True, UNSEEN, BLOCK, "unknown"),
         (False, EMPTY, BLOCK, "no"),  # the object leans on the rim, or pushed something about

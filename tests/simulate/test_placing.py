@@ -126,6 +126,39 @@ def test_a_bar_that_turns_in_the_hand_is_seen_to_and_reaches_the_box() -> None:
     assert box.y_range[0] < there.y < box.y_range[1]
 
 
+@pytest.mark.slow
+def test_what_hangs_down_to_the_table_is_lifted_further() -> None:
+    flask = product("flask", 74)
+    length, width, height = flask.extent
+    x, y, yaw, off = 0.47, -0.13, 0.3, -0.0221
+    with Workcell("panda", preset="fast") as cell:
+        cell.world.spawn(flask, (x, y), yaw)
+        cell.world.step(0.2)
+        request = GraspRequest(
+            x=x + off * np.cos(yaw), y=y + off * np.sin(yaw), theta=yaw + np.pi / 2, width=width,
+            height=height, length=length, table_height=cell.world.table_height, only_theta=True,
+            outline=(x, y, yaw, length, width),
+        )  # fmt: skip
+        plan = cell.executor.plan(request, seed=1)
+        assert isinstance(plan, PlannedGrasp)
+        record = cell.executor.execute(plan)
+    assert record.lifted_m > 0.08
+    assert (record.reason, record.place_reason) == ("ok", "ok")
+
+
+@pytest.mark.slow
+def test_the_arm_before_a_box_is_not_taken_for_what_lies_in_it() -> None:
+    with Workcell("nao", preset="fast") as cell:
+        cell.world.step(0.5)
+        request = GraspRequest(0.15, -0.10, 0.0, width=0.03, height=0.08, length=0.03, round=True)
+        plan = cell.executor.plan(request, seed=1)
+        assert isinstance(plan, PlannedGrasp)
+        run = cell.executor.begin(plan)
+        seen = run._box_map(cell.world.place_boxes["right"])
+    assert seen.is_seen
+    assert seen.occupied[1:-1, 1:-1].sum() <= 2
+
+
 def _pose(rotation: Floats, position: Floats) -> Floats:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position

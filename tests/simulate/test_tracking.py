@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 
 from simulate.agent.tracking import Tracker
+
+
+@dataclass(frozen=True)
+class _Shape:
+    length: float = 0.10
+    width: float = 0.03
+    height: float = 0.045
 
 
 @dataclass(frozen=True)
 class _Seen:
     x: float
     y: float
+    shape: _Shape = field(default_factory=_Shape)
 
     @property
     def position(self) -> np.ndarray:
@@ -77,3 +86,30 @@ def test_a_lost_thing_is_met_again_by_its_identity() -> None:
 
 def test_an_empty_look_is_fine() -> None:
     assert Tracker().update([]) == []
+
+
+@pytest.mark.parametrize(
+    ("shape", "is_it"),
+    [
+        (_Shape(), True),
+        (_Shape(0.06, 0.044, 0.056), True),  # it leans on the wall of a box, which hides a part
+        (_Shape(0.14, 0.03, 0.045), False),
+    ],
+)
+def test_the_one_thing_that_is_missing_is_met_again_unless_it_had_to_grow(
+    shape: _Shape, is_it: bool
+) -> None:
+    tracker = Tracker()
+    (lost,) = tracker.update([_Seen(0.15, -0.05)])
+    (found,) = tracker.update([_Seen(0.30, -0.20, shape)])
+    assert tracker.stray(found) is (lost if is_it else None)
+
+
+def test_of_two_missing_things_only_the_size_tells_which_is_met_again() -> None:
+    tracker = Tracker()
+    tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.15, _Shape(0.05, 0.05, 0.05))])
+    (found,) = tracker.update([_Seen(0.30, -0.20, _Shape(0.06, 0.044, 0.056))])
+    assert tracker.stray(found) is None
+    (cube,) = tracker.update([_Seen(0.45, -0.10, _Shape(0.05, 0.05, 0.05))])
+    found.finished = True
+    assert tracker.stray(cube).number == 2
