@@ -39,6 +39,8 @@ DEPTH_NOISE_M, INDEPENDENT_POINTS = 0.002, 200
 """How many of a view's points err independently: neighbours share their error."""
 _OVERLAP_M, _MIN_OVERLAP = 0.004, 0.35
 _MAX_DRIFT_M, _MAX_DRIFT_RAD = 0.015, np.deg2rad(12.0)
+_MAX_DEVIATION = 4.7
+"""Of a measured movement, in standard deviations: one right measurement in a thousand is beyond."""
 _MAX_VIOLATION, _MIN_JUDGED = 0.12, 0.25
 
 
@@ -105,17 +107,26 @@ def registered(
     told = np.asarray(object_from_camera, np.float64)
     pivot = told[:3, 3] if is_measured else surface.centre
     pose = _laid_on(surface, few, told, pivot, prior_weights(is_measured))
-    turned, moved = np.split(drift(pose, told, surface.centre), 2)
     away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
     overlap = float((away < _OVERLAP_M + surface.spacing_m).mean())
-    if (
-        (overlap < _MIN_OVERLAP and not is_measured)
-        or float(np.linalg.norm(moved)) > _MAX_DRIFT_M
-        or float(np.linalg.norm(turned)) > _MAX_DRIFT_RAD
-    ):
+    if _is_far_off(drift(pose, told, pivot), is_measured):
+        return None
+    if overlap < _MIN_OVERLAP and not is_measured:
         return None
     violation = _violation(surface, frame, pose, not is_measured)
     return None if violation > _MAX_VIOLATION else Registration(pose, how, overlap, violation)
+
+
+def _is_far_off(away: NDArray[np.float64], is_measured: bool) -> bool:
+    """Tell whether a movement (6,), turn and shift, leads too far from what was told.
+
+    A measurement is off about its camera: a turn of one degree there, which is nothing unusual,
+    shifts an object half a metre away by nine millimetres.
+    """
+    if is_measured:
+        return float(np.sqrt(prior_weights(is_measured) @ away**2)) > _MAX_DEVIATION
+    turned, moved = np.linalg.norm(away.reshape(2, 3), axis=1)
+    return bool(moved > _MAX_DRIFT_M or turned > _MAX_DRIFT_RAD)
 
 
 def _laid_on(

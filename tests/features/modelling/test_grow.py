@@ -110,6 +110,18 @@ def test_a_wrong_movement_is_mended_or_refused(grown: ObjectModel) -> None:
     assert same is grown
 
 
+def test_a_measurement_may_be_off_by_a_turn_about_its_camera(grown: ObjectModel) -> None:
+    frame, pose = view_from(45, 40)
+    told = pose.copy()
+    # By 2.5 degrees: 1.7 standard deviations, and 17 mm at the object.
+    told[:3, :3] = told[:3, :3] @ rotation_about(np.array([0, 1.0, 0]), np.deg2rad(2.5))
+    _, mended = grown.add(frame, object_from_camera=told, is_measured=True)
+    assert mended is not None
+    camera_from_camera = np.linalg.inv(pose) @ mended.object_from_camera
+    assert np.linalg.norm(camera_from_camera[:3, 3]) < 0.004
+    assert Rotation.from_matrix(camera_from_camera[:3, :3]).magnitude() < np.deg2rad(0.5)
+
+
 def test_poses_are_found_against_a_grown_model(grown: ObjectModel) -> None:
     frame, pose = view_from(200, 42)
     roll = np.eye(4)
