@@ -9,6 +9,8 @@ import numpy as np
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
@@ -17,7 +19,7 @@ from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
 from grasp.spatial.scoring.features import body_of, with_features
 from grasp.spatial.scoring.holding import assumed_mass, with_holding
-from grasp.spatial.scoring.select import diverse, rank
+from grasp.spatial.scoring.select import diverse, hedged, rank
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
@@ -170,23 +172,35 @@ def plan_on_cloud(
     Notes
     -----
     The confidence is that of small squares around the points, seen and completed. A grasp of which
-    one side alone is known (label ``half``) counts half.
+    one side alone is known (label ``half``) counts half. Where a hidden side was completed, three
+    grasps of the completed cloud are followed by two of what is seen alone, and so on: the guess
+    may be wrong.
     """
-    from grasp.spatial.clouds.cloud import prepare_cloud
-    from grasp.spatial.clouds.completion import complete_by_symmetry
     from grasp.spatial.hand_search.hand_search import propose_on
 
     options = options or SpatialOptions()
     table = None if support is None else np.array([*support.normal, -support.height])
-    cloud = complete_by_symmetry(prepare_cloud(points, table=table, viewpoints=viewpoints))
-    hands = max(options.tries // 10, 1)
+    seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
+    whole = complete_by_symmetry(seen)
     judge = chosen_filter(classifier, gripper)
-    found = propose_on(cloud, gripper, hands, options.seed, classifier=judge)
-    if not found:
-        return found
-    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
-    surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
-    return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
+
+    def plan(cloud: SurfaceCloud) -> Proposals:
+        hands = max(options.tries // 10, 1)
+        found = propose_on(cloud, gripper, hands, options.seed, classifier=judge)
+        if not found:
+            return found
+        known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
+        surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
+        return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
+
+    guessed = plan(whole)
+    if not whole.completed.any():
+        return guessed
+    safe = plan(seen)
+    if not safe:
+        return guessed
+    both = hedged(list(guessed), list(safe), gripper, options.most)
+    return replace(guessed, candidates=tuple(both), reason="")
 
 
 def warm_up() -> None:

@@ -16,11 +16,13 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import EndEffector
 
-__all__ = ["diverse", "rank", "rank_by_confidence", "rank_by_holding", "select_grasp"]
+__all__ = ["diverse", "hedged", "rank", "rank_by_confidence", "rank_by_holding", "select_grasp"]
 
 _EQUAL = 1e-7
+_APART_M, _APART_RAD = 0.01, float(np.deg2rad(15.0))
 _NEARLY, _TILTED, _LEANING, _FULL_PATCH = 0.05, 0.2, 0.1, 0.4
 _LEVER_STEP_M = 0.005
+_GUESSED, _SEEN = 3, 2
 
 
 def rank(
@@ -105,8 +107,8 @@ def _finer(candidate: GraspCandidate) -> tuple[float, float]:
 def diverse(
     candidates: Sequence[GraspCandidate],
     gripper: EndEffector,
-    distance: float = 0.01,
-    angle: float = np.deg2rad(15.0),
+    distance: float = _APART_M,
+    angle: float = _APART_RAD,
     most: int = 50,
 ) -> list[GraspCandidate]:
     """Return at most ``most`` candidates without those that repeat a better one.
@@ -126,6 +128,37 @@ def diverse(
         if len(kept) == most:
             break
     return kept
+
+
+def hedged(
+    guessed: Sequence[GraspCandidate],
+    seen: Sequence[GraspCandidate],
+    gripper: EndEffector,
+    most: int = 50,
+) -> list[GraspCandidate]:
+    """Return two rankings as one: three of the first, two of the second, and so on.
+
+    Grasps planned on a guess of what cannot be seen share its error, so that the best five of them
+    may be five variants of one wrong guess. Those planned on what is seen alone do not share it.
+
+    Parameters
+    ----------
+    guessed, seen
+        Best first.
+    most
+        How many at most, without those that repeat an earlier one.
+    """
+    queues = [list(guessed), list(seen)]
+    order: list[GraspCandidate] = []
+    while any(queues):
+        for queue, share in zip(queues, (_GUESSED, _SEEN), strict=True):
+            taken = 0
+            while queue and taken < share:
+                one = queue.pop(0)
+                if not any(_alike(one, other, gripper, _APART_M, _APART_RAD) for other in order):
+                    order.append(one)
+                    taken += 1
+    return order[:most]
 
 
 def _alike(

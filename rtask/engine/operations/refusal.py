@@ -8,7 +8,7 @@ from rtask.engine.operations.operation import operation
 from rtask.engine.records.refusals import Response, store_response
 from rtask.errors import ForbiddenError, UnknownTermError
 from rtask.rdf.namespaces import PROV, RDF, RT
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import Literal, NamedNode, iri
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Iri
 
@@ -44,12 +44,20 @@ def report_refusal(context: Context, request: ReportRefusal, access: Access) -> 
     homes = [quad.graph_name for quad in context.kb.match(refusal, RDF.type, RT.GraspRefusal)]
     if not homes:
         raise UnknownTermError(f"refusal: the graph has no refusal {request.refusal}")
-    robots = context.kb.match(refusal, PROV.wasAssociatedWith)
-    names = context.kb.match(robots[0].object, RT.name) if robots else []
-    author = context.author(access, names[0].object.value if names else None)
+    author = context.author(access, _robot_of(context, refusal))
     if author.role == "robot" and context.home_graph(author) not in homes:
         raise ForbiddenError(f"refusal: {request.refusal} is that of another robot")
     commit = store_response(context, refusal, request.response, author)
     if commit is None:
         return ReportedRefusal(stored=0, commit="")
     return ReportedRefusal(stored=1, commit=context.commit_id(commit))
+
+
+def _robot_of(context: Context, refusal: NamedNode) -> str | None:
+    """Return the name of the robot that was refused."""
+    for robot in context.kb.match(refusal, PROV.wasAssociatedWith):
+        if isinstance(robot.object, NamedNode):
+            for name in context.kb.match(robot.object, RT.name):
+                if isinstance(name.object, Literal):
+                    return name.object.value
+    return None

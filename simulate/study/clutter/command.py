@@ -40,8 +40,8 @@ def piles(
 
     Generated things are dropped and pushed together; the robot sees them through its noisy camera,
     plans on one cloud and grasps in full poses. With --clear it goes on until the table is empty,
-    pushing what it cannot grasp; what arrives in a box is taken away. With --agent the robot's
-    agent clears the table, as in the demo: it recognises, grasps, reports and does not push.
+    pushing what it cannot grasp; what arrives in a box is taken away. With --with-agent the robot's
+    agent clears the table, as in the demo: it recognises, grasps, pushes and reports.
     """
     if agent and not clear:
         raise click.UsageError("--agent clears tables: give --clear as well")

@@ -207,5 +207,7 @@ def test_a_filter_comes_with_each_hand_that_is_known_here(hand: ParallelGripper)
     assert all("classifier" not in one.scores for one in plain)
     sure = [one.scores["confidence"] * one.scores["classifier"] for one in judged]
     assert len(sure) > 2
-    assert sure == sorted(sure, reverse=True)
+    # Three of the completed cloud come before two of what is seen.
+    assert sure[:3] == sorted(sure[:3], reverse=True)
+    assert sure[3:5] == sorted(sure[3:5], reverse=True)
     assert sure[0] > 0.5

@@ -10,6 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from grasp.spatial import grasp_plan
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper, panda_hand, parallel_jaw
@@ -221,6 +222,26 @@ def test_a_cloud_of_a_box_gives_its_grasps() -> None:
     assert abs(best.closing[0]) > 0.95
     assert best.scores["confidence"] > 0.7
     assert best.features is not None
+
+
+def test_a_wrong_guess_of_the_hidden_side_does_not_take_away_what_is_seen(monkeypatch) -> None:
+    box, eye = box_mesh((0.04, 0.06, 0.06)), np.array([0.3, 0.0, 0.4])
+    points, faces = box.sample(8000, np.random.default_rng(0))
+    seen = points[np.einsum("ij,ij->i", box.normals[faces], eye - points) > 0]
+    asked = (seen, HAND, Support(-0.03), eye[None], SpatialOptions(tries=400))
+    right = plan_on_cloud(*asked)
+    assert right[0].completed
+
+    def wall(cloud):
+        """A guess that is wider than the hand opens, along x and along y."""
+        lump = box_mesh((0.12, 0.12, 0.06)).sample(8000, np.random.default_rng(1))
+        return cloud.with_points(lump[0], box_mesh((0.12, 0.12, 0.06)).normals[lump[1]])
+
+    monkeypatch.setattr(grasp_plan, "complete_by_symmetry", wall)
+    found = plan_on_cloud(*asked)
+    assert found
+    assert found.reason == ""
+    assert not any(one.completed for one in found)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from grasp.spatial.drawing import candidates_svg
 from grasp.spatial.gripper import nao_hand, panda_hand
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, sphere_mesh
 from grasp.spatial.scoring.features import FEATURES, body_of, with_features
-from grasp.spatial.scoring.select import diverse, rank, select_grasp
+from grasp.spatial.scoring.select import diverse, hedged, rank, select_grasp
 
 HAND = panda_hand()
 
@@ -129,6 +129,17 @@ def test_repetitions_of_a_better_one_are_dropped() -> None:
     # For a thumb against fingers half a turn is another grasp.
     assert mirrored in diverse([first, mirrored], nao_hand())
     assert diverse([first, turned, away], HAND, most=2) == [first, turned]
+
+
+def test_grasps_of_what_is_seen_stand_between_variants_of_one_guess() -> None:
+    guessed = [_at(x=0.02 * k) for k in range(7)]
+    seen = [_at(x=0.061), *(_at(y=0.02 * k) for k in range(1, 4))]
+    order = hedged(guessed, seen, HAND)
+    # The first of what is seen repeats a guess that comes later, so the guess is left out.
+    assert order == [*guessed[:3], *seen[:2], *guessed[4:], *seen[2:]]
+    assert hedged(guessed, seen, HAND, most=4) == order[:4]
+    assert hedged([], seen, HAND) == seen
+    assert hedged(guessed, [], HAND) == guessed
 
 
 def test_features_are_dimensionless_and_in_order() -> None:
