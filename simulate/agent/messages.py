@@ -109,6 +109,8 @@ def outcome_message(
         placed["placed"] = record.placed
         if record.placed and record.place:
             placed["place"] = record.place
+    elif record.place:  # let go there, but not seen there
+        placed["place"] = record.place
     motion = {} if record.motion is None else {"motion": _motion_message(record.motion)}
     return {
         "success": record.kept,

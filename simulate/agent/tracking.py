@@ -58,8 +58,9 @@ class Tracker:
     """Tracks the objects on one table.
 
     An object may have moved up to 2.5 cm unnoticed (because a neighbour brushed it), the one just
-    handled up to 9 cm (because it was pushed). If the handled one is nowhere near and there is an
-    unknown object on the table, they are the same: it was dropped or rolled away.
+    handled up to 9 cm (because it was pushed). If the handled one is nowhere near and there is one
+    unknown object on the table, or one of its size among several, they are the same: it was dropped
+    or rolled away.
     """
 
     def __init__(self) -> None:
@@ -95,8 +96,11 @@ class Tracker:
                     matched[column] = known[row]
         strangers = [column for column, match in enumerate(matched) if match is None]
         astray = handled in known and handled not in matched and not handled.finished
-        if astray and len(strangers) == 1:
-            matched[strangers[0]] = handled
+        if astray and handled is not None:
+            alike = [c for c in strangers if _alike(handled.seen, objects[c])]
+            candidates = strangers if len(strangers) == 1 else alike
+            if len(candidates) == 1:
+                matched[candidates[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
                 self.things.append(TrackedObject(next(self._numbers), seen))
@@ -140,16 +144,12 @@ class Tracker:
         It is the only one of that size or, if a single one is missing, that one: a thing that leans
         on a wall or is partly hidden by it has another size, but is no larger than before.
         """
-        missing, size = self.missing, np.array(_size(found))
-        alike = [
-            thing for thing in missing
-            if np.all(np.abs(np.array(_size(thing)) / size - 1) < _SAME_SIZE)
-        ]  # fmt: skip
+        missing = self.missing
+        alike = [thing for thing in missing if _alike(thing.seen, found.seen)]
         if len(alike) == 1:
             return alike[0]
-        fits = len(missing) == 1 and np.linalg.norm(size) < np.linalg.norm(_size(missing[0])) * (
-            1 + _SAME_SIZE
-        )
+        size = np.linalg.norm(_size(found.seen)) / (1 + _SAME_SIZE)
+        fits = len(missing) == 1 and size < np.linalg.norm(_size(missing[0].seen))
         return missing[0] if fits else None
 
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
@@ -165,6 +165,11 @@ class Tracker:
         return min(way / allowed, 1e3)
 
 
-def _size(thing: TrackedObject) -> tuple[float, float, float]:
-    shape = thing.seen.shape
-    return shape.length, shape.width, shape.height
+def _size(seen: Seen) -> tuple[float, float, float]:
+    return seen.shape.length, seen.shape.width, seen.shape.height
+
+
+def _alike(one: Seen, other: Seen) -> bool:
+    """Tell whether two views show things of one size."""
+    ratios = np.array(_size(one)) / np.array(_size(other))
+    return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))

@@ -292,10 +292,12 @@ class AttemptRun:
             self._withdraw(way.back)
         self._end("home")
         after = look()
-        self.placed = judge_placed(kept, before, after)
+        request = self.plan.request
+        volume = request.width * max(request.length, request.width) * request.height
+        self.placed = judge_placed(kept, before, after, volume)
         self._look_after()
         if self.placed.is_yes:
-            self.place_reason = "ok"
+            self.place_reason = "ok" if kept else "slip_transport"
             arrived = after.centre_of(new_cells(before, after))
             self._place_offset = float(np.linalg.norm(arrived - wanted))
         elif self.placed.answer == "unknown":

@@ -38,7 +38,7 @@ _KEPT_SHARE = 0.75
 """Share of the opening after the lift that must remain; a slipping object lets the hand close."""
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
-_MIN_NEW_CELLS = 4
+_MIN_NEW_CELLS, _HEAPED_SHARE = 4, 0.5
 _MIN_SEEN_SHARE, _ALL_SEEN_SHARE = 0.15, 0.75
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
@@ -184,19 +184,25 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
     return np.asarray(after.occupied & (~before.occupied | grown))
 
 
-def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
+def judge_placed(
+    kept: bool, before: HeightMap, after: HeightMap, volume: float = np.inf
+) -> Judgement:
     """Judge whether an object arrived at its destination.
 
     Cells along the edge do not count, because they may show the walls of a box, and cells that
-    became free count against it: what was only pushed about leaves as many as it takes.
+    became free count against it: what was only pushed about leaves as many as it takes. What came
+    to lie on it takes no more cells, but heaps up its volume.
 
     Parameters
     ----------
     kept
         Whether the hand still held something at the end of the transport. If not, what is new at
-        the place may be an object that leans on its rim, or what the object pushed about.
+        the place may be an object that leans on its rim, or what the object pushed about, unless
+        there is as much of it as of the object.
     before, after
         The place before the grasp, and after the arm has returned home.
+    volume
+        Of the object, m3.
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
@@ -206,9 +212,11 @@ def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
         for cells in (new_cells(before, after), new_cells(after, before) & seen)
     )
     evidence = f"place +{came} -{went} cells, {'held' if kept else 'lost'} in transport"
-    if kept and came - went < _MIN_NEW_CELLS and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
+    heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
+    arrived = heaped > _HEAPED_SHARE * volume or (kept and came - went >= _MIN_NEW_CELLS)
+    if kept and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
         return Judgement("unknown", f"{evidence}, a part of the place is hidden")
-    return Judgement("yes" if kept and came - went >= _MIN_NEW_CELLS else "no", evidence)
+    return Judgement("yes" if arrived else "no", evidence)
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:

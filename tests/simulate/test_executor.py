@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulate.grasping.executor import Executor, GraspRequest
+from simulate.grasping.executor import Executor, GraspRequest, Workcell
 from simulate.robots.nao import describe_nao
 from simulate.world.objects import Friction, product
 from simulate.world.robot_body import RobotBody
@@ -203,16 +203,28 @@ def test_an_empty_hand_is_not_set_down_in_the_box(can):
 
 
 @pytest.mark.slow
-def test_landing_beside_the_box_is_drop_outside(can):
-    world, executor, body = can
-    plan = executor.plan(request_for(CAN, 0.15, -0.10))
+@pytest.mark.parametrize(
+    ("robot", "place", "reason"),
+    [
+        ("panda", (0.47, -0.10), "drop_outside"),
+        ("nao", (0.15, -0.10), "not_judged"),  # its arm hides a part of the box
+    ],
+)
+def test_landing_beside_the_box_is_drop_outside_if_all_of_the_box_is_seen(robot, place, reason):
+    with Workcell(robot, preset="fast") as cell:
+        world = cell.world
+        body = world.spawn(CAN, place)
+        world.step(0.2)
+        request = request_for(CAN, *place, table_height=world.table_height)
+        plan = cell.executor.plan(request, seed=1)
+        away = (world.workplace.table_near + 0.4, 0.0, world.table_height + 0.05)
 
-    def throw(phase):
-        if phase == "place":
-            world.client.resetBasePositionAndOrientation(body, (0.4, 0.0, 0.31), (0, 0, 0, 1))
+        def throw(phase):
+            if phase == "place":
+                world.client.resetBasePositionAndOrientation(body, away, (0, 0, 0, 1))
 
-    record = executor.execute(plan, on_phase=throw)
-    assert (record.held, record.place_reason) == (True, "drop_outside")
+        record = cell.executor.execute(plan, on_phase=throw)
+    assert (record.held, record.placed, record.place_reason) == (True, False, reason)
 
 
 @pytest.mark.slow

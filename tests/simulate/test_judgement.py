@@ -107,6 +107,19 @@ def test_placed_needs_something_new_where_it_was_to_go(kept, before, after, answ
     assert judge_placed(kept, before, after).answer == answer
 
 
+def test_what_came_to_lie_on_what_was_pushed_aside_is_placed() -> None:
+    below = mapped(scene(0.04, (0.06, 0.09), (0.06, 0.09)))
+    stacked = mapped(scene(0.08, (0.06, 0.09), (0.06, 0.09)))
+    volume = 0.03 * 0.03 * 0.04
+    assert judge_placed(True, BLOCK, stacked, volume).answer == "yes"
+    assert judge_placed(True, BLOCK, below, volume).answer == "no"
+
+
+def test_what_was_lost_on_the_way_is_placed_only_if_all_of_it_is_seen_there() -> None:
+    assert judge_placed(False, EMPTY, BLOCK, 0.03 * 0.03 * 0.04).answer == "yes"
+    assert judge_placed(False, EMPTY, BLOCK, 0.10 * 0.03 * 0.04).answer == "no"
+
+
 def test_the_old_place_tells_whether_the_object_is_gone():
     assert judge_old_place(BLOCK, BLOCK).answer == "yes"
     assert judge_old_place(BLOCK, EMPTY).answer == "no"

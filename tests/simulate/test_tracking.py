@@ -56,6 +56,13 @@ def test_a_thing_that_was_dropped_far_away_is_still_itself() -> None:
     assert _numbers(tracker.update([_Seen(0.40, -0.05), _Seen(0.12, -0.15)])) == [2, 3]
 
 
+def test_of_two_strangers_the_one_of_its_size_is_the_thing_that_was_dropped() -> None:
+    tracker, bar = Tracker(), _Shape(0.11, 0.028, 0.03)
+    thing, _ = tracker.update([_Seen(0.15, -0.05, bar), _Seen(0.12, -0.15)])
+    again = tracker.update([_Seen(0.20, -0.15), _Seen(0.35, -0.25, bar)], handled=thing)
+    assert {t.number: t.seen.x for t in again} == {1: 0.35, 3: 0.20}
+
+
 def test_a_thing_that_left_is_not_in_view_and_its_number_is_not_given_again() -> None:
     tracker = Tracker()
     tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.15)])

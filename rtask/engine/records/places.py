@@ -211,8 +211,8 @@ def state_moved(
     """Add where an attempt left its object; return the statements to be withdrawn.
 
     The object is located on the end effector if it was held and nothing is said of placing it, and
-    on the place where it was put if the robot names that. If it was lost, or put down somewhere,
-    its place is unknown until it is seen again.
+    on the place where it was put if the robot names that. If it was lost, put down somewhere, or
+    let go at a place without being seen there, its place is unknown until it is seen again.
     """
     if not may_have_moved(outcome):
         return []
@@ -220,7 +220,7 @@ def state_moved(
         if not one.is_over and one.time <= ended:
             triples.add(one.iri, PROV.invalidatedAtTime, stamp(ended))
     now = None
-    if outcome.held and outcome.placed is None:
+    if outcome.held and outcome.placed is None and not outcome.report.place:
         now = gripper.iri
     elif outcome.held and outcome.placed and outcome.report.place:
         now = place_iri(gripper.robot, outcome.report.place)

@@ -140,6 +140,13 @@ def test_a_held_thing_is_in_the_hand_until_it_is_seen_again(nao, box, kb, bench)
     assert where(kb, box)["x"] == pytest.approx(0.16, abs=5e-3)
 
 
+def test_a_thing_let_go_without_being_seen_there_is_not_in_the_hand_any_more(nao, box, kb, bench):
+    nao.recognise(bench.sight(bench.BOX))
+    report(nao, box, success=True, reason="ok", place="right box")
+    assert kb.match(iri(box), RT.locatedOn) == []
+    assert where(kb, box) is None
+
+
 @pytest.mark.parametrize("outcome", ["held", "missed"])
 def test_a_placed_or_lost_thing_is_nowhere_until_it_is_seen(nao, box, kb, bench, outcome):
     nao.recognise(bench.sight(bench.BOX))
