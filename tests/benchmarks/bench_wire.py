@@ -27,7 +27,8 @@ from grasp.messages import matrix_from_message, pose_message, spatial_grasp_mess
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.statistics import GraspStatistics, summary
-from rtask.engine.operations.recognise import OfferedGrasp, RecogniseForGrasp, Recognition
+from rtask.engine.operations.recognise import RecogniseForGrasp
+from rtask.engine.operations.recognition_answer import OfferedGrasp, Recognition
 from rtask.wire.message import read
 
 CLOUD = np.random.default_rng(3).bytes(360_000)
