@@ -41,7 +41,7 @@ class Thing(Model):
     Attributes
     ----------
     at_time
-        When it held or was made, with its time zone.
+        The time at which it held or was made, with its time zone.
     can_grasp
         The robot's opening, payload and capability suffice for the object: its mass is
         stated, or an end effector of no greater payload has lifted it (rule R2).
@@ -84,15 +84,16 @@ class Thing(Model):
     invalidated_at_time
         When the entity, here the reifier of a statement, ceased to hold.
     judged_success
-        What most people say, else rt:success; nothing while as many say the one as the other
-        (rule R6).
+        The verdict of most people, else rt:success; none while as many say the one as the
+        other (rule R6).
     label
         A name for people, in a language.
     made_by_sensor
         The sensor that made the observation.
     mass_bound
-        What the object weighs at most: the payload of an end effector that has lifted it, or
-        its product (rule R7). Several end effectors give several bounds. [KiloGM]
+        An upper bound on the mass of the object: the payload of an end effector that has
+        lifted it, or its product (rule R7). Several end effectors give several bounds.
+        [KiloGM]
     member
         Is a member of.
     merged_into
@@ -100,7 +101,7 @@ class Thing(Model):
     name
         A handle for people and messages, such as "panda" or "coke can".
     note
-        Why something was written, in the writer's own words.
+        The reason for writing something, in the writer's own words.
     orientation_sigma
         The standard deviation of an orientation; on poses and evaluations. [RAD]
     overlaps_in_time
@@ -114,7 +115,7 @@ class Thing(Model):
         The time for which the result holds.
     policy_version
         The rules by which outcomes became the stored belief; numbers of other rules are
-        computed anew, never mixed.
+        recomputed, never mixed.
     position_sigma
         The standard deviation of a position, per axis; on poses and evaluations. [M]
     qualified_name
@@ -130,7 +131,7 @@ class Thing(Model):
     used
         An entity that the activity relied on.
     valid_until
-        When a statement expires, on its reifier.
+        The time at which a statement expires, on its reifier.
     version
         The semantic version.
     vertex_sigma
@@ -564,7 +565,7 @@ class Process(Physical):
     causes
         Brings the other process about.
     executed_in
-        When the process took place.
+        The interval in which the process took place.
     patient
         What a process acts on.
     result
@@ -701,9 +702,9 @@ class Agent(Object, ProvAgent):
     has_assignment
         A task of the agent.
     has_capability
-        What an agent is able to do, by itself or through its parts.
+        A capability of an agent, its own or that of one of its parts.
     performs
-        What the agent did.
+        An action of the agent.
     """
 
     __iri__: ClassVar[str] = _SUMO + "Agent"
@@ -813,7 +814,7 @@ class TernaryRelation(Relation):
 
 
 class Action(Process, Activity):
-    """What an agent does to fulfil a task.
+    """A process by which an agent fulfils a task.
 
     ``rt:Action``
 
@@ -822,7 +823,7 @@ class Action(Process, Activity):
     has_outcome
         The result of the action.
     performed_by
-        Who performed the action.
+        The agent that performed the action.
     realises_motion
         The action carries this motion out.
     """
@@ -1052,7 +1053,7 @@ class Frame(PositionCoordinateSystem, OrientationCoordinateSystem):
 
 
 class GraspConfiguration(InformationEntity):
-    """How a gripper takes an object; the content of one moveit_msgs/Grasp message.
+    """A way in which a gripper takes an object; the content of one moveit_msgs/Grasp message.
 
     ``rt:GraspConfiguration``
 
@@ -1131,7 +1132,7 @@ class GraspEvaluation(InformationEntity):
         Beta of the Beta distribution whose mean is the confidence: prior and counted
         failures. [UNITLESS]
     closure_mode
-        How the grasp closes.
+        The kind of closure of the grasp.
     confidence_lower95
         The one-sided lower 95 % bound of the confidence s_G, from the number of
         perturbations. [UNITLESS]
@@ -1216,7 +1217,7 @@ class GripperTranslation(InformationEntity):
 
 class HiddenCause(InformationEntity):
     """A property of an object that no camera sees and that explains how attempts at it ended;
-    inferred from the judged attempts of all robots and stated anew with each.
+    inferred from the judged attempts of all robots and restated with each.
 
     ``rt:HiddenCause``
 
@@ -1427,7 +1428,7 @@ class NamedGraph(InformationEntity):
     graph_digest
         The digest of the graph's triples, independent of their order.
     graph_owner
-        Who may write the graph.
+        The agent that may write the graph.
     triple_count
         The number of triples after the commit in rt:commitNumber. [NUM]
     """
@@ -1603,14 +1604,14 @@ class RecognitionResult(InformationEntity):
 
 
 class ResourceBinding(InformationEntity):
-    """Which version of a dataset fills which slot.
+    """The version of a dataset that fills a slot.
 
     ``rt:ResourceBinding``
 
     Attributes
     ----------
     binds_dataset
-        What fills the slot.
+        The dataset version in the slot.
     binds_resource
         The slot.
     """
@@ -1653,7 +1654,7 @@ class Rule(InformationEntity):
     Attributes
     ----------
     rule_text
-        What follows from what, as a SPARQL CONSTRUCT query.
+        The rule, as a SPARQL CONSTRUCT query.
     """
 
     __iri__: ClassVar[str] = _RT + "Rule"
@@ -1736,7 +1737,7 @@ class ServiceCall(Process, Activity):
     has_binding
         A slot as filled for this call.
     worker_id
-        Who ran the call.
+        The agent that ran the call.
     """
 
     __iri__: ClassVar[str] = _RT + "ServiceCall"
@@ -1830,7 +1831,7 @@ class View(InformationEntity):
     Attributes
     ----------
     view_content
-        What the view consists of: image crop, cloud, descriptors.
+        A part of the view: image crop, cloud, descriptors.
     view_of
         The object that the view shows.
     viewpoint
@@ -2043,7 +2044,7 @@ class AgentGraph(NamedGraph):
 
 
 class ClosureMode(CodedValue):
-    """How force closure comes about (Kehoe 2014, 3.4).
+    """A way in which force closure comes about (Kehoe 2014, 3.4).
 
     ``rt:ClosureMode``
     """
@@ -2144,11 +2145,11 @@ class GraspZone(HiddenCause):
     Attributes
     ----------
     zone_end
-        Where along x of the body frame the zone ends. [M]
+        The end of the zone along x of the body frame. [M]
     zone_kind
         In which way the zone gives way; not stated if the reasons do not tell.
     zone_start
-        Where along x of the body frame the zone begins. [M]
+        The beginning of the zone along x of the body frame. [M]
     """
 
     __iri__: ClassVar[str] = _RT + "GraspZone"
@@ -2193,7 +2194,7 @@ class Image2D(VisualFeature):
     Attributes
     ----------
     encoding
-        How pixels are stored: "rgb8", "16UC1".
+        The encoding of the pixels: "rgb8", "16UC1".
     height_px
         The number of rows. [NUM]
     width_px
@@ -2252,8 +2253,8 @@ class MassOffCentre(HiddenCause):
     Attributes
     ----------
     centre_along_x
-        Where along x of the body frame the centre of mass is expected; rt:centreOfMassSigma
-        says how surely. [M]
+        The expected place of the centre of mass along x of the body frame;
+        rt:centreOfMassSigma is its standard deviation. [M]
     """
 
     __iri__: ClassVar[str] = _RT + "MassOffCentre"
@@ -2272,7 +2273,7 @@ class MetaGraph(NamedGraph):
 
 
 class ObjectFunction(CodedValue):
-    """What an object is for.
+    """A purpose that an object serves.
 
     ``rt:ObjectFunction``
     """
@@ -2290,7 +2291,7 @@ class OntologyGraph(NamedGraph):
 
 
 class OutcomeReason(CodedValue):
-    """Why an action ended as it did; the executor's code maps to the IRI reason_<code>.
+    """A reason why an action ended as it did; the executor's code maps to the IRI reason_<code>.
 
     ``rt:OutcomeReason``
 
@@ -2402,7 +2403,7 @@ class QuarantineGraph(NamedGraph):
     Attributes
     ----------
     quarantine_reason
-        What was found: the contradiction or the violated shape.
+        The finding: the contradiction or the violated shape.
     quarantined_from
         The graph for which the statements were meant.
     """
@@ -2422,7 +2423,7 @@ class Retraction(WriteActivity):
     Attributes
     ----------
     retraction_reason
-        Why the statements were wrong, in words.
+        The reason why the statements were wrong, in words.
     """
 
     __iri__: ClassVar[str] = _RT + "Retraction"
@@ -2526,23 +2527,23 @@ class Task(IntentionalProcess):
     assigned_to
         The agent who shall do the task; several agents may share one.
     carried_out_by
-        What was done for the task.
+        An action that was done for the task.
     engages
         The end effector that a task uses, through its action.
     has_sub_task
         A part of the task, at any depth.
     has_time_window
-        When the task should be done.
+        The time at which the task should be done.
     precedes
         This task must end before the other begins.
     requires_capability
-        What the doer must be able to do.
+        A capability that the doer must have.
     requires_motion
         A motion that fulfils the task (Gatto 2016, 3.2.3).
     sub_task_of
         The task of which this one is a part, at any depth.
     task_name
-        What messages call the task: "pick", "place".
+        The name of the task in messages: "pick", "place".
     """
 
     __iri__: ClassVar[str] = _RT + "Task"
@@ -2839,7 +2840,7 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     has_feature
         A feature of the object.
     has_function
-        What the object is for.
+        A function of the object.
     has_grasp
         A way to take the object.
     has_hidden_cause
@@ -2859,12 +2860,12 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     pose_estimated_in
         An estimate of the object's pose.
     roundness
-        How close the outline seen from above is to a circle, in [0, 1]; 1 is a circle.
+        The closeness of the outline seen from above to a circle, in [0, 1]; 1 is a circle.
         [UNITLESS]
     similar_to
         Looks alike: a hint, never an identity.
     surface_material
-        What the surface is made of.
+        The material of the surface.
     """
 
     __iri__: ClassVar[str] = _RT + "ManipulableObject"
@@ -2904,7 +2905,7 @@ class Manipulation(Task):
     target_pose
         The pose that is to be reached.
     target_surface
-        Where the object is to be put.
+        The place where the object is to be put.
     through
         The manipulating action of a manipulation task (Gatto 2016, figure 16).
     """
@@ -3116,7 +3117,7 @@ class Device(Artifact):
     has_joint
         From a device to its joint.
     provides_capability
-        What a part gives to its robot.
+        A capability that a part gives to its robot.
     robot_actuating_part
         From a part to the robot that moves by it.
     robot_communicating_part
