@@ -257,6 +257,6 @@ def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_js
     click.echo(
         f"{done['commit']}: {done['attempts']} attempts, {done['verdicts']} verdicts and "
         f"{done['objects']} objects withdrawn; {done['kept']} objects stay, because others build "
-        f"on them; {done['grasps']} grasps are believed anew"
+        f"on them; {done['grasps']} grasps have a new belief"
     )
     click.echo(f"to undo it: rtask objects undo {done['commit']}")

@@ -1,4 +1,4 @@
-"""Where single views of YCB's models lose the right grasp: in the pool, its order, or the five.
+"""Ceiling of plans on single views of YCB's models: losses by the pool, its order, and the five.
 
     python tests/benchmarks/bench_filter_ceiling.py --gripper panda --pools FOLDER
 

@@ -5,7 +5,7 @@
     python tests/benchmarks/bench_kehoe.py axis --ycb FOLDER      # 4.6: the principal-axis check
 
 His six objects are stood in for by YCB objects of the same shapes, each dropped alone on a table,
-15 poses of each; the camera's place is drawn anew for every pose. A pose is right within 5 mm and
+15 poses of each; the camera's place is redrawn for every pose. A pose is right within 5 mm and
 5 degrees, modulo symmetry, from the mask that the segmenter gives. ``grasps`` plans on the model
 at every pose that is right (as he did) and executes the best grasp at the true one, with a
 floating Panda gripper that opens as far as a PR2's; held = still in the hand after a lift of 10

@@ -224,7 +224,7 @@ def _ask_turntable(
 def _report_thresholds(
     answers: list[tuple[View, str | None, Recognition]], rng: np.random.Generator
 ) -> None:
-    """Print recall and false answers at Kehoe's thresholds; intervals by drawing objects anew."""
+    """Print recall and false answers at Kehoe's thresholds; intervals by resampling objects."""
     products = sorted({view.product for view, _, _ in answers})
     for least in (0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
         rows = {name: np.zeros(5) for name in products}

@@ -1,4 +1,4 @@
-"""How a held object hangs in the hand, and how that is seen."""
+"""Turns of a held object in the hand, as they are seen."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class FiledView(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What is known of a view since a place in the sequence of changes, as bytes."""
+    """Facts about a view since a place in the sequence of changes, as bytes."""
 
     id: int
     place: int
@@ -55,7 +55,7 @@ def content_digest(*parts: bytes) -> bytes:
 
 
 class FactsFile:
-    """What is known of views, by their numbers; one process at a time uses a file.
+    """Facts about views, by their numbers; one process at a time uses a file.
 
     Where the file cannot be used or written (another process has it, the disk is full), nothing
     is read or kept, and the log says so once: the facts are then computed when they are needed.

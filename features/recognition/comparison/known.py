@@ -1,4 +1,4 @@
-"""What is known of one stored view: its votes, and how it agrees with the views they chose."""
+"""Facts about one stored view: its votes, and how it agrees with the views they chose."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COUNTS = struct.Struct("<4i")
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What a view's facts follow from; views by their numbers in the sequence of changes.
+    """Basis of a view's facts; views by their numbers in the sequence of changes.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class Moment:
 
 
 class Changes:
-    """Which views came and went between the snapshots that were asked about; safe to share.
+    """Views that came and went between the snapshots that were asked about; safe to share.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ class Edit:
         return tx.commit
 
     def _restate_causes(self, context: Context) -> None:
-        """State the hidden causes of the objects whose attempts the edit changes anew."""
+        """Restate the hidden causes of the objects whose attempts the edit changes."""
         graph = context.kb.graphs.causes
         for said in (self.removed, self.added):
             for quad in [q for q in said if q.graph_name == graph]:

@@ -33,7 +33,7 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
     """Undo one commit that corrected objects, or withdrew a contributor.
 
     Statements made since then stay, and statements withdrawn since then stay withdrawn. Counts and
-    beliefs that robots have stated anew since then are stated again, from all that is told now.
+    beliefs that robots have restated since then are stated again, from all that is told now.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def _inverse(context: Context, entry: HistoryEntry) -> Edit:
     edit, rights, causes = Edit(context.kb), context.kb.access(), context.kb.graphs.causes
 
     def ours(quad: Quad) -> bool:
-        # Causes are stated anew from the attempts that the edit leaves.
+        # Causes are restated from the attempts that the edit leaves.
         return rights.may_write(quad.graph_name) and quad.graph_name != causes
 
     edit.remove(quad for quad in entry.added if ours(quad) and quad in context.kb.store)
@@ -207,7 +207,7 @@ def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
 
 
 def _leave_out_restated(edit: Edit) -> set[NamedNode]:
-    """Leave out counts, maps and beliefs that were stated anew since; return their grasps."""
+    """Leave out counts, maps and beliefs that were restated since; return their grasps."""
     computed = {
         quad.subject for quad in edit.added
         if quad.predicate in (RT.beliefAlpha, RT.attempts, RT.outcomeCount)

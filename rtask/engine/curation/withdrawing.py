@@ -3,7 +3,7 @@
 What others build on stays: objects that they have handled, grasps that they have tried, and what
 these need. Attempts, outcomes, verdicts, places and planned grasps of the contributor go, and with
 them what was computed from them: counts, maps from scores to chances, beliefs and hidden causes,
-which are stated anew from what the others told. What rules inferred goes with the commit.
+which are restated from what the others told. What rules inferred goes with the commit.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Withdrawal:
         Objects that the contributor had added: those that went with it, and those that stay because
         others build on them.
     grasps
-        Grasps whose belief is stated anew.
+        Grasps whose belief is restated.
     """
 
     commit: Commit
@@ -269,7 +269,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         return any(isinstance(one, Triple) and one.subject in kept for one in said)
 
     def recount(self, before: Iterable[Judged], after: Iterable[Judged]) -> None:
-        """Count grasps of other robots anew where the contributor's verdicts had counted."""
+        """Recount grasps of other robots where the contributor's verdicts had counted."""
         was = {one.attempt: label_of(one) for one in before}
         changed = [one for one in after if was[one.attempt] != label_of(one)]
         totals: dict[tuple[NamedNode, NamedNode], Counter[bool]] = {}
@@ -290,7 +290,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         self._recalibrate(changed)
 
     def _recalibrate(self, changed: Iterable[Judged]) -> None:
-        """State anew the maps of hands whose attempts are judged otherwise now."""
+        """Restate the maps of hands whose attempts are judged otherwise now."""
         context = self.context
         found: dict[tuple[NamedNode, str], tuple[KnownGripper, list[tuple[Judged, float]]]] = {}
         for one in changed:
@@ -317,7 +317,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
     def restate_votes(
         self, after: Iterable[Judged], verdicts: Iterable[tuple[Judged, NamedNode]]
     ) -> None:
-        """State anew how many people had spoken when others did, on what the contributor judged."""
+        """Restate how many people had spoken when others did, on what the contributor judged."""
         touched = {one.outcome for one, _ in verdicts}
         for one in after:
             if one.outcome not in touched:

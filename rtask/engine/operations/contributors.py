@@ -142,7 +142,7 @@ class WithdrawnContributor(Answer):
     kept: int
     """objects that it had added and that stay, because others build on them"""
     grasps: int
-    """grasps whose belief is stated anew from what the others told"""
+    """grasps whose belief is restated from what the others told"""
     added: int
     removed: int
 

@@ -76,7 +76,7 @@ def test_among_few_objects_a_measured_look_decides_only_where_there_is_no_print(
 
 
 def test_among_few_objects_a_look_has_to_be_clearer() -> None:
-    """What would look more like it may not be stored."""
+    """An object that looks more like it may not be stored."""
     faint = replace(PLAIN, appearance_lead=0.09, size_gap=0.03, colour=0.98)
     few = replace(faint, is_among_many=False, is_plain=True)
     assert confidences([faint])[0] > confidences([few])[0]

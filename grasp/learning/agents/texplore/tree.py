@@ -35,7 +35,7 @@ class ForestSettings:
     skip
         Probability that a split is not considered.
     surprise
-        A tree that gave an outcome a smaller probability than this is built anew.
+        A tree that gave an outcome a smaller probability than this is rebuilt.
     """
 
     trees: int = 5
@@ -51,7 +51,7 @@ class ForestSettings:
 class Forest:
     """An ensemble of trees that predicts the distribution of one output.
 
-    A leaf holds the counts of the last time its tree was built: a tree is built anew only when an
+    A leaf holds the counts of the last time its tree was built: a tree is rebuilt only when an
     experience surprises it. A node that would split as before keeps its other branch.
 
     Parameters
@@ -326,7 +326,7 @@ def grow(
     counts: FloatArray,
     used: int,
 ) -> int:
-    """Build one tree anew, keeping the branches that the newest experience does not reach.
+    """Rebuild one tree, keeping the branches that the newest experience does not reach.
 
     Returns
     -------
