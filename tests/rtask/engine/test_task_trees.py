@@ -106,9 +106,12 @@ def test_where_an_object_went_is_unknown_if_the_robot_does_not_say(bench, engine
     one, _, thing = pen
     report(one, thing, 0.0, bench.held(placed=True))
     assert answers(engine, 22) == []
-    report(one, thing, 0.0, bench.held(placed=None, place="right box"))
+    report(one, thing, 0.0, bench.held(placed=None))
     (row,) = answers(engine, 22)
     assert row["place"] == "right_hand"
+    let_go = bench.held(placed=None, place="right box")  # and not seen there
+    report(one, thing, 0.0, let_go)
+    assert answers(engine, 22) == []
 
 
 def test_why_a_held_object_did_not_arrive_is_kept(bench, engine, pen):
