@@ -86,11 +86,17 @@ def grasp_quality(
             click.echo(
                 f"{name}: rank correlation of score and share held over all "
                 f"{found['grasps']} grasps {_correlation(found['over'])}, within objects "
-                f"{_correlation(found['within'])}"
+                f"{_correlation(found['within'])}; were the chances the truth, "
+                f"{_number(found['attainable']['over'])} and "
+                f"{_number(found['attainable']['within'])}; {json.dumps(found['spread'])}"
             )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
     click.echo(f"report  {out / 'report.json'}")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _correlation(found: Mapping[str, Any]) -> str:
