@@ -21,7 +21,7 @@ from simulate.agent.simulated_body import RobotAtTable
 from simulate.grasping.clearing import clear_clutter
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
 from simulate.grasping.executor import Workcell
-from simulate.grasping.floating import spawn_parts
+from simulate.grasping.floating.execution import spawn_parts
 from simulate.study.clutter.picture import draw_grasps
 from simulate.study.quality.objects import GraspObject, fits, generated
 from simulate.world.camera import Lighting
