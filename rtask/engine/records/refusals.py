@@ -32,8 +32,9 @@ Response = OneOf[
 """A robot's action after a refusal, as ``rt:refusalResponse`` keeps it."""
 
 
-_REPEATED_WITHIN = dt.timedelta(minutes=10)
+_REPEATED_WITHIN = dt.timedelta(hours=1)
 """Time after the last answer within which the same question repeats it; later it is a new try."""
+_STILL_OPEN = literal("postponed")
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,9 @@ class Refusal:
 def store_refusal(context: Context, refusal: Refusal, access: Access) -> NamedNode:
     """Store a refusal in the robot's own graph; return its IRI.
 
-    A robot that asks again before it has responded gets the same refusal, if nothing else changed:
-    it then has the time and the task of the latest answer.
+    A robot that asks again before it has responded, or after it has put the object off, gets the
+    same refusal if nothing changed: it then has the time and the task of the latest answer, and
+    waits for the response to that.
     """
     decision = refusal.decision
     author = context.author(access, refusal.gripper.robot_name)
@@ -86,7 +88,11 @@ def store_refusal(context: Context, refusal: Refusal, access: Access) -> NamedNo
             node = context.names.unique("refusal")
             triples.node(node, [RT.GraspRefusal], told)
         else:
-            before = [quad for p in latest for quad in context.kb.match(node, p, None, home)]
+            before = [
+                quad
+                for predicate in (*latest, RT.refusalResponse)
+                for quad in context.kb.match(node, predicate, None, home)
+            ]
         triples.node(node, [], latest)
         with context.kb.transaction(access=author, note="refuse to grasp") as tx:
             tx.remove_quads(before)
@@ -97,7 +103,7 @@ def store_refusal(context: Context, refusal: Refusal, access: Access) -> NamedNo
 def _repeated(
     context: Context, told: Mapping[NamedNode, Value | None], home: NamedNode, now: dt.datetime
 ) -> NamedNode | None:
-    """Return the refusal that says the same, if it is recent and the robot has not responded.
+    """Return the refusal that says the same, if it is recent and no response has ended it.
 
     What resembles nothing known cannot be told apart, so that each refusal of such is its own.
     """
@@ -106,7 +112,9 @@ def _repeated(
     # Few refusals of a robot have the same confidence to six digits.
     for same in context.kb.match(None, RT.foundConfidence, told[RT.foundConfidence], home):
         node = same.subject
-        if not isinstance(node, NamedNode) or context.kb.match(node, RT.refusalResponse):
+        if not isinstance(node, NamedNode):
+            continue
+        if any(q.object != _STILL_OPEN for q in context.kb.match(node, RT.refusalResponse)):
             continue
         if not all(context.kb.match(node, p, v, home) for p, v in told.items() if v is not None):
             continue

@@ -206,10 +206,21 @@ def test_a_question_repeated_before_a_response_is_one_refusal(kb, known):
     (_,) = kb.match(refusal, RT.atTime)
     other_values = robot.recognise(seen, min_grasp=0.99)["decision"]["refusal"]
     assert other_values != refusal
+
+
+def test_an_object_that_was_put_off_and_left_alone_has_one_refusal(kb, known):
+    robot, seen = known
+
+    def ask():
+        return robot.recognise(seen, min_grasp=1.0)["decision"]["refusal"]
+
+    refusal = ask()
     robot.call("report_refusal", refusal=refusal, response="postponed")
-    after_response = robot.recognise(seen, min_grasp=1.0)["decision"]["refusal"]
-    assert after_response not in {refusal, other_values}
-    assert len(kb.match(None, RDF.type, RT.GraspRefusal)) == 3
+    assert ask() == refusal
+    assert robot.call("report_refusal", refusal=refusal, response="left_alone")["stored"] == 1
+    (told,) = kb.match(refusal, RT.refusalResponse)
+    assert told.object.value == "left_alone"
+    assert ask() != refusal  # it has come back to what it had left
 
 
 def test_the_same_question_long_afterwards_is_a_refusal_of_its_own(kb, known, monkeypatch):
