@@ -79,7 +79,10 @@ def grasp_quality(
                 f"error of the score {found['error']:.3f}, by the factory's map "
                 f"{found['error_by_factory']:.3f}, after 50 own outcomes "
                 f"{found.get('error_after_50', float('nan')):.3f}; at least what is promised at "
-                f"90 %: {found['covered']:.3f} of the objects; n {found['n']}"
+                f"90 %: {found['covered']:.3f} {found['covered_95']} of the objects, with margins "
+                f"from halves of them {found.get('covered_by_halves', float('nan')):.3f}, of which "
+                f"their number explains {found.get('expected_by_halves', float('nan')):.3f}; "
+                f"n {found['n']}"
             )
     for name, found in summary["ranks"].items():
         if found["grasps"]:

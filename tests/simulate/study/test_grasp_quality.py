@@ -143,6 +143,8 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert promise["error"] == pytest.approx(0.25)
     assert promise["error_after_50"] < 0.08
     assert promise["covered"] == promise["covered_by_halves"] == 1.0
+    assert 0.9 <= promise["expected_by_halves"] <= 1.0
+    assert promise["covered_95"][0] < 1.0 == promise["covered_95"][1]
     assert len(quality_rows(summary)) == 5
 
     same = summarise_quality([_result(n, 0.75, 0.75, 0.75) for n in range(60)])
