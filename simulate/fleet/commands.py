@@ -168,6 +168,7 @@ def sharing(
 
     Half of each robot's objects are known to the robots before it; the other half are new to all.
     """
+    from simulate.fleet.headroom import headroom_words
     from simulate.fleet.sharing import (
         COLUMNS,
         sharing_rows,
@@ -199,6 +200,8 @@ def sharing(
             )
     for condition, value in summary["last_less_first"].items():
         click.echo(f"last less first, {condition}: {show(value, '+.2f')}")
+    for condition, value in summary["headroom"].items():
+        click.echo(f"headroom won by the last robot, {condition}: {headroom_words(value)}")
     click.echo(f"report  {out / 'report.json'}, {out / 'sharing.png'}")
 
 

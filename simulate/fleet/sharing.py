@@ -21,13 +21,10 @@ from numpy.typing import NDArray
 import rtask
 from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
+from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
-from simulate.fleet.figures import (
-    attempts_to_success,
-    objects_tried,
-    products_known,
-    score_identities,
-)
+from simulate.fleet.figures import objects_tried, products_known, score_identities
+from simulate.fleet.headroom import headroom_won
 from simulate.fleet.member import Member
 from simulate.robots import describe
 from simulate.study.chart import Line, line_chart
@@ -177,6 +174,7 @@ def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -
         "last_less_first": {
             condition: _last_less_first(meetings, condition, robots) for condition in _CONDITIONS
         },
+        "headroom": {condition: headroom_won(results, condition) for condition in _CONDITIONS},
     }
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from rtask.errors import UsageError
 from simulate.fleet import sharing
+from simulate.fleet.headroom import headroom_won
 from simulate.fleet.sharing import (
     COLUMNS,
     sharing_rows,
@@ -110,3 +111,27 @@ def test_shared_is_compared_with_not_shared_robot_by_robot_and_product_by_produc
     written = write_sharing_report(tmp_path, results, {"max_attempts": 6})
     assert json.loads((tmp_path / "report.json").read_text()) == json.loads(json.dumps(written))
     assert (tmp_path / "sharing.png").read_bytes().startswith(b"\x89PNG")
+
+
+def _pair(tries: dict[str, list[int | None]]) -> dict[str, Any]:
+    """Return a fleet of two robots: attempts at each product by the first, the second with the
+    graph, and without.
+    """
+    lives = [
+        {"name": name, "tables": [[_met(product, took[i]) for product, took in tries.items()]]}
+        for i, name in enumerate(("robot-1", "robot-2", "robot-2"))
+    ]
+    return {"common": list(tries), "shared": lives[:2], "not shared": [lives[0], lives[2]]}
+
+
+def test_headroom_lies_between_first_tries_of_robot_1_and_what_any_robot_can_hold() -> None:
+    fleet = _pair(
+        {"bar-1": [1, 1, 1], "bar-2": [3, 1, 2], "bar-3": [2, 1, 1], "bar-4": [None, 2, None],
+         "bar-5": [None, None, None]}
+    )  # fmt: skip
+    shared = headroom_won([fleet, fleet], "shared")
+    assert (shared["n"], shared["first_try"], shared["best"]) == (10, [0.2, 0.6], 0.8)
+    assert shared["won"] == pytest.approx(2 / 3, abs=1e-4)  # bar-5 holds nowhere
+    assert headroom_won([fleet], "not shared")["won"] == pytest.approx(1 / 3, abs=1e-4)
+    assert headroom_won([_pair({"can-1": [1, 1, 1]})], "shared")["won"] is None
+    assert headroom_won([], "shared")["n"] == 0
