@@ -315,6 +315,7 @@ class Agent:
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.gone = record.placed
+        thing.released = record.kept and record.judged_placed.answer == "unknown"
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts
         self._tell(
             "attempt",

@@ -46,6 +46,18 @@ def test_a_thing_is_let_go_over_what_lies_in_the_box(
     assert spot.grounds == pytest.approx(grounds)
 
 
+def test_a_thing_is_let_go_where_the_robot_sees_the_box() -> None:
+    x, y = BOX.centre
+    hidden = seen()
+    hidden.heights[:, 19:] = np.nan  # y > -0.386 m
+    for used in range(5):
+        spots = PlaceSpot.in_box(BOX, used, 0.05, hidden).centres
+        assert [spot[1] > y for spot in spots] == [False, False, False, True, True]
+        assert len({*spots}) == 5
+    dark = HeightMap(np.full((30, 33), np.nan), np.array([0.40, -0.50]))
+    assert PlaceSpot.in_box(BOX, 1, 0.05, dark).centres[0] == pytest.approx((x - 0.03, y + 0.03))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("x", "y"), [(0.50, -0.15), (0.55, -0.10)])
 def test_a_long_thing_held_by_its_end_clears_the_walls_of_the_box(x: float, y: float) -> None:
