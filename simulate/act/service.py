@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from simulate.act.request import ActRequest
-from simulate.grasping.attempt_run import AttemptRun
+from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import Workcell
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp

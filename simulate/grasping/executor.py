@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from simulate.grasping.attempt_run import AttemptRun
+from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.planning import GraspPlanner
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulate.grasping.attempt_run import AttemptRun, Station
+from simulate.grasping.attempt.run import AttemptRun
+from simulate.grasping.attempt.station import Station
 from simulate.grasping.executor import Executor
 from simulate.grasping.hand_rules import ParallelJaws
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING
@@ -124,24 +125,24 @@ class PushRun(AttemptRun):
         """Come down and push; return the reason code, ``ok`` with the part between the jaws."""
         self.reason = self.reach()
         if self.reason == "ok":
-            self._follow(self._push)
-            self._end("push")
+            self.drive.follow(self._push)
+            self.drive.end("push")
         return self.reason
 
     def close(self) -> str:
         """Close the hand where the push ended; return ``ok``, or ``missed`` and go home."""
-        self._fingers(0.0, self._hand.close_effort, _CLOSE_S)
-        if self._end("close").opening <= CLOSED_ON_SOMETHING:
+        self.drive.close(_CLOSE_S)
+        if self.drive.end("close").opening <= CLOSED_ON_SOMETHING:
             self.reason = "missed"
-            self._follow(self.plan.lift)
-            self._start_at_home()
+            self.drive.follow(self.plan.lift)
+            self.drive.start_at_home()
         return self.reason
 
     def lift(self) -> str:
         """Lift and hold; return what the robot makes of it by its own senses."""
-        self._follow(self.plan.lift)
-        self._end("lift")
-        self._steps(_HOLD_S)
-        self._end("hold")
+        self.drive.follow(self.plan.lift)
+        self.drive.end("lift")
+        self.drive.steps(_HOLD_S)
+        self.drive.end("hold")
         self.reason = self._judge_grasp()
         return self.reason

@@ -14,7 +14,7 @@ from features.perception import Perceived
 from simulate.agent import second_look
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetched, Fetcher
-from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
+from tests.simulate.agent.doubles import CAMERA, Plan, Record, seen_at
 
 _CUP, _CAN, _PEN = (0.15, -0.10), (0.15, -0.05), (0.14, 0.10)
 

@@ -166,7 +166,7 @@ def test_the_arm_before_a_box_is_not_taken_for_what_lies_in_it() -> None:
         plan = cell.executor.plan(request, seed=1)
         assert isinstance(plan, PlannedGrasp)
         run = cell.executor.begin(plan)
-        seen = run._box_map(cell.world.place_boxes["right"])
+        seen = run.looks.box(cell.world.place_boxes["right"])
     assert seen.is_seen
     assert seen.occupied[1:-1, 1:-1].sum() <= 2
 

@@ -19,7 +19,7 @@ from simulate.agent.tracking import TrackedObject
 from simulate.robots import describe
 from simulate.world.objects import product
 from simulate.world.scene import Placement
-from tests.simulate.agent_doubles import CAMERA, seen_at
+from tests.simulate.agent.doubles import CAMERA, seen_at
 
 VIEW = Frame(np.full((12, 16), 0.3, np.float32), CAMERA, np.zeros((12, 16, 3), np.uint8))
 

@@ -1,0 +1,1 @@
+"""One attempt to grasp and place an object: phases, motion and looks."""

@@ -1,0 +1,319 @@
+"""Execution of a planned grasp in the physics world, phase by phase.
+
+Phases: pre-grasp, approach, close, lift, hold, transport, place. A grasp that fails gives a reason
+code, never an exception; only diverging physics raises one. The robot judges by its own senses
+(:mod:`simulate.grasping.judgement`); true poses of objects are not used here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from simulate.grasping.attempt.driving import ArmDrive
+from simulate.grasping.attempt.looking import Looks
+from simulate.grasping.attempt.station import Station
+from simulate.grasping.judgement import (
+    CLOSED_ON_SOMETHING,
+    MIN_RISE_M,
+    HeightMap,
+    Judgement,
+    judge_held,
+    judge_off_table,
+    judge_old_place,
+    judge_placed,
+    new_cells,
+)
+from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place, plan_rise
+from simulate.grasping.record import GraspRecord
+from simulate.grasping.rules import PlannedGrasp
+from simulate.motion.trajectory import Trajectory, reverse
+from simulate.robots.description import Floats
+from simulate.world.robot_body import FingerTouch
+
+__all__ = ["AttemptRun"]
+
+_HOLD_S = 2.0
+# Shares of the opening: a finger is stuck that moves less than this when it closes, and less than a
+# quarter of its way to the object; one that is further than that from its command did not open.
+_MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
+_HIGHER_M = 0.060
+"""By which a hand is lifted further if an end of what it holds is still low."""
+
+
+class AttemptRun:
+    """One attempt to grasp and place an object.
+
+    Parameters
+    ----------
+    station
+        World, robot and the space of its arms.
+    plan
+        The plan to execute.
+    on_phase
+        Called with the name of each phase at its end.
+
+    Notes
+    -----
+    :meth:`grasp` ends with the object in the hand, or with the arm at home. After a success one of
+    :meth:`place_in_box`, :meth:`place_at` and :meth:`put_back` brings the arm home. :attr:`record`
+    is the outcome so far.
+    """
+
+    def __init__(
+        self, station: Station, plan: PlannedGrasp, on_phase: Callable[[str], None]
+    ) -> None:
+        self._station = station
+        self.world, self.robot = station.world, station.robot
+        self.plan, self.arm = plan, plan.arm
+        self.drive = ArmDrive(self.world, self.robot, plan.arm, on_phase)
+        self.looks = Looks(station, plan)
+        self.reason = "not_judged"
+        self.place_reason = ""
+        self.place = ""
+        self.error_m = float("nan")
+        """Error of the tool position (m) at the grasp, and later at the place of release."""
+        self._place_offset = float("nan")
+        self._old_place: HeightMap | None = None
+        self._box_before: HeightMap | None = None
+        self._turn = 0.0
+        self._raised: Trajectory | None = None
+        self.held, self.placed = Judgement("no"), Judgement("no")
+        """The robot's own judgements of the grasp and of placing."""
+        self.old_place = Judgement()
+        """Whether the object still stands where it was."""
+
+    # -- the phases ------------------------------------------------------------------------
+
+    def reach(self) -> str:
+        """Go to the pre-grasp and on to the grasp with an open hand, and stay there.
+
+        Returns
+        -------
+        str
+            ``ok``; ``tracking`` if something kept the arm off its path, ``hardware`` if the hand
+            did not open as planned: the arm is then at home.
+        """
+        self.drive.start_at_home()
+        self.robot.take_stance(self.plan.stance)
+        self.robot.move_fingers(self.arm, self.plan.opening, self.drive.hand.open_effort)
+        arrived = self.drive.follow(self.plan.free)
+        opens = abs(self.robot.finger_opening(self.arm) - self.plan.opening) < _OFF_OPENING
+        if not arrived or not opens:
+            self.drive.go_home(self.plan.free)
+            return "hardware" if arrived else "tracking"
+        self.drive.end("pregrasp")
+        self.drive.follow(self.plan.approach)
+        self.drive.end("approach")
+        request = self.plan.request
+        height = request.table_height + self.plan.tool_height
+        self.error_m = self.drive.tool_error(np.array([request.x, request.y, height]))
+        return "ok"
+
+    def pretend(self) -> str:
+        """Reach and lift with an open hand, as if something were held."""
+        reason = self.reach()
+        if reason == "ok":
+            self.drive.follow(self.plan.lift)
+            self.drive.end("lift")
+        return reason
+
+    def grasp(self) -> str:
+        """Grasp, lift and hold; return the reason code, ``ok`` with the object in the hand."""
+        self._look_before()
+        self.reason = self.reach()
+        if self.reason != "ok":
+            return self.reason
+        before = self.robot.finger_opening(self.arm)
+        self.drive.close()
+        closed = self.drive.end("close").opening
+        stuck = self._is_stuck(before, closed)
+        if closed <= CLOSED_ON_SOMETHING or stuck:
+            self.reason = "hardware" if stuck else "missed"
+            self.held = Judgement("no", f"opening {before:.2f} -> {closed:.2f} after closing")
+            self.back_off()
+            self._look_after()
+            return self.reason
+        self.drive.follow(self.plan.lift)
+        self._lift_further()
+        self.drive.end("lift")
+        self.drive.steps(_HOLD_S)
+        self.drive.end("hold")
+        self.reason = self._judge_grasp()
+        if self.reason == "ok":
+            self._look_in_hand()
+        else:
+            self.put_back()
+            self._look_after()
+        return self.reason
+
+    def _lift_further(self) -> None:
+        """Lift what still has an end on the table higher: it may have turned in the hand."""
+        if self.drive.grips and self._judge_clear().answer == "no":
+            space = self._station.space_of(self.plan.stance)
+            top = self.plan.lift.positions[-1]
+            self._raised = plan_rise(space, self.plan, top, _HIGHER_M)
+            self.drive.follow(self._raised)
+
+    def _is_stuck(self, before: float, closed: float) -> bool:
+        """Tell whether the fingers moved less than even a wide object would let them."""
+        way = before - self.plan.request.width / self.drive.hand.mouth
+        return before - closed < min(_MOVED_OPENING, way / 4)
+
+    def _judge_grasp(self) -> str:
+        """Judge by fingers and tool whether an object is held; return the reason code."""
+        openings = {phase: touch.opening for phase, touch in self.drive.touch.items()}
+        self.held = judge_held(openings, self.drive.rise_m)
+        if self.held.answer == "unknown":
+            return "not_judged"
+        if self.held.is_yes:
+            clear = self._judge_clear()
+            if clear.answer == "no":
+                self.held = Judgement("no", f"{self.held.evidence}, {clear.evidence}")
+                return "slip_lift"
+            return "ok"
+        lost = openings["lift"] > CLOSED_ON_SOMETHING and self.drive.rise_m > MIN_RISE_M
+        return "slip_hold" if lost else "slip_lift"
+
+    def _judge_clear(self) -> Judgement:
+        """Look whether an end of the object stays on the table."""
+        outline = self.plan.request.outline
+        if outline is None:
+            return Judgement()
+        after = self.looks.low(outline)
+        return judge_off_table(after, after.within(*outline))
+
+    def _look_in_hand(self) -> None:
+        """Look whether what is held has turned about the closing axis, and how far."""
+        request = self.plan.request
+        if request.outline is None and request.points is None:
+            return
+        turn = self.looks.turn_in_hand()
+        self._turn = turn or 0.0
+        seen = "not seen in the hand" if turn is None else f"turned by {np.degrees(turn):.0f} deg"
+        self.held = Judgement(self.held.answer, f"{self.held.evidence}, {seen}")
+
+    def place_in_box(self) -> str:
+        """Place the held object into the box of its side and go home; return the reason code."""
+        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+        if box is None:
+            self.put_back()
+            self.place_reason = "place_plan"
+            return self.place_reason
+        used = self._station.next_spot(box.side)
+        request = self.plan.request
+        before = self._box_before or self.looks.box(box)
+        spot = PlaceSpot.in_box(box, used, max(request.height, request.length), before)
+        self.place = f"{box.side} box"
+        return self._place(spot, before, lambda: self.looks.box(box), np.array(box.centre))
+
+    def place_at(self, x: float, y: float) -> str:
+        """Place the held object on the table at (x, y) m, base frame, and go home."""
+        spot = PlaceSpot.on_table(x, y, self.plan.request.table_height)
+        return self._place(
+            spot, self.looks.table(x, y), lambda: self.looks.table(x, y), np.array([x, y])
+        )
+
+    def put_back(self) -> None:
+        """Lower whatever is still in the hand, back off and go home."""
+        if self._raised is not None:
+            self.drive.follow(reverse(self._raised, 1.0))
+        self.drive.follow(reverse(self.plan.lift, 1.0))
+        self.back_off()
+
+    def back_off(self) -> None:
+        """Open the hand at the object and go home along the approach."""
+        self.drive.open(self.plan.opening)
+        self.drive.follow(reverse(self.plan.approach, 2.0))
+        self.drive.go_home(self.plan.free)
+
+    def _place(
+        self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], wanted: Floats
+    ) -> str:
+        start = (self._raised or self.plan.lift).positions[-1]
+        space = self._station.space_of(self.plan.stance)
+        way = plan_place(space, self.plan, start, spot, self._turn)
+        if isinstance(way, str):
+            self.put_back()
+            self.place_reason = way
+            return way
+        kept = self.drive.follow(way.transport, watch=True)
+        self.drive.end("transport")
+        if kept:
+            self._set_down(way)
+        else:  # set down, the empty hand would push about what lies there
+            self.drive.open(self.plan.opening)
+            self.drive.end("place")
+            self.drive.withdraw(way.back)
+        self.drive.end("home")
+        after = look()
+        request = self.plan.request
+        volume = request.width * max(request.length, request.width) * request.height
+        self.placed = judge_placed(kept, before, after, volume)
+        self._look_after()
+        if self.placed.is_yes:
+            self.place_reason = "ok" if kept else "slip_transport"
+            arrived = after.centre_of(new_cells(before, after))
+            self._place_offset = float(np.linalg.norm(arrived - wanted))
+        elif self.placed.answer == "unknown":
+            self.place_reason = "not_judged"
+        else:
+            self.place_reason = "drop_outside" if kept else "slip_transport"
+        return self.place_reason
+
+    def _set_down(self, way: PlacePlan) -> None:
+        self.drive.follow(way.lower)
+        self.error_m = self.drive.tool_error(way.tool)
+        self.drive.open(1.0)
+        self.drive.end("place")
+        self.drive.withdraw(way.retreat)
+
+    # -- looks -----------------------------------------------------------------------------
+
+    def _look_before(self) -> None:
+        """Take a view of the object and of the box while both are visible."""
+        self._old_place = self.looks.old_place()
+        box = self.world.box_for(self.drive.hand.side, self.plan.request.y)
+        self._box_before = None if box is None else self.looks.box(box)
+
+    def _look_after(self) -> None:
+        """Check in a view whether the object is still at its original place."""
+        if self._old_place is not None:
+            self.old_place = judge_old_place(self._old_place, self.looks.old_place())
+
+    @property
+    def record(self) -> GraspRecord:
+        """Record of the attempt so far."""
+        plan, drive = self.plan, self.drive
+        touch = drive.touch
+        last = next((touch[p] for p in ("hold", "lift", "close") if p in touch), FingerTouch())
+        held = self.held.is_yes
+        closed = touch.get("close", last)
+        return GraspRecord(
+            grasp=plan,
+            arm=plan.arm,
+            end_effector=drive.hand.end_effector,
+            preset=self.world.preset.name,
+            seed=plan.seed,
+            reason=self.reason,
+            judged_held=self.held,
+            judged_placed=self.placed,
+            old_place=self.old_place,
+            place_reason=self.place_reason,
+            place=self.place,
+            links_touching=last.links,
+            contact_force_n=last.force_n,
+            jaw_gap_m=max(closed.opening, 0.0) * drive.hand.mouth,
+            lifted_m=drive.rise_m if held else 0.0,
+            slip_m=max(closed.opening - last.opening, 0.0) * drive.hand.mouth,
+            place_offset_m=self._place_offset,
+            duration_s=drive.elapsed_s,
+            planning_s=plan.planning_s,
+            tilt=plan.tilt,
+            ik_solutions=plan.ik_solutions,
+            times=drive.times,
+            links={phase: one.links for phase, one in touch.items()},
+            forces={phase: one.force_n for phase, one in touch.items()},
+            motion=drive.log.motion,
+        )
