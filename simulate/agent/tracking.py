@@ -158,6 +158,17 @@ class Tracker:
         fits = len(missing) == len(lost) == 1 and size < np.linalg.norm(_size(lost[0].seen))
         return lost[0] if fits else None
 
+    def fell_out(self, object_iri: str, found: TrackedObject) -> bool:
+        """Tell whether a thing may have been put into a box before: by its identity and its size.
+
+        It may lie another way up than it stood.
+        """
+        return any(
+            thing.gone and thing.object_iri == object_iri
+            and _differ_little(sorted(_size(thing.seen)), sorted(_size(found.seen)))
+            for thing in self.things
+        )  # fmt: skip
+
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""
         self.things.remove(lost)
@@ -177,5 +188,9 @@ def _size(seen: Seen) -> tuple[float, float, float]:
 
 def _alike(one: Seen, other: Seen) -> bool:
     """Tell whether two views show things of one size."""
-    ratios = np.array(_size(one)) / np.array(_size(other))
+    return _differ_little(_size(one), _size(other))
+
+
+def _differ_little(one: Sequence[float], other: Sequence[float]) -> bool:
+    ratios = np.array(one) / np.array(other)
     return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))
