@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
-from simulate.grasping.judgement import HeightMap
+from simulate.grasping.judgement import Answer, HeightMap, Judgement
 from simulate.grasping.placing import PlaceSpot, held_load, plan_place
 from simulate.robots.description import Floats
 from simulate.world.hidden import NO_SECRET
@@ -156,6 +157,23 @@ def test_what_hangs_down_to_the_table_is_lifted_further() -> None:
         record = cell.executor.execute(plan)
     assert record.lifted_m > 0.08
     assert record.reason == "ok"
+
+
+@pytest.mark.slow
+def test_what_turns_on_in_the_hand_while_it_is_held_is_lifted_further_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # It was clear after the lift, hangs low after the hold, and is clear again higher up.
+    answers: list[Answer] = ["yes", "no", "yes"]
+    monkeypatch.setattr(AttemptRun, "_judge_clear", lambda run: Judgement(answers.pop(0)))
+    with Workcell("panda", preset="fast") as cell:
+        cell.world.spawn(replace(product("bar", 50), secret=NO_SECRET), (0.47, -0.15), _YAW)
+        cell.world.step(0.2)
+        plan = held_in_the_middle(cell, product("bar", 50), 0.47, -0.15, _YAW)
+        record = cell.executor.execute(plan, place=False)
+    assert record.reason == "ok"
+    assert record.lifted_m > 0.08
+    assert not answers
 
 
 @pytest.mark.slow
