@@ -75,6 +75,28 @@ def test_a_fleet_that_does_not_fit_is_refused_before_it_begins() -> None:
         sharing_study(1, 3, 5, 2, seed=5, prior=False, preset="fast")
 
 
+@pytest.mark.slow
+def test_look_alikes_are_met_by_all_robots_but_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    met: list[tuple[str, bool]] = []
+
+    class Recorder(_Notes):
+        def clear(self, number: int) -> list[dict[str, Any]]:
+            met.append((self.job.name, self.job.look_alikes))
+            return [_met(name, 1) for name in self.job.tables[number]]
+
+    monkeypatch.setattr(sharing, "Member", Recorder)
+    study = sharing_study(
+        1, 2, 2, 2, seed=5, prior=False, preset="fast", products="hard", look_alikes=True
+    )
+    sharing_trial(study.settings, 0)
+    assert met == [("robot-1", False), ("robot-2", True), ("robot-2", True)]
+
+
+def test_plain_products_have_no_look_alikes() -> None:
+    with pytest.raises(UsageError, match="--products hard"):
+        sharing_study(1, 2, 2, 2, seed=5, prior=False, preset="fast", look_alikes=True)
+
+
 def _fleet(shared: int, alone: int) -> dict[str, Any]:
     """One common and one own product a robot; the others take so many tries at the common one."""
 
