@@ -16,7 +16,8 @@ from rtask.errors import RobotError
 from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.agent.decisions import Thresholds
-from simulate.fleet.commands import attempts, fetch, requests, sharing, trust
+from simulate.fleet.commands import fetch, requests
+from simulate.fleet.study_commands import attempts, sharing, trust
 from simulate.ros.commands import ros, ros_reach
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5

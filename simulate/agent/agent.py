@@ -10,35 +10,31 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import product
-from typing import Any, Literal, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from features.geometry import FloatArray, Frame
-from features.perception import Ignored, Perceived, Seen, neighbour_points
+from features.geometry import Frame
+from features.perception import Perceived, Seen, neighbour_points
 from simulate.agent.crowd import Crowd
 from simulate.agent.decisions import Thresholds, ask_for_decision
 from simulate.agent.encounter import Attempt, Encounter
-from simulate.agent.messages import (
-    distinct,
-    grasp_request,
-    observation_message,
-    outcome_message,
-)
+from simulate.agent.grasp_choice import GraspChoice, choose_grasp
+from simulate.agent.interfaces import Body, Server
+from simulate.agent.messages import observation_message, outcome_message
 from simulate.agent.pushes import Pushes
 from simulate.agent.second_look import look_at_side, seen_from_aside
 from simulate.agent.tracking import TrackedObject, Tracker
-from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.world.seeds import mix_seed
 
-__all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
+__all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter", "Server"]
 
 log = logging.getLogger(__name__)
 
 _CONFIDENT = 0.9
-_STANCES: tuple[Literal["own", "other"], ...] = ("own", "other")
+_RESEMBLES = 0.35
+"""Half of what the graph accepts: enough to know again what this robot had put into a box."""
 
 
 @dataclass(frozen=True)
@@ -67,82 +63,6 @@ class AgentConfig:
     max_searches: int = 2
     seed: int = 0
     thresholds: Thresholds = field(default_factory=Thresholds)
-
-
-class Body(Protocol):
-    """Robot that an agent moves, e.g. :class:`simulate.agent.simulated_body.SimulatedBody`."""
-
-    @property
-    def gripper_ids(self) -> Mapping[str, str]:
-        """Name of the end effector of each side."""
-
-    @property
-    def base_frame(self) -> str:
-        """Name of the base frame (tf)."""
-
-    @property
-    def preset(self) -> str:
-        """Kind of physics that it is in: faithful, fast or real."""
-
-    @property
-    def takes_poses(self) -> bool:
-        """Whether its arms bring the tool to any pose, with six joints or more."""
-
-    @property
-    def ignored(self) -> tuple[Ignored, ...]:
-        """Regions of the table whose contents are ignored, such as the robot's boxes."""
-
-    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
-        """Turn the head and return a frame with base_from_camera (4, 4)."""
-
-    def plan(
-        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
-    ) -> PlannedGrasp | str:
-        """Return a plan, or the reason code why there is none."""
-
-    def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Execute a plan; return its record and pictures (phase, PNG)."""
-
-    def push(
-        self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
-    ) -> str:
-        """Push a thing with the closed hand; return the reason code, empty if there is no way.
-
-        Its points and those of the others are (n, 3), m, base frame, ``height`` is the table's.
-        """
-
-
-class Server(Protocol):
-    """Operations of the engine that the agent calls; clients of :func:`rtask.connect` have them."""
-
-    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]: ...
-
-    def plan_on_scene(self, **request: Any) -> Mapping[str, Any]: ...
-
-    def insert_object(self, **request: Any) -> dict[str, Any]: ...
-
-    def report_outcome(self, **request: Any) -> dict[str, Any]: ...
-
-    def report_refusal(self, **request: Any) -> dict[str, Any]: ...
-
-
-@dataclass(frozen=True)
-class _Planning:
-    """Result of planning the grasps in the learner's order.
-
-    Parameters
-    ----------
-    plan
-        None if no grasp can be reached.
-    grasp
-        The planned grasp, or the learner's first; None if the server proposed nothing.
-    reason
-        ``ok``, or why the learner's first grasp cannot be reached.
-    """
-
-    plan: PlannedGrasp | None
-    grasp: dict[str, Any] | None
-    reason: str
 
 
 class Agent:
@@ -279,8 +199,11 @@ class Agent:
         encounter.refusals += decided.refusals
         grasps = self._crowd.merged(thing, answer["grasps"], self.config.max_plans)
         answer = {**answer, "grasps": grasps}
-        refused = _Planning(None, None, "refused") if decided.ends else None
-        planned = refused or self._plan(thing, view, answer, seconds)
+        started = time.perf_counter()
+        planned = GraspChoice(None, None, "refused") if decided.ends else choose_grasp(
+            self.body, thing, view, answer["grasps"], self.config.max_plans, self.config.seed
+        )  # fmt: skip
+        seconds["plan"] = time.perf_counter() - started
         if planned.plan is None or planned.grasp is None:
             if waits:
                 thing.waiting = True
@@ -315,6 +238,7 @@ class Agent:
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.gone = record.placed
+        thing.released = record.kept and record.judged_placed.answer == "unknown"
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts
         self._tell(
             "attempt",
@@ -352,9 +276,10 @@ class Agent:
         matches = recognition["matches"]
         encounter.is_seen = True
         encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
-        if recognition["accepted"]:
-            encounter.recognised = thing.object_iri = answer["object"]
-            encounter.label = answer["label"]
+        known = answer if recognition["accepted"] else self._fell_out(thing, matches)
+        if known is not None:
+            encounter.recognised = thing.object_iri = known["object"]
+            encounter.label = known["label"]
         self._on_sight(encounter, thing.seen)
         self._tell(
             "recognised",
@@ -368,39 +293,19 @@ class Agent:
         )
         return encounter
 
-    def _plan(
-        self,
-        thing: TrackedObject,
-        view: Perceived,
-        answer: dict[str, Any],
-        seconds: dict[str, float],
-    ) -> _Planning:
-        """Return the first grasp in the learner's order that the robot can reach well.
+    def _fell_out(
+        self, thing: TrackedObject, matches: Sequence[Mapping[str, Any]]
+    ) -> Mapping[str, Any] | None:
+        """Return the match for what this robot put into a box and now meets on the table again.
 
-        Other stances are tried only if no grasp is reachable in the present one.
+        It was knocked out of there. Lying another way up, it shows a side that the graph has not
+        seen, and resembles itself too little to be accepted; as a new object, it would be stored
+        twice.
         """
-        started = time.perf_counter()
-        obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
-        grasps = distinct(answer["grasps"])[: self.config.max_plans]
-        first: dict[str, Any] | None = None
-        best: _Planning | None = None
-        reason = "no_grasp"
-        for stances, (rank, grasp) in product(_STANCES, grasps):
-            if stances == "other" and "tool_pose" in grasp:
-                continue
-            request = grasp_request(thing, grasp, view.table_height, stances)
-            planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
-            ranked = {**grasp, "rank": rank + 1}
-            if not isinstance(planned, str):
-                found = _Planning(planned, ranked, "ok")
-                if not planned.is_doubtful:
-                    best = found
-                    break
-                best = best or found
-            elif first is None:
-                first, reason = ranked, planned
-        seconds["plan"] = time.perf_counter() - started
-        return best or _Planning(None, first, reason)
+        best = matches[0] if matches else None
+        if best is None or best["confidence"] < _RESEMBLES:
+            return None
+        return best if self._tracker.fell_out(best["object"], thing) else None
 
     def _give_up(
         self,
@@ -408,7 +313,7 @@ class Agent:
         thing: TrackedObject,
         observation: dict[str, Any],
         answer: dict[str, Any],
-        planned: _Planning,
+        planned: GraspChoice,
         number: int,
         seconds: dict[str, float],
     ) -> None:

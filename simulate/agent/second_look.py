@@ -19,7 +19,7 @@ _ASIDE: Mapping[str, tuple[str, ...]] = {"right": ("ahead", "left"), "left": ("a
 
 
 class Eyes(Protocol):
-    """The part of a body that looks; see :class:`simulate.agent.agent.Body`."""
+    """The part of a body that looks; see :class:`simulate.agent.interfaces.Body`."""
 
     @property
     def base_frame(self) -> str: ...

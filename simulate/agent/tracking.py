@@ -43,6 +43,9 @@ class TrackedObject:
     gone
         Whether it was put into a box: what lies at its place now is another thing, such as one that
         touched it and was seen as a part of it.
+    released
+        Whether it was last let go over a box, out of the robot's sight: most likely it lies there,
+        so that only what has its size, or is recognised, is taken for it.
     """
 
     number: int
@@ -52,6 +55,7 @@ class TrackedObject:
     visible: bool = True
     waiting: bool = False
     gone: bool = False
+    released: bool = False
 
 
 class Tracker:
@@ -98,7 +102,7 @@ class Tracker:
         astray = handled in known and handled not in matched and not handled.finished
         if astray and handled is not None:
             alike = [c for c in strangers if _alike(handled.seen, objects[c])]
-            candidates = strangers if len(strangers) == 1 else alike
+            candidates = strangers if len(strangers) == 1 and not handled.released else alike
             if len(candidates) == 1:
                 matched[candidates[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
@@ -142,15 +146,28 @@ class Tracker:
         """Return the missing object that one that appeared elsewhere must be, if any.
 
         It is the only one of that size or, if a single one is missing, that one: a thing that leans
-        on a wall or is partly hidden by it has another size, but is no larger than before.
+        on a wall or is partly hidden by it has another size, but is no larger than before. What was
+        let go over a box out of sight is only met again by its size.
         """
         missing = self.missing
         alike = [thing for thing in missing if _alike(thing.seen, found.seen)]
         if len(alike) == 1:
             return alike[0]
         size = np.linalg.norm(_size(found.seen)) / (1 + _SAME_SIZE)
-        fits = len(missing) == 1 and size < np.linalg.norm(_size(missing[0].seen))
-        return missing[0] if fits else None
+        lost = [thing for thing in missing if not thing.released]
+        fits = len(missing) == len(lost) == 1 and size < np.linalg.norm(_size(lost[0].seen))
+        return lost[0] if fits else None
+
+    def fell_out(self, object_iri: str, found: TrackedObject) -> bool:
+        """Tell whether a thing may have been put into a box before: by its identity and its size.
+
+        It may lie another way up than it stood.
+        """
+        return any(
+            thing.gone and thing.object_iri == object_iri
+            and _differ_little(sorted(_size(thing.seen)), sorted(_size(found.seen)))
+            for thing in self.things
+        )  # fmt: skip
 
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""
@@ -171,5 +188,9 @@ def _size(seen: Seen) -> tuple[float, float, float]:
 
 def _alike(one: Seen, other: Seen) -> bool:
     """Tell whether two views show things of one size."""
-    ratios = np.array(_size(one)) / np.array(_size(other))
+    return _differ_little(_size(one), _size(other))
+
+
+def _differ_little(one: Sequence[float], other: Sequence[float]) -> bool:
+    ratios = np.array(one) / np.array(other)
     return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))

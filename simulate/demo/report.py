@@ -14,6 +14,7 @@ from simulate.demo.report_page import report_page
 __all__ = [
     "COLUMNS",
     "NARROW",
+    "attempts_to_success",
     "comparison",
     "mean_attempts",
     "robot_totals",
@@ -100,14 +101,23 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return joined
 
 
-def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
-    """Return the mean number of physical attempts up to the first success.
+def attempts_to_success(met: Mapping[str, Any], cap: int) -> int:
+    """Return the attempts at an object up to the first success; ``cap`` + 1 if there was none.
 
-    The mean is over the objects in reach that were tried; one never held counts ``cap`` + 1. None
-    if nothing was tried.
+    What was lost on the way and fell into the box leaves nothing to try again, though its grasp
+    failed: it counts one more than the attempts that were made.
+    """
+    made = min(int(met["tries"]), cap) if met["placed"] else cap
+    return int(met["tries_to_success"] or made + 1)
+
+
+def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
+    """Return the mean of :func:`attempts_to_success` over the objects in reach that were tried.
+
+    None if nothing was tried.
     """
     tried = [encounter for encounter in encounters if encounter["in_reach"] and encounter["tries"]]
-    counts = [encounter["tries_to_success"] or cap + 1 for encounter in tried]
+    counts = [attempts_to_success(encounter, cap) for encounter in tried]
     return sum(counts) / len(counts) if counts else None
 
 

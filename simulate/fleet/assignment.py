@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from rtask.errors import UsageError
@@ -36,6 +36,8 @@ class MemberJob:
         Time that it waits for an answer before it gives up.
     robot
         Kind of robot, from :func:`simulate.robots.known_robots`.
+    look_alikes
+        Whether the products look as they are named and hide the opposite.
     """
 
     name: str
@@ -49,6 +51,7 @@ class MemberJob:
     patience_s: float = 900.0
     preset: str = "faithful"
     robot: str = "nao"
+    look_alikes: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON data."""
@@ -126,11 +129,15 @@ def plan_fleet(
     return FleetPlan(groups[0], tuple(groups[1:]))
 
 
-def spec_of(name: str) -> ObjectSpec:
-    """Return the product of a name.
+def spec_of(name: str, look_alike: bool = False) -> ObjectSpec:
+    """Return the product of a name, or one that looks the same and has its secret the other way.
 
     >>> spec_of("can-17").kind
     'can'
+    >>> bar, other = spec_of("bar-3"), spec_of("bar-3", look_alike=True)
+    >>> bar.texture_seed == other.texture_seed, bar.secret == other.secret
+    (True, False)
     """
     kind, _, number = name.partition("-")
-    return product(kind, int(number))  # type: ignore[arg-type]
+    spec = product(kind, int(number))  # type: ignore[arg-type]
+    return replace(spec, secret=spec.secret.mirrored()) if look_alike else spec

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from rtask.kb.durability.settings import write_durably
-from simulate.demo.report import by_product
+from simulate.demo.report import attempts_to_success, by_product
 from simulate.fleet.assignment import FleetPlan
 from simulate.study.chart import Bar, bar_chart
 from simulate.study.intervals import bootstrap, mean_interval, share
 
 __all__ = [
     "COLUMNS",
-    "attempts_to_success",
     "fleet_figures",
     "fleet_rows",
     "objects_tried",
@@ -71,16 +70,12 @@ def objects_tried(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [m for m in met if m["product"] and m["in_reach"] and m["tries"]]
 
 
-def attempts_to_success(met: Met, cap: int) -> int:
-    """Return the attempts at an object up to the first that held; ``cap`` + 1 if none did."""
-    return int(met["tries_to_success"] or cap + 1)
-
-
 def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
     """Return the figures of each robot and the difference of the last from the first.
 
-    Attempts are physical ones up to the first that held; an object never held counts one more than
-    allowed. The robots before have encountered the common products, and nobody else a robot's own.
+    Attempts are physical ones up to the first success
+    (:func:`simulate.demo.report.attempts_to_success`). The robots before have encountered the
+    common products, and nobody else a robot's own.
     """
     cap = int(done["settings"]["max_attempts"])
     identities = score_identities(done)

@@ -89,7 +89,7 @@ class Member:
 
     def _body(self, number: int) -> SimulatedBody:
         job, key = self.job, (self.job.index, number)
-        products = [spec_of(name) for name in job.tables[number]]
+        products = [spec_of(name, job.look_alikes) for name in job.tables[number]]
         conditions = Conditions(
             robot=job.robot,
             preset=job.preset,

@@ -19,15 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rtask
+from rtask.errors import UsageError
 from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
+from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
-from simulate.fleet.figures import (
-    attempts_to_success,
-    objects_tried,
-    products_known,
-    score_identities,
-)
+from simulate.fleet.figures import objects_tried, products_known, score_identities
+from simulate.fleet.headroom import headroom_won
 from simulate.fleet.member import Member
 from simulate.robots import describe
 from simulate.study.chart import Line, line_chart
@@ -68,6 +66,7 @@ def sharing_study(
     max_attempts: int = MAX_ATTEMPTS,
     products: str = "plain",
     kinds: Sequence[str] = ("nao",),
+    look_alikes: bool = False,
 ) -> Study:
     """Return the study of a number of fleets, each with its own products and tables.
 
@@ -75,12 +74,17 @@ def sharing_study(
     ----------
     kinds
         Kinds of the robots, in turn.
+    look_alikes
+        Whether all robots but the first meet products that only look like those of the first: a
+        control, in which what was learned misleads.
 
     Raises
     ------
     UsageError
-        If a number is out of range.
+        If a number is out of range, or the products have no secret in which they could differ.
     """
+    if look_alikes and products == "plain":
+        raise UsageError("plain products are what they look like; look-alikes need --products hard")
     plan_fleet(robots, objects, on_table, seed, products)
     for kind in kinds:
         describe(kind)
@@ -90,7 +94,7 @@ def sharing_study(
         {
             "seed": seed, "robots": robots, "objects": objects, "on_table": on_table,
             "prior": prior, "preset": preset, "max_attempts": max_attempts,
-            "products": products, "kinds": list(kinds),
+            "products": products, "kinds": list(kinds), "look_alikes": look_alikes,
         },
         fleets,
     )  # fmt: skip
@@ -129,7 +133,7 @@ def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int)
     job = MemberJob(
         name, index, "", seed, plan.tables(index), int(settings["max_attempts"]),
         bool(settings["prior"]), "", preset=str(settings["preset"]),
-        robot=str(kinds[index % len(kinds)]),
+        robot=str(kinds[index % len(kinds)]), look_alikes=index > 0 and settings["look_alikes"],
     )  # fmt: skip
     with (
         tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
@@ -177,6 +181,7 @@ def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -
         "last_less_first": {
             condition: _last_less_first(meetings, condition, robots) for condition in _CONDITIONS
         },
+        "headroom": {condition: headroom_won(results, condition) for condition in _CONDITIONS},
     }
 
 

@@ -36,8 +36,11 @@ AT_OBJECT: Mapping[tuple[str, str], float] = {
     ("table", "finger"): 0.008,
     ("target", "finger"): 0.012,
     ("target", "palm"): 0.008,
+    ("neighbour", "finger"): 0.006,
 }
-"""Penetration (m) allowed around the grasp: fingers are compliant, and the object gives way."""
+"""Penetration (m) allowed around the grasp: fingers are compliant, and the object gives way. So
+does a neighbour, if it is touched at all: the spheres of a finger are wider than the finger.
+"""
 
 AT_POSE: Mapping[tuple[str, str], float] = {
     **ALLOWED,

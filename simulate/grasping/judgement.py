@@ -20,6 +20,7 @@ from simulate.robots.description import Floats
 
 __all__ = [
     "CLOSED_ON_SOMETHING",
+    "Answer",
     "HeightMap",
     "Judgement",
     "judge_held",

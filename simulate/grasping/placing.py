@@ -21,6 +21,7 @@ from simulate.world.world import PlaceBox
 __all__ = ["PlacePlan", "PlaceSpot", "held_load", "plan_place", "plan_rise"]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
+_SPOT_M = 0.03
 _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
 """Bottom of the object over the ground of the box when the hand opens, and the straight way down
 to there, m. Low is gentle; long things may only fit over the walls."""
@@ -87,7 +88,8 @@ class PlaceSpot:
         """Return the places in a box into which ``used`` objects were put before.
 
         Each object goes to another spot; a large one (``size`` m) goes to the middle, onto what is
-        there, because it would not clear the walls elsewhere.
+        there, because it would not clear the walls elsewhere. Spots that the robot sees come first:
+        a NAO's own arm hides a strip of its box, and what comes to lie there it cannot find again.
 
         Parameters
         ----------
@@ -96,9 +98,18 @@ class PlaceSpot:
         """
         first = 0 if size > _LARGE else used
         x, y = box.centre
-        spots = [_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS))]
-        filled = 0.0 if seen is None else _filled(seen)
-        return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots), filled=filled)
+        turned = (_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS)))
+        spots = [(x + dx, y + dy) for dx, dy in turned]
+        if seen is None:
+            return cls(box.floor, tuple(spots))
+        spots.sort(key=lambda spot: not _is_in_view(seen, *spot))
+        return cls(box.floor, tuple(spots), filled=_filled(seen))
+
+
+def _is_in_view(seen: HeightMap, x: float, y: float) -> bool:
+    """Tell whether most of what is around a spot is seen."""
+    around = np.isfinite(seen.heights[seen.within(x, y, 0.0, _SPOT_M, _SPOT_M)])
+    return bool(around.size and around.mean() > 0.5)
 
 
 def _filled(seen: HeightMap) -> float:

@@ -77,6 +77,7 @@ _LIFTING: Mapping[tuple[str, str], float] = {
     ("table", "finger"): 0.008,
     ("target", "finger"): np.inf,
     ("target", "palm"): np.inf,
+    ("neighbour", "finger"): AT_OBJECT["neighbour", "finger"],
 }
 _LIFTING_CLOSELY: Mapping[tuple[str, str], float] = {
     **_LIFTING,

@@ -103,7 +103,11 @@ class GraspRecord:
 
     @property
     def kept(self) -> bool:
-        """Whether it held the object and did not lose it on the way."""
+        """Whether it held the object and did not lose it on the way, even into the box.
+
+        This is what the graph is told of the grasp: one that loses the object on the way is not
+        to be repeated, wherever the object fell.
+        """
         return self.held and self.place_reason != "slip_transport"
 
     @property

@@ -6,7 +6,7 @@ the product's number like its size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -67,6 +67,13 @@ class Secret:
 
     mass_offset_m: float = 0.0
     parts: tuple[Part, ...] = ()
+
+    def mirrored(self) -> Secret:
+        """Return the secret with its ends exchanged."""
+        parts = tuple(
+            replace(part, position=(-part.position[0], *part.position[1:])) for part in self.parts
+        )
+        return Secret(-self.mass_offset_m, parts)
 
 
 NO_SECRET = Secret()

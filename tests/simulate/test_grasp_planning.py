@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulate.grasping.executor import PlannedGrasp, Workcell
 from simulate.grasping.planning import GraspPlanner
 from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
 from simulate.motion.arm_space import ALLOWED, ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.robots import describe_nao
+from simulate.world.hidden import NO_SECRET
+from simulate.world.objects import product
 
 CAN = GraspRequest(0.15, -0.10, 0.0, width=0.032, length=0.032, height=0.075, round=True)
 BOX = GraspRequest(0.15, -0.10, 0.6, width=0.03, length=0.045, height=0.05)
@@ -144,3 +147,31 @@ def test_a_pen_may_be_turned_and_a_small_box_taken_on_either_side():
     assert closing_angles(BOX) == (0.6,)
     assert closing_angles(CAN) == (None,)
     assert openings(CAN)[0] == openings(PEN)[0] == 1.0
+
+
+@pytest.mark.slow
+def test_a_finger_of_a_panda_fits_between_two_boxes_that_stand_side_by_side() -> None:
+    # Its spheres and the margin of neighbours take 31 mm when it is open, the finger itself less.
+    box, yaw = replace(product("carton", 56), secret=NO_SECRET), 0.4
+    length, width, height = box.extent
+    place, across = np.array([0.45, -0.12]), np.array([-np.sin(yaw), np.cos(yaw)])
+    beside = place + (width + 0.0285) * across
+    with Workcell("panda", preset="fast") as cell:
+        floor = cell.world.table_height
+        cell.world.spawn(box, (place[0], place[1]), yaw)
+        neighbour = cell.world.spawn(box, (beside[0], beside[1]), yaw)
+        cell.world.step(0.2)
+        before = cell.world.object_pose(neighbour).position
+        centre = (float(beside[0]), float(beside[1]), floor + height / 2)
+        obstacle = Obstacle.box("neighbour", centre, (length, width, height), yaw)
+        request = GraspRequest(
+            *place, yaw + np.pi / 2, width=width, length=length, height=height,
+            table_height=floor, only_theta=True,
+        )  # fmt: skip
+        plan = cell.executor.plan(request, [obstacle], seed=1)
+        assert isinstance(plan, PlannedGrasp)
+        assert plan.opening < 0.7
+        record = cell.executor.execute(plan, place=False)
+        moved = cell.world.object_pose(neighbour).position - before
+    assert record.reason == "ok"
+    assert np.linalg.norm(moved) < 0.012

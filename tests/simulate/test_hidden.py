@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rtask.errors import UsageError
+from simulate.fleet.assignment import spec_of
 from simulate.study.attempt_table import attempt_study, attempt_trial, read_attempts
 from simulate.world.hidden import HIDDEN_KINDS
 from simulate.world.objects import PRODUCTS, product, sample_products
@@ -24,6 +27,16 @@ def test_the_name_fixes_the_secret_and_either_end_may_have_it(kind: str) -> None
     for spec, end in zip(specs, ends, strict=True):
         assert abs(end) < spec.dims[0] / 2
         assert spec.shape == "box"
+
+
+@pytest.mark.parametrize("kind", HIDDEN_KINDS)
+def test_a_look_alike_has_its_secret_at_the_other_end(kind: str) -> None:
+    spec, other = spec_of(f"{kind}-3"), spec_of(f"{kind}-3", look_alike=True)
+    assert replace(other, secret=spec.secret) == spec
+    assert other.secret != spec.secret == other.secret.mirrored()
+    assert [p.position[0] for p in other.secret.parts] == [
+        -p.position[0] for p in spec.secret.parts
+    ]
 
 
 def test_the_hard_set_hides_most_of_what_it_holds() -> None:

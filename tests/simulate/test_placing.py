@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
-from simulate.grasping.judgement import HeightMap
+from simulate.grasping.judgement import Answer, HeightMap, Judgement
 from simulate.grasping.placing import PlaceSpot, held_load, plan_place
 from simulate.robots.description import Floats
 from simulate.world.hidden import NO_SECRET
@@ -44,6 +45,18 @@ def test_a_thing_is_let_go_over_what_lies_in_the_box(
 ) -> None:
     spot = PlaceSpot.in_box(BOX, 0, 0.1, view)
     assert spot.grounds == pytest.approx(grounds)
+
+
+def test_a_thing_is_let_go_where_the_robot_sees_the_box() -> None:
+    x, y = BOX.centre
+    hidden = seen()
+    hidden.heights[:, 19:] = np.nan  # y > -0.386 m
+    for used in range(5):
+        spots = PlaceSpot.in_box(BOX, used, 0.05, hidden).centres
+        assert [spot[1] > y for spot in spots] == [False, False, False, True, True]
+        assert len({*spots}) == 5
+    dark = HeightMap(np.full((30, 33), np.nan), np.array([0.40, -0.50]))
+    assert PlaceSpot.in_box(BOX, 1, 0.05, dark).centres[0] == pytest.approx((x - 0.03, y + 0.03))
 
 
 @pytest.mark.slow
@@ -144,6 +157,23 @@ def test_what_hangs_down_to_the_table_is_lifted_further() -> None:
         record = cell.executor.execute(plan)
     assert record.lifted_m > 0.08
     assert record.reason == "ok"
+
+
+@pytest.mark.slow
+def test_what_turns_on_in_the_hand_while_it_is_held_is_lifted_further_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # It was clear after the lift, hangs low after the hold, and is clear again higher up.
+    answers: list[Answer] = ["yes", "no", "yes"]
+    monkeypatch.setattr(AttemptRun, "_judge_clear", lambda run: Judgement(answers.pop(0)))
+    with Workcell("panda", preset="fast") as cell:
+        cell.world.spawn(replace(product("bar", 50), secret=NO_SECRET), (0.47, -0.15), _YAW)
+        cell.world.step(0.2)
+        plan = held_in_the_middle(cell, product("bar", 50), 0.47, -0.15, _YAW)
+        record = cell.executor.execute(plan, place=False)
+    assert record.reason == "ok"
+    assert record.lifted_m > 0.08
+    assert not answers
 
 
 @pytest.mark.slow

@@ -139,6 +139,7 @@ class AttemptRun:
         self._lift_further()
         self.drive.end("lift")
         self.drive.steps(_HOLD_S)
+        self._lift_further()
         self.drive.end("hold")
         self.reason = self._judge_grasp()
         if self.reason == "ok":
@@ -149,8 +150,11 @@ class AttemptRun:
         return self.reason
 
     def _lift_further(self) -> None:
-        """Lift what still has an end on the table higher: it may have turned in the hand."""
-        if self.drive.grips and self._judge_clear().answer == "no":
+        """Lift what still has an end near the table higher, once: it may have turned in the hand.
+
+        What is heavy goes on turning while it is held.
+        """
+        if self._raised is None and self.drive.grips and self._judge_clear().answer == "no":
             space = self._station.space_of(self.plan.stance)
             top = self.plan.lift.positions[-1]
             self._raised = plan_rise(space, self.plan, top, _HIGHER_M)

@@ -141,13 +141,14 @@ class Server:
             "opening": 0.05,
             "mean": 0.9,
         }
+        match = {"object": "o:7", "label": "can 7", "confidence": self.confidence}
         return {
             "task_id": f"t:{len(self.asked)}",
             "object": "o:7" if known else "",
             "label": "can 7" if known else "",
             "recognition": {
                 "accepted": known,
-                "matches": [{"confidence": self.confidence}] if self.confidence else [],
+                "matches": [match] if self.confidence else [],
             },
             "grasps": [{**grasp, "theta": angle} for angle in self.angles],
             "times": {"total_s": 0.01},

@@ -120,3 +120,28 @@ def test_of_two_missing_things_only_the_size_tells_which_is_met_again() -> None:
     (cube,) = tracker.update([_Seen(0.45, -0.10, _Shape(0.05, 0.05, 0.05))])
     found.finished = True
     assert tracker.stray(cube).number == 2
+
+
+def test_what_was_let_go_over_a_box_out_of_sight_is_met_again_by_its_size_alone() -> None:
+    small = _Shape(0.065, 0.036, 0.036)
+    tracker = Tracker()
+    (pen,) = tracker.update([_Seen(0.15, -0.05)])
+    pen.released = True
+    (other,) = tracker.update([_Seen(0.12, -0.15, small)], handled=pen)
+    assert other is not pen
+    assert tracker.stray(other) is None
+    (found,) = tracker.update([_Seen(0.30, -0.15)], handled=pen)
+    assert found is pen
+
+
+def test_what_was_put_into_a_box_is_met_again_whichever_way_up_it_lies() -> None:
+    tracker = Tracker()
+    (thing,) = tracker.update([_Seen(0.15, -0.05, _Shape(0.031, 0.025, 0.052))])
+    thing.object_iri = "o:1"
+    (found,) = tracker.update([_Seen(0.30, -0.20, _Shape(0.050, 0.026, 0.032))])
+    assert not tracker.fell_out("o:1", found)  # it was not in a box
+    thing.gone = True
+    assert tracker.fell_out("o:1", found)
+    assert not tracker.fell_out("o:2", found)
+    found.seen = _Seen(0.30, -0.20, _Shape(0.070, 0.026, 0.032))
+    assert not tracker.fell_out("o:1", found)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from features.perception import Perceived
 from tests.simulate.agent.doubles import Body, Record, Server, seen_at
@@ -153,3 +154,33 @@ def test_what_is_hidden_from_one_side_is_looked_for_from_another(run) -> None:
     assert [a.reason for a in met.attempts] == ["missed", "ok"]
     assert sees[sees.index("ahead") + 1] == "right"  # the head is back
     assert server.asked[1]["sensor_pose"]["position"]["y"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("confidence", "recognised", "stored"), [(0.5, "o:1", "o:1"), (0.2, "", None)]
+)
+def test_what_is_knocked_out_of_the_box_is_not_stored_a_second_time(
+    run, confidence: float, recognised: str, stored: str | None
+) -> None:
+    # It lies on a side that the graph has not seen, so that it is hardly recognised.
+    spot, other, there = (0.15, -0.16), (0.15, -0.05), (0.25, -0.16)
+    body, server = Body([spot, other]), Server()
+    execute, asked = body.execute, server.recognise_for_grasp
+
+    def knocks_out(plan):
+        result = execute(plan)
+        if len(body.executed) == 2:
+            body.table.append(there)
+        return result
+
+    def resembles(**request):
+        answer = asked(**request)
+        if len(server.asked) == 3:
+            match = {"object": "o:1", "label": "can 1", "confidence": confidence}
+            answer["recognition"]["matches"] = [match]
+        return answer
+
+    body.execute, server.recognise_for_grasp = knocks_out, resembles
+    *_, third = run(body, server, [spot, other, there])
+    assert (third.recognised, third.placed) == (recognised, True)
+    assert server.inserted[2].get("object") == stored

@@ -14,6 +14,7 @@ from simulate.demo.orchestrate import Demo, Settings
 from simulate.demo.queries import QUESTIONS, Answer
 from simulate.demo.report import (
     COLUMNS,
+    attempts_to_success,
     by_product,
     comparison,
     mean_attempts,
@@ -65,11 +66,18 @@ def test_attempts_average_over_what_was_tried_in_reach_failures_count_one_more_t
     met = [
         _met(tries_to_success=1),
         _met(tries_to_success=3),
-        _met(tries_to_success=None, tries=4, held=False),
-        _met(tries_to_success=None, tries=4, held=False, in_reach=False),
-        _met(tries_to_success=None, tries=0, held=False),
+        _met(tries_to_success=None, tries=4, held=False, placed=False),
+        _met(tries_to_success=None, tries=4, held=False, placed=False, in_reach=False),
+        _met(tries_to_success=None, tries=0, held=False, placed=False),
     ]
     assert mean_attempts(met, cap=4) == (1 + 3 + 5) / 3
+
+
+def test_what_fell_into_the_box_on_the_way_counts_one_more_than_its_attempts() -> None:
+    fell = _met(tries_to_success=None, tries=2, held=True, placed=True)
+    gone = _met(tries_to_success=None, tries=2, held=True, placed=False)
+    assert [attempts_to_success(met, cap=4) for met in (fell, gone)] == [3, 5]
+    assert robot_totals(_robot(fell), cap=4)["succeeded_at_once"] == 0
 
 
 def test_no_object_in_reach_has_no_mean() -> None:

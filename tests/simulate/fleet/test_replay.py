@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from rtask.errors import UsageError
-from simulate.fleet.commands import sharing
 from simulate.fleet.replay import COLUMNS, CONDITIONS, replay, replay_rows
+from simulate.fleet.study_commands import sharing
 from simulate.study.attempt_table import read_attempts
 from tests.simulate.fleet.tables import product_with, table_of
 

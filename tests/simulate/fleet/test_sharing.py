@@ -10,6 +10,7 @@ import pytest
 
 from rtask.errors import UsageError
 from simulate.fleet import sharing
+from simulate.fleet.headroom import headroom_won
 from simulate.fleet.sharing import (
     COLUMNS,
     sharing_rows,
@@ -74,6 +75,28 @@ def test_a_fleet_that_does_not_fit_is_refused_before_it_begins() -> None:
         sharing_study(1, 3, 5, 2, seed=5, prior=False, preset="fast")
 
 
+@pytest.mark.slow
+def test_look_alikes_are_met_by_all_robots_but_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    met: list[tuple[str, bool]] = []
+
+    class Recorder(_Notes):
+        def clear(self, number: int) -> list[dict[str, Any]]:
+            met.append((self.job.name, self.job.look_alikes))
+            return [_met(name, 1) for name in self.job.tables[number]]
+
+    monkeypatch.setattr(sharing, "Member", Recorder)
+    study = sharing_study(
+        1, 2, 2, 2, seed=5, prior=False, preset="fast", products="hard", look_alikes=True
+    )
+    sharing_trial(study.settings, 0)
+    assert met == [("robot-1", False), ("robot-2", True), ("robot-2", True)]
+
+
+def test_plain_products_have_no_look_alikes() -> None:
+    with pytest.raises(UsageError, match="--products hard"):
+        sharing_study(1, 2, 2, 2, seed=5, prior=False, preset="fast", look_alikes=True)
+
+
 def _fleet(shared: int, alone: int) -> dict[str, Any]:
     """One common and one own product a robot; the others take so many tries at the common one."""
 
@@ -110,3 +133,27 @@ def test_shared_is_compared_with_not_shared_robot_by_robot_and_product_by_produc
     written = write_sharing_report(tmp_path, results, {"max_attempts": 6})
     assert json.loads((tmp_path / "report.json").read_text()) == json.loads(json.dumps(written))
     assert (tmp_path / "sharing.png").read_bytes().startswith(b"\x89PNG")
+
+
+def _pair(tries: dict[str, list[int | None]]) -> dict[str, Any]:
+    """Return a fleet of two robots: attempts at each product by the first, the second with the
+    graph, and without.
+    """
+    lives = [
+        {"name": name, "tables": [[_met(product, took[i]) for product, took in tries.items()]]}
+        for i, name in enumerate(("robot-1", "robot-2", "robot-2"))
+    ]
+    return {"common": list(tries), "shared": lives[:2], "not shared": [lives[0], lives[2]]}
+
+
+def test_headroom_lies_between_first_tries_of_robot_1_and_what_any_robot_can_hold() -> None:
+    fleet = _pair(
+        {"bar-1": [1, 1, 1], "bar-2": [3, 1, 2], "bar-3": [2, 1, 1], "bar-4": [None, 2, None],
+         "bar-5": [None, None, None]}
+    )  # fmt: skip
+    shared = headroom_won([fleet, fleet], "shared")
+    assert (shared["n"], shared["first_try"], shared["best"]) == (10, [0.2, 0.6], 0.8)
+    assert shared["won"] == pytest.approx(2 / 3, abs=1e-4)  # bar-5 holds nowhere
+    assert headroom_won([fleet], "not shared")["won"] == pytest.approx(1 / 3, abs=1e-4)
+    assert headroom_won([_pair({"can-1": [1, 1, 1]})], "shared")["won"] is None
+    assert headroom_won([], "shared")["n"] == 0
