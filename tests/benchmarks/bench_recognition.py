@@ -348,7 +348,9 @@ def run_photographs(args: argparse.Namespace) -> None:
     script = args.photos.resolve() / "evaluate.py"
     modes = [[], ["--few"], ["--blur", "1.5"], ["--views", "1"], ["--views", "3"]]
     for mode in modes[: 1 if args.cut else None]:
-        command = [sys.executable, str(script), "--mask", "centre", "--draws", str(args.draws)]
+        # Unbuffered, so that each mode and what the adapter says of its progress is seen at once.
+        command = [sys.executable, "-u", str(script), "--mask", "centre"]
+        command += ["--draws", str(args.draws), "--ask", str(args.ask)]
         command += ["--adapter", "cut_photographs:Cut"] if args.cut else []
         subprocess.run([*command, *mode], check=True, cwd=Path(__file__).parent)
 
@@ -408,6 +410,7 @@ def main() -> None:
     parser.add_argument("--families", type=int, default=8, help="prints: families of three")
     parser.add_argument("--save-plot", type=Path, help="prints: picture of a family")
     parser.add_argument("--photos", type=Path, help="photographs: folder with evaluate.py")
+    parser.add_argument("--ask", type=int, default=8, help="photographs: asked of each product")
     parser.add_argument("--cut", action="store_true", help="photographs: masks by GrabCut")
     args = parser.parse_args()
     if args.command == "photographs" and args.photos is None:
