@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame
 from features.perception import Perceived, Seen, neighbour_points
-from simulate.agent.crowd import Crowd
+from simulate.agent.crowd import Crowd, touching
 from simulate.agent.decisions import Thresholds, ask_for_decision
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.grasp_choice import GraspChoice, choose_grasp
@@ -33,6 +33,7 @@ __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter", "Server"]
 log = logging.getLogger(__name__)
 
 _CONFIDENT = 0.9
+_SIDES = ("right", "left")
 _RESEMBLES = 0.35
 """Half of what the graph accepts: enough to know again what this robot had put into a box."""
 
@@ -111,12 +112,17 @@ class Agent:
         """Handle every object on both sides; return the encounters in order.
 
         What went out of sight, because it rolled to the other side or behind something, is
-        searched for on both sides.
+        searched for on both sides. What touches other things and cannot be grasped is put off until
+        both sides have been cleared of what can be: its neighbours may be gone by then.
         """
         for search in range(1 + self.config.max_searches):
             self._is_searching, runs = search > 0, self._runs
-            for side in ("right", "left"):
-                self._clear_side(side)
+            put_off = [self._clear_side(side, is_patient=search == 0) for side in _SIDES]
+            if any(put_off):
+                for thing in self._tracker.things:
+                    thing.waiting = False
+                for side in _SIDES:
+                    self._clear_side(side)
             if not self._tracker.missing or (search and runs == self._runs):
                 break
         for thing in self._tracker.missing:
@@ -126,7 +132,8 @@ class Agent:
                 self._tell("missing", {"object": thing.number, "last_seen": [x, y]})
         return list(self.encounters.values())
 
-    def _clear_side(self, side: str) -> None:
+    def _clear_side(self, side: str, is_patient: bool = False) -> bool:
+        """Handle the objects on one side; tell whether a patient robot has put some off."""
         handled: TrackedObject | None = None
         sign = -1 if side == "right" else 1
         for number in range(self.config.max_looks):
@@ -138,7 +145,11 @@ class Agent:
             self._tell("look", {"side": side, "status": view.status, "objects": len(things)})
             todo = [thing for thing in things if not thing.finished]
             if not todo:
-                return
+                return False
+            crowded = touching(view.objects) if is_patient and self.body.takes_poses else []
+            in_crowd = [t for t in todo if any(t.seen is seen for seen in crowded)]
+            if in_crowd and all(t.waiting for t in todo):
+                return True
             if self.body.takes_poses:
                 request = {"gripper_id": self.body.gripper_ids[side],
                            "frame_id": self.body.base_frame,
@@ -149,8 +160,10 @@ class Agent:
             handled = self._crowd.first(todo) or max(
                 todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign)
             )
-            may_wait = any(not t.waiting for t in todo if t is not handled)
+            others_first = any(not t.waiting for t in todo if t is not handled)
+            may_wait = others_first or any(t is handled for t in in_crowd)
             self._attempt(handled, side, view, base_from_camera, looked_s, may_wait)
+        return False
 
     def _attempt(
         self,

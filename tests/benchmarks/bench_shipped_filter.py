@@ -79,6 +79,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=1, help="of each model")
     parser.add_argument("--first", type=int, default=1, help="number of the first view")
     parser.add_argument("--every", type=int, default=1, help="take every so many-th model")
+    parser.add_argument("--start", type=int, default=0, help="number of the first model")
     options = parser.parse_args()
     gripper = gripper_named(options.gripper)
     began = time.process_time()
@@ -86,7 +87,7 @@ def main() -> None:
     spent: dict[str, list[float]] = {}
     warm_up()
     for number, (mesh, _) in enumerate(ycb(1)):
-        if number % options.every:
+        if number % options.every != options.start % options.every:
             continue
         for view in range(options.first, options.first + options.views):
             right = right_ones(mesh, number, view, gripper, spent)
