@@ -129,7 +129,7 @@ class AsgiApplication:
         if body is None:  # cut off half-way: nothing may be executed
             return
         request = replace(request, body=body) if body else request
-        if self.changes.serves(request.raw_path) and request.method != "OPTIONS":
+        if self.changes.follows(request):
             await self._follow(request, Wire(scope, receive, transmit))
         elif serves(request.raw_path) and not _wants_page(request):
             await self._program(request, Wire(scope, receive, transmit))

@@ -15,6 +15,7 @@ import click
 from rtask.errors import RobotError
 from simulate import options
 from simulate.act.commands import act_serve, act_test
+from simulate.agent.decisions import Thresholds
 from simulate.fleet.commands import fetch, requests
 from simulate.fleet.study_commands import attempts, sharing, trust
 from simulate.ros.commands import ros, ros_reach
@@ -60,6 +61,18 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 @click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
 @click.option("--attempts", default=6, show_default=True, help="Attempts per object.")
+@click.option(
+    "--min-grasp",
+    default=Thresholds.grasp,
+    show_default=True,
+    type=click.FloatRange(0, 1),
+    help="Least confidence in a grasp; below it an object is refused, and the graph says why.",
+)
+@click.option(
+    "--cautious",
+    is_flag=True,
+    help="Compare --min-grasp with the lower end of the interval90 of a grasp, not with its mean.",
+)
 @click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def demo(
@@ -73,6 +86,8 @@ def demo(
     gui: bool,
     stay: bool,
     attempts: int,
+    min_grasp: float,
+    cautious: bool,
     port: int,
     as_json: bool,
 ) -> None:
@@ -88,8 +103,9 @@ def demo(
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
     settings = Settings(
-        data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds, products=products
-    )
+        data, seed, objects, robots, attempts, keep, gui, port,
+        kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious,
+    )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)

@@ -22,7 +22,7 @@ from endpoint.settings import Config
 from rtask.knowledge_base import KnowledgeBase
 
 READY_S = 90.0
-STOP_S = 20.0
+STOP_S = 60.0
 
 
 class ServerDidNotStartError(RuntimeError):

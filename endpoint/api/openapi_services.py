@@ -42,7 +42,9 @@ def service_paths(
     name = parameter("name", "path", "of the service, perhaps with @version", _TEXT)
     job = parameter("id", "path", "of the job", _TEXT)
     wait = parameter("wait", "query", "wait for the end, s", {"type": "number", "minimum": 0})
-    after = parameter("after", "query", "list the events after this number", {"type": "integer"})
+    after = parameter(
+        "after", "query", "list, or follow, the events after this number", {"type": "integer"}
+    )
     cancel = {
         "summary": "Cancel a job",
         "responses": {
@@ -58,7 +60,11 @@ def service_paths(
         },
         "/jobs": {"get": get("List the caller's jobs", (JSON_TYPE,))},
         "/jobs/{id}": {
-            "get": get("Read a job", (JSON_TYPE,), [job, wait, after]),
+            "get": get(
+                "Read a job, or follow its progress and its end as server-sent events",
+                (JSON_TYPE, "text/event-stream"),
+                [job, wait, after],
+            ),
             "delete": cancel,
         },
     }

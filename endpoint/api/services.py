@@ -5,7 +5,8 @@
     GET  /services                               the services
     GET  /services/<ns>/<name>[@version]         description with the schemas of its methods
     POST /services/<ns>/<name>[@version]/<method>    call; with Prefer: respond-async, a job
-    GET  /jobs, /jobs/<id>[?wait=s][&after=n]    the caller's jobs; one with its answer, its events
+    GET  /jobs, /jobs/<id>[?wait=s][&after=n]    the caller's jobs; one with its answer, its events,
+                                                 which Accept: text/event-stream follows
     DELETE /jobs/<id>                            cancel
 
 Calls and their answers are JSON, or CBOR where Content-Type and Accept say so; calls may be forms
@@ -194,7 +195,7 @@ def _plan_jobs(
         auth.check_origin(request, caller)
         return Plan(lambda: _cancelled(job))
     wait_s = _seconds(request, "wait", MAX_WAIT_S)
-    after = _number(request, "after")
+    after = event_number(request) if request.values("after") else None
     if not wait_s:
         return Plan(lambda: _job(job, after))
     return Plan(
@@ -215,16 +216,22 @@ def _cancelled(job: Job) -> Response:
 
 def _job(job: Job, after: int | None = None) -> Response:
     """Return a job with its answer or its problem, and its events after a number."""
-    facts = job.facts()
+    facts = job_facts(job)
     if after is not None:
         facts["events"] = [{"number": number, **said} for number, said in job.events(after)]
+    return _json(facts)
+
+
+def job_facts(job: Job) -> dict[str, Any]:
+    """Return a job with its answer or its problem, as JSON data."""
+    facts = job.facts()
     error = job.error
     if error is not None:
         facts["problem"] = details_of(error)
     answer = job.answer()
     if answer is not None:
         facts["answer"] = answer
-    return _json(facts)
+    return facts
 
 
 def _data(request: Request, in_body: Any) -> dict[str, str]:
@@ -261,11 +268,19 @@ def _seconds(request: Request, name: str, most: float) -> float | None:
     return min(seconds, most)
 
 
-def _number(request: Request, name: str) -> int | None:
-    texts = request.values(name)
-    if texts and not (texts[-1].isdecimal() and len(texts[-1]) <= _MAX_DIGITS):
-        raise UsageError(f"{name}={texts[-1][:40]}: expected a whole number", field=name)
-    return int(texts[-1]) if texts else None
+def event_number(request: Request) -> int:
+    """Return the number of the last event that a follower of a job has received, 0 for none.
+
+    Raises
+    ------
+    UsageError
+        ``after``, or ``Last-Event-ID``, is no number.
+    """
+    texts = request.values("after")
+    text = request.header("last-event-id").strip() or (texts[-1] if texts else "0")
+    if not (text.isdecimal() and len(text) <= _MAX_DIGITS):
+        raise UsageError(f"after={text[:40]}: expected a whole number", field="after")
+    return int(text)
 
 
 def _json(value: Any) -> Response:

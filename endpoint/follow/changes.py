@@ -27,6 +27,7 @@ from endpoint.follow.events import (
     read_pattern,
     version_of,
 )
+from endpoint.follow.job_events import JobStream, is_followed
 from endpoint.follow.replication import RECORDS, RecordStream
 from endpoint.follow.socket import ChangeSocket
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
@@ -76,6 +77,13 @@ class Changes:
         here = path.rstrip("/")
         return here in (ADDRESS, ACTIVITY, RECORDS) or path.startswith(ADDRESS + "/")
 
+    @classmethod
+    def follows(cls, request: Request) -> bool:
+        """Tell whether a request is for a stream of events, or for one commit."""
+        if request.method == "OPTIONS":
+            return False
+        return cls.serves(request.raw_path) or is_followed(request)
+
     def open(self, request: Request) -> Response | EventStream:
         """Return one commit, or a stream that is yet to be sent.
 
@@ -88,6 +96,9 @@ class Changes:
             allow = (("Allow", "GET, HEAD, POST"),)
             raise RefusedError(405, "method-not-allowed", "follow with GET or POST", headers=allow)
         caller = self._context.auth.identify(request)
+        if is_followed(request):
+            self._admit(caller)
+            return JobStream(self, self._context.services, request, caller)
         require_scope(caller.access, "read")
         if request.path.rstrip("/") == ACTIVITY:
             self._admit(caller)

@@ -14,11 +14,11 @@ from endpoint.http.messages import Request
 from endpoint.http.response_stream import SEND_IDLE_S, Wire
 from endpoint.http.websocket import Message
 
-__all__ = ["EventStream", "Streams"]
+__all__ = ["COMMENT_S", "EVENT_STREAM", "EventStream", "Streams"]
 
 _log = logging.getLogger(__name__)
 COMMENT_S = 15.0
-_EVENT_STREAM = "text/event-stream"
+EVENT_STREAM = "text/event-stream"
 _LEFT = "the client left"
 
 
@@ -49,14 +49,19 @@ class EventStream:
         The request that opened it.
     caller
         The follower.
+    begin
+        Version of the graph at which it begins; None = the current one, "" = none, where it does
+        not tell of the graph.
     """
 
-    def __init__(self, streams: Streams, request: Request, caller: Caller) -> None:
+    def __init__(
+        self, streams: Streams, request: Request, caller: Caller, begin: str | None = None
+    ) -> None:
         self.caller = caller
         self.request = request
         self.ready = asyncio.Event()
         self.reason = ""
-        self.begin = streams.version()
+        self.begin = streams.version() if begin is None else begin
         self._streams = streams
         self._loop = asyncio.get_running_loop()
 
@@ -99,10 +104,10 @@ class EventStream:
             self.close()
         return sent
 
-    async def wait(self) -> bool:
+    async def wait(self, most_s: float = COMMENT_S) -> bool:
         """Wait for something new; tell whether it came before a comment is due."""
         try:
-            async with asyncio.timeout(COMMENT_S):
+            async with asyncio.timeout(most_s):
                 await self.ready.wait()
         except TimeoutError:
             return False
@@ -114,13 +119,14 @@ class EventStream:
 
     def _start(self) -> Message:
         headers = [
-            ("content-type", _EVENT_STREAM),
+            ("content-type", EVENT_STREAM),
             ("cache-control", "no-store"),
             ("x-accel-buffering", "no"),
-            ("rtask-version", self.begin),
             ("rtask-request-id", self.request.id),
             *self._streams.cors(self.request),
         ]
+        if self.begin:
+            headers.append(("rtask-version", self.begin))
         raw = [(name.lower().encode(), text.encode("latin-1")) for name, text in headers]
         return {"type": "http.response.start", "status": 200, "headers": raw}
 

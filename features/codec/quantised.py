@@ -95,22 +95,30 @@ class Lattice:
         raw = expand(container.sections[SECTION_COLOURS], "colours", limits)
         if len(raw) != 3 * self.count:
             raise CloudFormatError(f"colours: {len(raw)} bytes are not {self.count} colours")
+        from features.codec.differences import add_up_colours
+
         colours = np.empty((self.count, 3), np.uint8)
-        for axis, changes in enumerate(np.frombuffer(raw, np.uint8).reshape(3, self.count)):
-            colours[:, axis] = np.cumsum(changes, dtype=np.uint8)
+        add_up_colours(np.frombuffer(raw, np.uint8).reshape(3, self.count), colours)
         return colours
 
     def cloud(self, cells: NDArray[Any], colours: UInt8Array | None) -> Cloud:
         """Return the cloud of cells (count, 3), which need not be whole numbers."""
-        positions = np.empty((len(cells), 3), np.float32)
-        for axis in range(3):
-            places = np.multiply(cells[:, axis], self.step_m)
-            places += self.origin[axis]
-            most = max(places.max(initial=0), -places.min(initial=0))
-            if not most <= _MAX_COORDINATE_M:  # true of NaN too
-                raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
-            positions[:, axis] = places
+        places = cells * self.step_m + self.origin
+        _check_extent(np.abs(places).max(initial=0.0))
+        return Cloud(places.astype(np.float32), colours, self.frame_id, self.stamp_s)
+
+    def cloud_of(self, planes: UInt8Array, colours: UInt8Array | None) -> Cloud:
+        """Return the cloud whose cells differ from one to the next by (3, width, count) bytes."""
+        from features.codec.differences import add_up_positions
+
+        positions = np.empty((self.count, 3), np.float32)
+        _check_extent(add_up_positions(planes, self.step_m, self.origin, positions))
         return Cloud(positions, colours, self.frame_id, self.stamp_s)
+
+
+def _check_extent(most_m: float) -> None:
+    if not most_m <= _MAX_COORDINATE_M:  # true of NaN too
+        raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
 
 
 def read_lattice(container: Container, limits: Limits) -> Lattice:

@@ -92,9 +92,6 @@ class ConfidenceParams:
     look_colour, look_lead, look_gap, look_rival, look_offset
         Weights of the logistic function of the look, for what carries no print. What agrees in
         places with another object does not look like this one by nature.
-    few_caution
-        Taken off the logarithmic odds of the look where few objects are stored: what would look
-        more alike may be unknown.
     colour_noise, gap_noise
         Differences of colours and sizes that two views of one object from one side have anyhow.
     min_colour
@@ -112,6 +109,12 @@ class ConfidenceParams:
         either many other objects are stored or the query carries too little print to tell.
     undecided
         The most confidence without that, and of twins.
+    twin_lead
+        Twins that differ so far in colours and shapes share a mould or an emblem, not their look:
+        which of the two it is can be seen. Between views of one print the lead stays below .1.
+    min_print_colour
+        Less alike in all its colours, print alone may suggest an object, but not decide: another
+        light leaves photographs of one object above .6, the same relief in another colour below .1.
     suggestion
         The most confidence of a look without depth, and of places in the image alone, where the
         print has to confirm them.
@@ -134,7 +137,6 @@ class ConfidenceParams:
     look_gap: float = 0.35
     look_rival: float = -1.0
     look_offset: float = -7.3
-    few_caution: float = 0.5
     colour_noise: float = 0.02
     gap_noise: float = 0.01
     min_colour: float = 0.65
@@ -145,6 +147,8 @@ class ConfidenceParams:
     max_rival_share: float = 0.5
     decisive_inliers: int = 4
     undecided: float = 0.69
+    twin_lead: float = 0.15
+    min_print_colour: float = 0.3
     suggestion: float = 0.3
     contradicting_odds: float = -2.0
     undecided_from: float = 0.5
@@ -172,27 +176,33 @@ def _confidence(e: Evidence, params: ConfidenceParams) -> float:
         return 0.0
     is_untested = _is_untested(e, params)
     needs_print = e.has_print and not is_untested
-    look_odds = _look_odds(e, params)
-    look = _logistic(look_odds)
-    if not (e.size_ok and e.is_among_many and e.size_gap is not None):
+    look = _logistic(_look_odds(e, params))
+    is_measured = bool(e.size_ok) and e.size_gap is not None
+    if not (is_measured and (e.is_among_many or is_untested)):
         look = min(look, params.undecided)
-        if e.size_ok and e.size_gap is not None and is_untested:
-            look = max(look, _logistic(look_odds - params.few_caution))
     if needs_print and e.size_gap is None:
         look = min(look, params.suggestion)
     places = _by_places(e, params)
     if needs_print and not e.is_solid:
         # In the image alone the places of an emblem are as good as any: the print between decides.
         places = min(places, params.suggestion)
-    printed = 0.0 if e.print_odds is None else _logistic(e.print_odds)
-    best = max(look, places, printed)
-    return min(best, params.undecided) if e.is_twin else best
+    best = max(look, places, _by_print(e, params))
+    is_undecided = e.is_twin and e.appearance_lead < params.twin_lead
+    return min(best, params.undecided) if is_undecided else best
 
 
 def _is_untested(e: Evidence, params: ConfidenceParams) -> bool:
     """Tell whether there is too little print to confirm an object, and none that contradicts it."""
     contradicts = e.print_odds is not None and e.print_odds < params.contradicting_odds
     return e.is_plain and not contradicts
+
+
+def _by_print(e: Evidence, params: ConfidenceParams) -> float:
+    """Return how sure the comparison of print makes."""
+    if e.print_odds is None:
+        return 0.0
+    sure = _logistic(e.print_odds)
+    return sure if e.colour >= params.min_print_colour else min(sure, params.suggestion)
 
 
 def _by_places(e: Evidence, params: ConfidenceParams) -> float:

@@ -52,6 +52,9 @@ class SpatialOptions:
         Candidates in the result.
     seed
         Of every draw.
+    hedge
+        Whether grasps of what is seen alone follow those of a completed cloud, in turns; without
+        them a plan on one view takes less time and trusts the guess.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -63,6 +66,7 @@ class SpatialOptions:
     reachable: Callable[[FloatArray], bool] | None = None
     most: int = 50
     seed: int = 0
+    hedge: bool = True
 
 
 def plan_on_mesh(
@@ -194,7 +198,7 @@ def plan_on_cloud(
         return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
 
     guessed = plan(whole)
-    if not whole.completed.any():
+    if not (options.hedge and whole.completed.any()):
         return guessed
     safe = plan(seen)
     if not safe:

@@ -210,6 +210,7 @@ def warm_up() -> None:
         The extra ``perception``, which brings numba, is not installed.
     """
     for module in (
+        "features.codec.differences",
         "features.segmentation",
         "features.recognition",
         "features.modelling",

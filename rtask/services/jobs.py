@@ -47,6 +47,7 @@ class Job:
         self._changed = threading.Condition()
         self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=_EVENTS)
         self._count = 0
+        self._listeners: list[Callable[[], None]] = []
         task.call.on_progress(self._progressed)
         self.answer_bytes = 0
         task.done.add_done_callback(lambda _: self._ended())
@@ -121,6 +122,17 @@ class Job:
         with self._changed:
             return [(number, facts) for number, facts in self._events if number > after]
 
+    def listen(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call back, in any thread, at each new event; return a function that ends it."""
+        with self._changed:
+            self._listeners.append(listener)
+
+        def stop() -> None:
+            with self._changed:
+                self._listeners.remove(listener)
+
+        return stop
+
     def cancel(self) -> None:
         """Cancel the call; what runs is asked to stop."""
         self.task.cancel()
@@ -139,6 +151,9 @@ class Job:
             self._count += 1
             self._events.append((self._count, facts))
             self._changed.notify_all()
+            listeners = list(self._listeners)
+        for listener in listeners:
+            listener()
 
 
 class Jobs:

@@ -29,16 +29,21 @@ class Thresholds:
         c_G. Low by default: a robot that clears a table loses little by a grasp that fails, and
         ranks its grasps anyway. A grasp below it has failed, or others like it, so that another
         attempt would rather do harm.
+    cautious
+        Whether the task asks for caution: the lower end of what is believed of a grasp must reach
+        ``grasp``, so that a grasp of which little is known is refused.
     """
 
     identity: float | None = None
     pose: float | None = None
     grasp: float = 0.1
+    cautious: bool = False
 
     def as_request(self) -> dict[str, Any]:
         """Return the fields of ``recognise_for_grasp`` that ask for a decision."""
         wanted = {"min_identity": self.identity, "min_pose": self.pose, "min_grasp": self.grasp}
-        return {"decide": True, **{k: v for k, v in wanted.items() if v is not None}}
+        given = {k: v for k, v in wanted.items() if v is not None}
+        return {"decide": True, "cautious": self.cautious, **given}
 
 
 @dataclass(frozen=True)

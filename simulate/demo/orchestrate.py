@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import RtaskError, UsageError
+from simulate.agent.decisions import Thresholds
 from simulate.demo.console import Console
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
@@ -56,6 +57,8 @@ class Settings:
     products
         Set of :data:`simulate.world.objects.PRODUCTS`. On the hard ones, the last robot also works
         with a graph of its own, for comparison.
+    min_grasp, cautious
+        Of :class:`simulate.agent.decisions.Thresholds`.
     """
 
     data: Path
@@ -69,6 +72,8 @@ class Settings:
     preset: str = "faithful"
     kinds: tuple[str, ...] = ()
     products: str = "plain"
+    min_grasp: float = Thresholds.grasp
+    cautious: bool = Thresholds.cautious
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -219,6 +224,8 @@ class Demo:
             preset=self.settings.preset,
             robot=self.settings.kind_of(index),
             products=self.settings.products,
+            min_grasp=self.settings.min_grasp,
+            cautious=self.settings.cautious,
         )
 
     @staticmethod

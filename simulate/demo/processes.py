@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import RobotError, RtaskError
+from simulate.agent.decisions import Thresholds
 
 __all__ = ["Endpoint", "MemberProcess", "Robot", "RobotJob", "run_rtask"]
 
@@ -84,6 +85,8 @@ class RobotJob:
         File that keeps outcomes not yet delivered.
     robot
         Kind of robot: a name of :func:`simulate.robots.known_robots`.
+    min_grasp, cautious
+        Of :class:`simulate.agent.decisions.Thresholds`.
     """
 
     name: str
@@ -98,6 +101,13 @@ class RobotJob:
     preset: str = "faithful"
     robot: str = "nao"
     products: str = "plain"
+    min_grasp: float = Thresholds.grasp
+    cautious: bool = Thresholds.cautious
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """Least confidences for a grasp."""
+        return Thresholds(grasp=self.min_grasp, cautious=self.cautious)
 
 
 class _Child:

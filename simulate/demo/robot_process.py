@@ -97,7 +97,9 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
             return
         threading.Thread(target=_end_with_parent, daemon=True).start()
         started = time.perf_counter()
-        config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job))
+        config = AgentConfig(
+            max_attempts=job.max_attempts, seed=_mixed(job), thresholds=job.thresholds
+        )
         agent = Agent(body, server, config, on_event=tell, on_sight=on_sight, on_frame=watch)
         encounters = agent.clear_table()
         seconds = time.perf_counter() - started

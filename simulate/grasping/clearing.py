@@ -60,6 +60,7 @@ def clear_clutter(
     most_moves: int = 30,
     options: SceneOptions | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
+    pushes: bool = True,
 ) -> Iterator[Move]:
     """Pick and place what lies on the table until it is empty or nothing works any more.
 
@@ -75,6 +76,8 @@ def clear_clutter(
         Picks and pushes at most.
     on_phase
         Called with the name of each phase of a pick at its end.
+    pushes
+        Whether to push what cannot be picked.
 
     Yields
     ------
@@ -87,7 +90,7 @@ def clear_clutter(
     failed three times in a row, is pushed.
     """
     failed: list[GraspCandidate] = []
-    pushes = 0
+    in_a_row = 0
     hand = hand_of(executor.robot.arm(arm))
     base = options or SceneOptions()
     for number in range(most_moves):
@@ -102,14 +105,14 @@ def clear_clutter(
             pick = pick_from(view, found, executor, arm, seed + number)
         if pick is None:
             pushed = ""
-            if pushes < _PUSHES_IN_A_ROW:
+            if pushes and in_a_row < _PUSHES_IN_A_ROW:
                 pushed = _push(executor, view, arm, seed + number)
             if not pushed:
                 yield Move(
                     "none", found.reason or "out_of_reach", False, len(view.segments), len(found)
                 )
                 return
-            pushes += 1
+            in_a_row += 1
             failed.clear()
             yield Move("push", pushed, False, len(view.segments), len(found))
             continue
@@ -118,7 +121,7 @@ def clear_clutter(
         placed = reason == "ok" and run.place_in_box() == "ok"
         if reason == "ok":
             failed.clear()
-            pushes = 0
+            in_a_row = 0
         else:
             failed.append(pick.candidate)
         yield Move(

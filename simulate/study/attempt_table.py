@@ -19,7 +19,7 @@ from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.planar import PlanarGrasp, propose_planar
 from rtask.errors import UsageError
 from rtask.kb.durability.settings import write_durably
-from simulate.grasping.floating import execute
+from simulate.grasping.floating.execution import execute
 from simulate.study.runner import Study
 from simulate.world.objects import PRODUCTS, ObjectSpec, sample_products
 from simulate.world.seeds import stream

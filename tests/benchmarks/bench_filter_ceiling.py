@@ -1,13 +1,14 @@
 """Ceiling of plans on single views of YCB's models: losses by the pool, its order, and the five.
 
-    python tests/benchmarks/bench_filter_ceiling.py --gripper panda --pools FOLDER
+    python tests/benchmarks/bench_filter_ceiling.py --gripper panda --views 2 3 --pools FOLDER
 
-The pool of a view is all that a plan on it ranks. A right grasp (as in `bench_shipped_filter.py`)
-can be missing in the pool (its share of the views is the ceiling of any order), ranked too low, or
-kept out of the first five by variants of wrong ones. Pools are kept in a folder, so that another
-way to choose five costs seconds: each is applied to the same pools, and compared in pairs with the
-present one over the models with odd numbers, on which nothing was chosen; 95 % bootstrap over
-models.
+The pool of a view is all that a plan on it ranks, with `--filter` by the shipped filter. A right
+grasp (as in `bench_shipped_filter.py`) can be missing in the pool (its share of the views is the
+ceiling of any order), ranked too low, or kept out of the first five by variants of wrong ones.
+Pools are kept in a folder, so that another way to choose five costs seconds: each is applied to the
+same pools, and compared in pairs with the present one; 95 % bootstrap over models, whose views are
+averaged first. A way is chosen on the models with odd numbers and judged on fresh views of the
+others (`--models`).
 """
 
 from __future__ import annotations
@@ -61,18 +62,15 @@ def _mixed(pool: Sequence[GraspCandidate], hand: ParallelGripper) -> list[GraspC
 
 
 def pool_of(
-    mesh: Mesh, number: int, view: int, gripper: ParallelGripper, tries: int
+    mesh: Mesh, number: int, view: int, gripper: ParallelGripper, tries: int, filtered: bool
 ) -> dict[str, Any]:
     """Return the pool of a view, which of it is right, and whether the mesh can be grasped."""
     rng = np.random.default_rng([7, number, view])
     seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
     support = Support()
     options = SpatialOptions(tries=tries)
-    found = list(
-        plan_on_cloud(
-            seen.points, gripper, support, seen.viewpoint[None], options, classifier="shipped"
-        )
-    )
+    judge = "shipped" if filtered else None
+    found = list(plan_on_cloud(seen.points, gripper, support, seen.viewpoint[None], options, judge))
     right = correct(found, mesh, gripper)
     graspable = bool(right.any())
     if not graspable:
@@ -81,12 +79,19 @@ def pool_of(
     return {"number": number, "pool": found, "right": right, "graspable": graspable}
 
 
-def pools(folder: Path, gripper: ParallelGripper, view: int, tries: int) -> list[dict[str, Any]]:
-    """Return the pools of all models, from the folder where they are kept."""
-    kept = folder / f"{gripper.name}-{view}-{tries}.pickle"
+def pools(
+    folder: Path, gripper: ParallelGripper, view: int, tries: int, filtered: bool, rest: int
+) -> list[dict[str, Any]]:
+    """Return the pools of the models with numbers that leave ``rest`` halved, as they are kept."""
+    judge = "filter" if filtered else "plain"
+    kept = folder / f"{gripper.name}-{view}-{tries}-{judge}-{rest}.pickle"
     if kept.exists():
         return list(pickle.loads(kept.read_bytes()))
-    found = [pool_of(mesh, number, view, gripper, tries) for number, (mesh, _) in enumerate(ycb(1))]
+    found = [
+        pool_of(mesh, number, view, gripper, tries, filtered)
+        for number, (mesh, _) in enumerate(ycb(1))
+        if number % 2 == rest
+    ]
     folder.mkdir(parents=True, exist_ok=True)
     kept.write_bytes(pickle.dumps(found))
     return found
@@ -95,17 +100,26 @@ def pools(folder: Path, gripper: ParallelGripper, view: int, tries: int) -> list
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--gripper", default="panda", help="nao or panda")
-    parser.add_argument("--view", type=int, default=1, help="number of the view")
+    parser.add_argument("--views", type=int, nargs="+", default=[1], help="numbers of the views")
+    parser.add_argument("--models", choices=("odd", "even", "all"), default="all")
+    parser.add_argument("--filter", action="store_true", help="plan with the shipped filter")
     parser.add_argument("--tries", type=int, default=2000, help="ten for each hand that is tried")
     parser.add_argument("--pools", type=Path, default=Path("pools"), help="folder to keep them in")
     options = parser.parse_args()
     gripper, began = gripper_named(options.gripper), time.process_time()
-    every = pools(options.pools, gripper, options.view, options.tries)
+    halves = {"even": [0], "odd": [1], "all": [0, 1]}[options.models]
+    every = [
+        one
+        for view in options.views
+        for rest in halves
+        for one in pools(options.pools, gripper, view, options.tries, options.filter, rest)
+    ]
     views = [one for one in every if one["graspable"]]
     with_right = np.array([one["right"].any() for one in views])
     sizes = [len(one["pool"]) for one in views]
     print(
-        f"{options.gripper}: {len(views)} of {len(every)} graspable; pool of {np.median(sizes):.0f}"
+        f"{options.gripper}: {len(views)} of {len(every)} views of {options.models} models "
+        f"graspable; pool of {np.median(sizes):.0f}"
     )
     print(f"  ceiling: some candidate of the pool is right in {100 * with_right.mean():.1f} %")
     hits: dict[str, np.ndarray] = {}
@@ -128,13 +142,14 @@ def main() -> None:
         int(np.argmax(one["right"])) for one, is_lost in zip(views, lost, strict=True) if is_lost
     ]
     print(f"  where it is lost after the pool, the first right one has rank {sorted(ranks)}")
-    fresh = np.array([one["number"] % 2 == 1 for one in views])
+    models = np.array([one["number"] for one in views])
     rng = np.random.default_rng(0)
     for name in others:
-        gain = 100 * (hits[name] - hits[present])[fresh]
-        draws = rng.integers(len(gain), size=(4000, len(gain)))
-        low, high = np.percentile(gain[draws].mean(axis=1), (2.5, 97.5))
-        print(f"  {name} less present, odd models: {gain.mean():+.1f} [{low:+.1f}, {high:+.1f}]")
+        gain = 100 * (hits[name] - hits[present])
+        each = np.array([gain[models == number].mean() for number in np.unique(models)])
+        draws = rng.integers(len(each), size=(4000, len(each)))
+        low, high = np.percentile(each[draws].mean(axis=1), (2.5, 97.5))
+        print(f"  {name} less present: {each.mean():+.1f} [{low:+.1f}, {high:+.1f}]")
     print(f"{time.process_time() - began:.0f} s of processor time, load {os.getloadavg()[0]:.1f}")
 
 

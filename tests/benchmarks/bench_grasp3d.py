@@ -35,7 +35,7 @@ from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, lathed_mesh, sphere_
 from grasp.spatial.pairs import antipodal_pairs
 from grasp.spatial.scoring.confidence import Load, PoseNoise, confidences, score_grasps
 from grasp.spatial.scoring.select import rank
-from simulate.grasping.floating import execute, settle, spawn_parts
+from simulate.grasping.floating.execution import execute, settle, spawn_parts
 from simulate.world.objects import KINDS, Friction, product, write_assets
 from simulate.world.world import BodyPose, World
 

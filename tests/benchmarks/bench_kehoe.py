@@ -39,7 +39,7 @@ from features.pose import (
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
-from simulate.grasping.floating import execute, settle, spawn_parts
+from simulate.grasping.floating.execution import execute, settle, spawn_parts
 from simulate.world.objects import Friction
 from simulate.world.world import BodyPose, World
 

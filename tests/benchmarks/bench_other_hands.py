@@ -27,9 +27,9 @@ from grasp.spatial.suction import plan_suction, plan_suction_on_cloud
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
-from simulate.grasping.floating import Held
-from simulate.grasping.floating_cup import execute_suction
-from simulate.grasping.floating_three_finger import execute_three_finger
+from simulate.grasping.floating.cup import execute_suction
+from simulate.grasping.floating.execution import Held
+from simulate.grasping.floating.three_finger import execute_three_finger
 from simulate.study.grasp_views import depth_view, sample_camera
 from simulate.study.intervals import bootstrap
 from simulate.study.quality.bench import Bench, draws, laid_out

@@ -15,7 +15,7 @@ from features.codec import encode_frame, to_wire
 from features.geometry import Frame, look_at
 from grasp.messages import matrix_from_message, pose_message
 from grasp.spatial.gripper import panda_hand
-from simulate.grasping.floating import execute, settle
+from simulate.grasping.floating.execution import execute, settle
 from simulate.world.camera import Camera
 from simulate.world.objects import product, write_assets
 from simulate.world.world import World

@@ -15,7 +15,7 @@ from features.perception import perceive
 from grasp.messages import matrix_from_message, pose_message
 from grasp.spatial.gripper import panda_hand
 from rtask.errors import RtaskError
-from simulate.grasping.floating import execute, settle
+from simulate.grasping.floating.execution import execute, settle
 from simulate.world.camera import Camera
 from simulate.world.objects import product
 from simulate.world.scene import Placement, lay

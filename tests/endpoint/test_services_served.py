@@ -165,6 +165,49 @@ def test_a_job_is_accepted_followed_and_cancelled(http):
     assert http.get("/jobs/none").status_code == 404
 
 
+def test_a_job_is_followed_as_server_sent_events(http):
+    body = {"steps": 30, "pause_s": 0.02}
+    made = http.post("/services/lab/Arm/count", json=body, headers={"Prefer": "respond-async"})
+    place = made.headers["Location"]
+    told = _events(http, place)
+    *progress, (_, name, ended) = told
+    assert progress
+    assert {kind for _, kind, _ in progress} == {"progress"}
+    shares = [said["progress"] for _, _, said in progress]
+    assert shares == sorted(set(shares))
+    assert (name, ended["state"], ended["answer"]) == ("ended", "succeeded", {"result": 30})
+    numbers = [number for number, _, _ in told]
+    assert numbers == sorted(set(numbers))
+    # Whoever comes back is told the end again, and nothing that it has.
+    ((again, name, ended),) = _events(http, place, **{"Last-Event-ID": str(numbers[-1])})
+    assert (again, name, ended["state"]) == (numbers[-1], "ended", "succeeded")
+
+    stuck = {"steps": 400, "pause_s": 0.1}
+    made = http.post("/services/lab/Arm/count", json=stuck, headers={"Prefer": "respond-async"})
+    assert http.delete(made.headers["Location"]).json()["state"] == "cancelled"
+    ((_, name, ended),) = _events(http, made.headers["Location"])
+    assert (name, ended["problem"]["type"]) == ("ended", "/errors/cancelled")
+    headers = {"Accept": "text/event-stream"}
+    assert http.get("/jobs/none", headers=headers).status_code == 404
+    assert http.get(f"{place}?after=x", headers=headers).status_code == 400
+
+
+def _events(http: httpx.Client, place: str, **fields: str) -> list[tuple[int, str, Any]]:
+    """Return id, name and data of the events that follow a job to its end."""
+    found = []
+    with http.stream("GET", place, headers={"Accept": "text/event-stream", **fields}) as answer:
+        assert answer.headers["Content-Type"] == "text/event-stream"
+        said: dict[str, str] = {}
+        for line in answer.iter_lines():
+            key, _, value = line.partition(": ")
+            if line:
+                said[key] = value
+            elif "event" in said:
+                found.append((int(said["id"]), said["event"], json.loads(said["data"])))
+                said = {}
+    return found
+
+
 def test_rosbridge_offers_methods_as_services_with_types_and_as_actions(server):
     def call(service: str, /, **args: Any) -> Any:
         socket.send(json.dumps({"op": "call_service", "service": service, "args": args}))

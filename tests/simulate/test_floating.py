@@ -9,13 +9,13 @@ import pytest
 
 from grasp.spatial.frames import pose_from_planar
 from grasp.spatial.gripper import nao_hand, panda_hand
-from simulate.grasping.floating import (
+from simulate.grasping.floating.execution import (
     Conditions,
     execute,
     settle,
     spawn_parts,
 )
-from simulate.grasping.floating_hand import FloatingGripper
+from simulate.grasping.floating.hand import FloatingGripper
 from simulate.world.objects import Friction, ObjectSpec
 from simulate.world.world import World
 

@@ -83,16 +83,45 @@ class PrintParams:
     ----------
     weights
         Offset and weights of the terms for each :attr:`PrintEvidence.support`.
+    min_extent, min_seen
+        Where other views of the object show its print, the matches have to span so much of it, or
+        the query to show so large a share of it: a sibling in view by the common part agrees there.
+    max_contradiction, max_contradiction_alone
+        Largest share of cells of another colour between the matches, and that for an object with
+        one view, of which no other view says what may vary.
+    few_matches, min_median
+        Fewer matches than that, and those with the only view of an object, count only if the print
+        between them correlates so far.
     """
 
     weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _ROUND, _TWO, _FOUR))
+    min_extent: float = 0.24
+    min_seen: float = 0.65
+    max_contradiction: float = 0.15
+    max_contradiction_alone: float = 0.06
+    few_matches: int = 12
+    min_median: float = 0.5
 
 
 def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
-    """Return the logarithmic odds that the print of the query is that of the view's object."""
-    weights = (params or PrintParams()).weights
-    offset, *slopes = weights[e.support]
-    return float(offset + np.dot(slopes, print_terms(e)))
+    """Return the logarithmic odds that the print of the query is that of the view's object.
+
+    They are at most even where too little of the print agrees, or what agrees has another colour.
+    """
+    params = params or PrintParams()
+    offset, *slopes = params.weights[e.support]
+    odds = float(offset + np.dot(slopes, print_terms(e)))
+    return odds if _can_decide(e, params) else min(odds, 0.0)
+
+
+def _can_decide(e: PrintEvidence, params: PrintParams) -> bool:
+    """Tell whether enough of the print agrees, and in its colours, for print to decide."""
+    is_alone = e.support == 0
+    most = params.max_contradiction_alone if is_alone else params.max_contradiction
+    is_part = e.verified > 0 and e.extent < params.min_extent and e.seen < params.min_seen
+    has_few = is_alone or e.matches < params.few_matches
+    is_weak = has_few and e.median < params.min_median
+    return not is_part and not is_weak and e.colour_contradiction <= most
 
 
 def without_contradiction(e: PrintEvidence) -> PrintEvidence:

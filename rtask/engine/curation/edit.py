@@ -13,7 +13,7 @@ from rtask.engine.memory.causes import restate
 from rtask.engine.triples import Triples
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
-from rtask.rdf.terms import NamedNode, Quad, Triple, object_term
+from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, object_term
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -33,7 +33,8 @@ class Edit:
     Parameters
     ----------
     kb
-        The knowledge base; graphs that commits maintain are left unchanged.
+        The knowledge base; graphs that commits maintain are left unchanged. It must not change
+        before the edit is committed, as patterns are looked up once: on disk every look-up counts.
     """
 
     def __init__(self, kb: GraphCore) -> None:
@@ -41,10 +42,22 @@ class Edit:
         self._rights = kb.access()
         self.removed: dict[Quad, None] = {}
         self.added: dict[Quad, None] = {}
+        self._found: dict[tuple[NamedNode | None, ...], list[Quad]] = {}
+        self._may_write: dict[GraphName, bool] = {}
 
     def match(self, *pattern: NamedNode | None) -> list[Quad]:
-        """Return the changeable statements that match a pattern."""
-        return [q for q in self._kb.match(*pattern) if self._rights.may_write(q.graph_name)]
+        """Return the changeable statements that match a pattern; the list is not to be changed."""
+        found = self._found.get(pattern)
+        if found is None:
+            found = [q for q in self._kb.match(*pattern) if self._is_changeable(q.graph_name)]
+            self._found[pattern] = found
+        return found
+
+    def _is_changeable(self, graph: GraphName) -> bool:
+        known = self._may_write.get(graph)
+        if known is None:
+            known = self._may_write[graph] = self._rights.may_write(graph)
+        return known
 
     def after(self, *pattern: NamedNode | None) -> list[Quad]:
         """Return the changeable statements that will match a pattern after the edit."""

@@ -240,8 +240,11 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
 
     def _shown(self, node: NamedNode) -> list[NamedNode]:
         """Return the objects that a view shows."""
-        links = self.edit.match(None, RT.hasView, node)
-        return [q.subject for q in links if isinstance(q.subject, NamedNode)]
+        return [
+            quad.subject
+            for quad in self.edit.match(None, None, node)
+            if quad.predicate == RT.hasView and isinstance(quad.subject, NamedNode)
+        ]
 
     def _is_replaceable(self, node: NamedNode) -> bool:
         """Whether a node is a view of something of which others have views as well."""
@@ -343,8 +346,9 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         for grasp in sorted(grasps, key=str):
             for link in edit.match(grasp, RT.hasEvaluation):
                 value = link.object
-                if isinstance(value, NamedNode) and edit.match(value, RT.beliefAlpha):
-                    edit.remove([link, *edit.match(value)])
+                said = edit.match(value) if isinstance(value, NamedNode) else []
+                if any(quad.predicate == RT.beliefAlpha for quad in said):
+                    edit.remove([link, *said])
             if grasp in counts:
                 believe(context, triples, grasp, counts[grasp], who, home)
 

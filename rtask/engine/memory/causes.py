@@ -10,7 +10,7 @@ they came and went, and an outcome costs no more when thousands came before it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,7 +37,7 @@ MAX_TRIED = 200
 _FRAGILE, _COMES_OFF = "crushed", "came_apart"
 _SLIPS = ("slip_lift", "slip_hold", "slip_transport")
 
-Match = Callable[..., Iterable[Quad]]
+Match = Callable[..., Sequence[Quad]]
 """Statements by pattern, as they are or as they will be; see :meth:`Edit.after`."""
 
 
@@ -250,12 +250,12 @@ def _judged(
     judged: Mapping[NamedNode, bool | None],
 ) -> Tried | None:
     """Return a stored attempt, None if it does not count."""
-    told = [(q.predicate, q.object) for q in match(attempt)]
-    for outcome in sorted((o for p, o in told if p == RT.hasOutcome), key=str):
+    # By predicate, because a look-up costs less than what an attempt says besides.
+    for outcome in sorted({q.object for q in match(attempt, RT.hasOutcome)}, key=str):
         held, code = _label(match, outcome)
         held = judged.get(attempt, held)
         if held is not None:
-            hands = {o for p, o in told if p == RT.activates}
+            hands = {q.object for q in match(attempt, RT.activates)}
             widths = (float(one.gripper.finger_width) for one in context.grippers.all()
                       if one.iri in hands)  # fmt: skip
             return Tried(attempt, x, held, max(widths, default=0.0), code)
@@ -278,18 +278,20 @@ def _label(match: Match, outcome: object) -> tuple[bool | None, str]:
     """
     decided, code = None, ""
     latest: dict[object, tuple[str, bool]] = {}
-    for quad in match(outcome):
-        if quad.predicate == RT.success:
-            decided = bool(python_value(object_term(quad.object)))
-        elif quad.predicate == RT.hasReason and isinstance(quad.object, NamedNode):
+    for quad in match(outcome, RT.success):
+        decided = bool(python_value(object_term(quad.object)))
+    for quad in match(outcome, RT.hasReason):
+        if isinstance(quad.object, NamedNode):
             code = local_name(quad.object.value).removeprefix("reason_")
-        elif quad.predicate == RT.hasFeedback:
-            said = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
-            if RT.verdict in said and PROV.wasAttributedTo in said and RT.atTime in said:
-                when = str(python_value(object_term(said[RT.atTime])))
-                held = bool(python_value(object_term(said[RT.verdict])))
-                who = said[PROV.wasAttributedTo]
-                latest[who] = max(latest.get(who, ("", False)), (when, held))
+    for quad in match(outcome, RT.hasFeedback):
+        if not match(quad.object, RT.verdict):
+            continue
+        said = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
+        if PROV.wasAttributedTo in said and RT.atTime in said:
+            when = str(python_value(object_term(said[RT.atTime])))
+            held = bool(python_value(object_term(said[RT.verdict])))
+            who = said[PROV.wasAttributedTo]
+            latest[who] = max(latest.get(who, ("", False)), (when, held))
     if decided is None:
         return None, code
     votes = [held for _, held in latest.values()]

@@ -20,6 +20,14 @@ _RT = ontology.NS
 _QUARANTINE = "quarantine"
 _OF_SERVERS = ("store", "union", "staged")
 """Of a knowledge base on a SPARQL server; see :mod:`rtask.remote`."""
+_KINDS = {
+    "inferred": "InferredGraph",
+    "shared": "SharedGraph",
+    "meta": "MetaGraph",
+    "provenance": "ProvenanceGraph",
+    "rules": "RuleBaseGraph",
+    _QUARANTINE: "QuarantineGraph",
+}
 _KEPT_BY_COMMITS = frozenset(
     {"InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph", "QuarantineGraph"}
 )
@@ -124,16 +132,8 @@ class Graphs:
     def kind(self, graph: GraphName) -> str:
         """Return the local name of the graph's class."""
         path = self._path(graph)
-        fixed = {
-            "inferred": "InferredGraph",
-            "shared": "SharedGraph",
-            "meta": "MetaGraph",
-            "provenance": "ProvenanceGraph",
-            "rules": "RuleBaseGraph",
-            _QUARANTINE: "QuarantineGraph",
-        }
-        if path in fixed:
-            return fixed[path]
+        if path in _KINDS:
+            return _KINDS[path]
         for start, name in (("agent", "AgentGraph"), ("import", "ImportGraph")):
             if path.startswith(start + "/"):
                 return name

@@ -77,7 +77,7 @@ def input_change(
     new = {triple_key(quad): None for quad in overlay.added if inputs[quad.graph_name]}
     gone = {quad: None for quad in overlay.removed if inputs[quad.graph_name]}
     lost_keys = {triple_key(quad): None for quad in gone}
-    holds = _holder(overlay.store, gone, is_input)
+    holds = _holder(overlay.store, gone, inputs.__getitem__)
     lost = [key for key in lost_keys if key not in new and not holds(key)]
     return list(new), lost
 

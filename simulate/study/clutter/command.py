@@ -20,6 +20,8 @@ __all__ = ["piles"]
 @click.option("--clear", is_flag=True, help="Clear the table instead of picking once.")
 @option("--with-agent", "agent", is_flag=True, former=["--agent"],
               help="Clear by the robot's agent, which asks a graph that starts empty.")  # fmt: skip
+@click.option("--pushes/--no-pushes", default=True,
+              help="Whether what cannot be picked is pushed, for comparison.")  # fmt: skip
 @click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
 @options.seed("things, piles, light, noise and choices")
 @options.runs_trials("rtask-piles")
@@ -28,6 +30,7 @@ def piles(
     objects: int | None,
     clear: bool,
     agent: bool,
+    pushes: bool,
     pictures: bool,
     seed: int,
     workers: int,
@@ -44,7 +47,9 @@ def piles(
     agent clears the table, as in the demo: it recognises, grasps, pushes and reports.
     """
     if agent and not clear:
-        raise click.UsageError("--agent clears tables: give --clear as well")
+        raise click.UsageError("--with-agent clears tables: give --clear as well")
+    if not (pushes or clear):
+        raise click.UsageError("--no-pushes is about clearing tables: give --clear as well")
     from simulate.study.clutter.report import (
         COLUMNS,
         clear_study,
@@ -58,7 +63,7 @@ def piles(
     from simulate.study.runner import run
 
     study = (
-        clear_study(trials, objects or 10, seed, preset, agent)
+        clear_study(trials, objects or 10, seed, preset, agent, pushes)
         if clear
         else pile_study(trials, objects or 6, seed, preset, str(out / "piles") if pictures else "")
     )

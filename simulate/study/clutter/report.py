@@ -37,11 +37,20 @@ def pile_study(trials: int, objects: int, seed: int, preset: str, pictures: str 
                  trials)  # fmt: skip
 
 
-def clear_study(trials: int, objects: int, seed: int, preset: str, agent: bool = False) -> Study:
+def clear_study(
+    trials: int,
+    objects: int,
+    seed: int,
+    preset: str,
+    agent: bool = False,
+    pushes: bool = True,
+) -> Study:
     """Return the study of cluttered tables that are cleared, by the robot's ``agent`` if asked."""
     settings: dict[str, Any] = {"seed": seed, "objects": objects, "preset": preset}
     if agent:
         settings["agent"] = True
+    if not pushes:
+        settings["pushes"] = False
     return Study("cluttered tables cleared", "simulate.study.clutter.trial:clear_trial", settings,
                  trials)  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 import rtask
+from features.geometry import FloatArray
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.scoring.holding import assumed_mass
 from rtask.engine.perception.clutter import plan_in_view
@@ -20,7 +21,7 @@ from simulate.agent.simulated_body import RobotAtTable
 from simulate.grasping.clearing import clear_clutter
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
 from simulate.grasping.executor import Workcell
-from simulate.grasping.floating import spawn_parts
+from simulate.grasping.floating.execution import spawn_parts
 from simulate.study.clutter.picture import draw_grasps
 from simulate.study.quality.objects import GraspObject, fits, generated
 from simulate.world.camera import Lighting
@@ -188,7 +189,7 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         count = len(table.things)
         result: dict[str, Any] = {"objects": count, "touching": table.touching}
         run = _by_agent if settings.get("agent") else _by_rules
-        moves, cleared = run(table, choice, count)
+        moves, cleared = run(table, choice, count, bool(settings.get("pushes", True)))
         left = [thing.name for thing in table.things.values()]
         off = sum(
             table.cell.world.object_pose(body).z < table.cell.world.table_height - 0.05
@@ -203,11 +204,13 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _by_rules(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any]], int]:
+def _by_rules(
+    table: Table, choice: int, count: int, pushes: bool
+) -> tuple[list[dict[str, Any]], int]:
     """Clear the table by looking, picking and pushing; return the moves and how much is cleared."""
     moves, cleared = [], 0
     for move in clear_clutter(
-        table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch
+        table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch, pushes=pushes
     ):
         lifted = bool(table.lifted) if move.kind == "pick" else False
         cleared += table.empty_boxes()
@@ -220,9 +223,21 @@ def _by_rules(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any
     return moves, cleared
 
 
-def _by_agent(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any]], int]:
+class _NeverPushes(RobotAtTable):
+    """The robot with no way to push anything, for comparison."""
+
+    def push(
+        self, points: FloatArray, others: Sequence[FloatArray], height: float, side: str, seed: int
+    ) -> str:
+        """Find no way."""
+        return ""
+
+
+def _by_agent(
+    table: Table, choice: int, count: int, pushes: bool
+) -> tuple[list[dict[str, Any]], int]:
     """Let the robot's agent clear the table with an empty graph; return the same."""
-    body = RobotAtTable(table.cell.executor)
+    body = (RobotAtTable if pushes else _NeverPushes)(table.cell.executor)
     body.watch = lambda plan: table.watch
     moves: list[dict[str, Any]] = []
     cleared = 0
@@ -230,14 +245,16 @@ def _by_agent(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any
     def on_event(name: str, data: dict[str, Any]) -> None:
         nonlocal cleared
         if name == "push":
-            moves.append({"kind": "push", "reason": data["reason"], "lifted": False})
+            moves.append({
+                "kind": "push", "reason": data["reason"], "lifted": False, "object": data["object"],
+            })  # fmt: skip
         if name != "attempt":
             return
         cleared += table.empty_boxes()
         moves.append({
             "kind": "pick" if data["physical"] else "none", "reason": data["reason"],
             "lifted": bool(table.lifted) and data["physical"], "placed": data["placed"],
-            "source": data["source"],
+            "source": data["source"], "object": data["object"], "evidence": data["evidence"],
         })  # fmt: skip
 
     config = AgentConfig(max_looks=_MOVES_EACH * count, seed=choice)

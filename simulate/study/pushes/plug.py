@@ -18,7 +18,7 @@ from grasp.push.polygon import as_polygon, centroid, triangles
 from grasp.push.push_plan import PushPlan
 from grasp.push.trials import Trials
 from simulate.grasping.executor import Workcell
-from simulate.grasping.floating import spawn_parts
+from simulate.grasping.floating.execution import spawn_parts
 from simulate.grasping.push_grasping import ArmPush
 from simulate.robots.description import Floats
 from simulate.study.quality.objects import GraspObject

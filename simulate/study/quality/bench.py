@@ -15,7 +15,7 @@ from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import PoseNoise
-from simulate.grasping.floating import Conditions, Held, execute, settle, spawn_parts
+from simulate.grasping.floating.execution import Conditions, Held, execute, settle, spawn_parts
 from simulate.robots.description import Floats
 from simulate.study.quality.objects import GraspObject
 from simulate.world.objects import Friction

@@ -79,18 +79,27 @@ def grasp_quality(
                 f"error of the score {found['error']:.3f}, by the factory's map "
                 f"{found['error_by_factory']:.3f}, after 50 own outcomes "
                 f"{found.get('error_after_50', float('nan')):.3f}; at least what is promised at "
-                f"90 %: {found['covered']:.3f} of the objects; n {found['n']}"
+                f"90 %: {found['covered']:.3f} {found['covered_95']} of the objects, with margins "
+                f"from halves of them {found.get('covered_by_halves', float('nan')):.3f}, of which "
+                f"their number explains {found.get('expected_by_halves', float('nan')):.3f}; "
+                f"n {found['n']}"
             )
     for name, found in summary["ranks"].items():
         if found["grasps"]:
             click.echo(
                 f"{name}: rank correlation of score and share held over all "
                 f"{found['grasps']} grasps {_correlation(found['over'])}, within objects "
-                f"{_correlation(found['within'])}"
+                f"{_correlation(found['within'])}; were the chances the truth, "
+                f"{_number(found['attainable']['over'])} and "
+                f"{_number(found['attainable']['within'])}; {json.dumps(found['spread'])}"
             )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
     click.echo(f"report  {out / 'report.json'}")
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _correlation(found: Mapping[str, Any]) -> str:

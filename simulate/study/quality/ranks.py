@@ -1,4 +1,9 @@
-"""Rank correlation of scores with the shares that held, over all grasps and within objects."""
+"""Rank correlation of scores with the shares that held, over all grasps and within objects.
+
+How high it can be depends on how much there is to rank: where nearly all grasps of an object hold,
+a few trials of each differ by luck. So it is set beside the spread of the outcomes, and beside the
+correlation that the same scores would have if their chances were the truth.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
+from grasp.spatial.scoring.holding import FACTORY
 from simulate.study.intervals import bootstrap, mean_interval
 
 __all__ = ["OUTCOMES", "rank_correlations"]
@@ -17,6 +23,7 @@ OUTCOMES = {"held": "lift", "carried": "carry"}
 """Outcomes of a trial, and the score that promises each."""
 
 _FEWEST = 3
+_REPEATS = 100
 
 
 def rank_correlations(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str, Any]:
@@ -49,6 +56,45 @@ def rank_correlations(results: Sequence[Mapping[str, Any]], outcome: str) -> dic
         "over": _over(tables),
         "within": mean_interval(within),
         "grasps": sum(len(table) for table in tables),
+        "spread": _spread(tables),
+        "attainable": _attainable(results, outcome),
+    }
+
+
+def _spread(tables: Sequence[np.ndarray]) -> dict[str, float]:
+    """Return the shares of grasps that held always and never, and of objects with equal grasps."""
+    if not tables:
+        return {}
+    shares = np.concatenate(tables)[:, 1]
+    alike = [np.ptp(table[:, 1]) == 0 for table in tables if len(table) >= _FEWEST]
+    return {
+        "always held": round(float((shares == 1).mean()), 4),
+        "never held": round(float((shares == 0).mean()), 4),
+        "objects all alike": round(float(np.mean(alike)), 4) if alike else 0.0,
+    }
+
+
+def _attainable(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str, float | None]:
+    """Return the mean correlations of the same scores with outcomes drawn from their chances."""
+    score, rng = OUTCOMES[outcome], np.random.default_rng(0)
+    over, within = list[float](), list[float]()
+    for _ in range(_REPEATS):
+        drawn = [
+            np.array([
+                [one[score], rng.binomial(n, FACTORY[score].chance(one[score])) / n]
+                for one in result["ranked"] if (n := len(one[outcome]))
+            ])
+            for result in results if len(result.get("ranked", ())) > 0
+        ]  # fmt: skip
+        if drawn and (rho := _spearman(*np.concatenate(drawn).T)) is not None:
+            over.append(rho)
+        each = [_spearman(table[:, 0], table[:, 1]) for table in drawn if len(table) >= _FEWEST]
+        found = [rho for rho in each if rho is not None]
+        if found:
+            within.append(float(np.mean(found)))
+    return {
+        name: round(float(np.mean(values)), 4) if values else None
+        for name, values in (("over", over), ("within", within))
     }
 
 

@@ -34,7 +34,7 @@ def test_a_measured_look_decides_for_what_carries_no_print() -> None:
         {"size_ok": False},
         {"appearance_lead": -0.05, "colour": 0.95},  # something else looks more like it
         {"colour": 0.80},
-        {"is_twin": True},
+        {"is_twin": True, "appearance_lead": 0.1},
     ],
 )
 def test_otherwise_a_look_does_not_decide(change: dict[str, object]) -> None:
@@ -75,11 +75,21 @@ def test_among_few_objects_a_measured_look_decides_only_where_there_is_no_print(
     assert confidences([replace(few, is_plain=True, size_ok=None, size_gap=None)])[0] < 0.7
 
 
-def test_among_few_objects_a_look_has_to_be_clearer() -> None:
-    """An object that looks more like it may not be stored."""
-    faint = replace(PLAIN, appearance_lead=0.09, size_gap=0.03, colour=0.98)
-    few = replace(faint, is_among_many=False, is_plain=True)
-    assert confidences([faint])[0] > confidences([few])[0]
+def test_twins_of_other_colours_are_told_apart_by_them() -> None:
+    """Cups of one set: one relief, every cup in a colour of its own."""
+    cup = replace(PRINTED, is_twin=True)
+    assert confidences([cup])[0] < 0.7
+    assert confidences([replace(cup, appearance_lead=0.2)])[0] > 0.7
+    assert confidences([replace(cup, appearance_lead=-0.5, place_colour=0.0)])[0] < 0.7
+
+
+def test_print_in_quite_other_colours_does_not_decide() -> None:
+    agrees = Evidence(
+        inliers=0, rival_inliers=0, appearance=0.5, appearance_lead=0.0, colour=0.6,
+        has_print=True, print_odds=3.0,
+    )  # fmt: skip
+    assert confidences([agrees])[0] > 0.7
+    assert confidences([replace(agrees, colour=0.1)])[0] < 0.5
 
 
 @pytest.mark.parametrize(

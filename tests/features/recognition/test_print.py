@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -282,6 +283,35 @@ def test_more_agreement_never_lowers_the_confidence() -> None:
         assert (np.array(weights[1:]) * signs >= 0).all()
     seen = PrintEvidence(12, 0.3, 4.0, 0.2, 0.5, 0.2, 1.5, 4, 0.3)
     assert print_score(without_contradiction(seen)) > print_score(seen)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"extent": 0.15, "seen": 0.4},  # the sibling in view by the common part agrees there, too
+        {"colour_contradiction": 0.2},  # the same lettering over another fruit
+        {"matches": 8, "median": 0.3},  # a handful of corners that any cup of the set has
+    ],
+)
+def test_agreement_of_a_part_or_in_other_colours_does_not_decide(change: dict[str, float]) -> None:
+    agrees = PrintEvidence(
+        60, 0.4, 3.0, 0.8, 0.9, 0.0, 0.5, 50, 0.6, 0.5, supported=1.0, agreeing=1.0,
+        correlation=0.8, seen=0.9, verified=4,
+    )  # fmt: skip
+    assert print_score(agrees) > 2
+    assert print_score(replace(agrees, **change)) <= 0  # type: ignore[arg-type]
+    # An object with one view has no other that says how much of the print there is.
+    alone = replace(agrees, verified=0, seen=0.5)
+    assert print_score(alone) > 2
+
+
+def test_with_the_only_view_of_an_object_colours_must_agree_more_closely() -> None:
+    alone = PrintEvidence(60, 0.4, 3.0, 0.8, 0.9, 0.08, 0.5, 50, 0.6, 0.5)
+    supported = replace(alone, supported=1.0, agreeing=1.0, correlation=0.8, verified=4)
+    assert print_score(supported) > 2
+    assert print_score(alone) <= 0
+    assert print_score(replace(alone, colour_contradiction=0.03)) > 2
+    assert print_score(replace(alone, colour_contradiction=0.0, median=0.3)) <= 0
 
 
 def test_a_thing_as_narrow_as_a_pen_is_compared_too() -> None:

@@ -242,6 +242,7 @@ def test_a_wrong_guess_of_the_hidden_side_does_not_take_away_what_is_seen(monkey
     assert found
     assert found.reason == ""
     assert not any(one.completed for one in found)
+    assert not plan_on_cloud(*asked[:-1], SpatialOptions(tries=400, hedge=False))
 
 
 @pytest.mark.parametrize(

@@ -27,8 +27,8 @@ from grasp.spatial.suction import (
 )
 from grasp.spatial.suction_cup import SuctionCup
 from rtask.cli import cli
-from simulate.grasping.floating import Conditions, settle, spawn_parts
-from simulate.grasping.floating_cup import execute_suction
+from simulate.grasping.floating.cup import execute_suction
+from simulate.grasping.floating.execution import Conditions, settle, spawn_parts
 from simulate.study.quality.objects import GraspObject
 from simulate.world.objects import Friction
 from simulate.world.world import World

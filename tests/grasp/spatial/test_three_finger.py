@@ -25,8 +25,8 @@ from grasp.spatial.three_finger.planning import (
     plan_three_finger_on_scene,
 )
 from rtask.cli import cli
-from simulate.grasping.floating import Conditions, settle, spawn_parts
-from simulate.grasping.floating_three_finger import execute_three_finger
+from simulate.grasping.floating.execution import Conditions, settle, spawn_parts
+from simulate.grasping.floating.three_finger import execute_three_finger
 from simulate.study.quality.objects import GraspObject
 from simulate.world.objects import Friction
 from simulate.world.world import World

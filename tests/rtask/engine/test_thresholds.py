@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import ontology
 from rtask.engine import Engine, Policy
 from rtask.engine.memory.thresholds import Assessment, Thresholds, decide
+from rtask.engine.records import refusals
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
@@ -191,6 +193,48 @@ def test_a_grasp_and_a_mere_reader_store_no_refusal(kb, known):
     assert granted["decision"]["refusal"] == refused["decision"]["refusal"] == ""
     assert refused["decision"]["too_low"] == "grasp"
     assert kb.match(None, RDF.type, RT.GraspRefusal) == before
+
+
+def test_a_question_repeated_before_a_response_is_one_refusal(kb, known):
+    robot, seen = known
+    first, again = (robot.recognise(seen, min_grasp=1.0) for _ in range(2))
+    refusal = first["decision"]["refusal"]
+    assert again["decision"]["refusal"] == refusal != ""
+    assert len(kb.match(None, RDF.type, RT.GraspRefusal)) == 1
+    (task,) = kb.match(refusal, RT.requestId)
+    assert task.object.value == again["task_id"] != first["task_id"]
+    (_,) = kb.match(refusal, RT.atTime)
+    other_values = robot.recognise(seen, min_grasp=0.99)["decision"]["refusal"]
+    assert other_values != refusal
+
+
+def test_an_object_that_was_put_off_and_left_alone_has_one_refusal(kb, known):
+    robot, seen = known
+
+    def ask():
+        return robot.recognise(seen, min_grasp=1.0)["decision"]["refusal"]
+
+    refusal = ask()
+    robot.call("report_refusal", refusal=refusal, response="postponed")
+    assert ask() == refusal
+    assert robot.call("report_refusal", refusal=refusal, response="left_alone")["stored"] == 1
+    (told,) = kb.match(refusal, RT.refusalResponse)
+    assert told.object.value == "left_alone"
+    assert ask() != refusal  # it has come back to what it had left
+
+
+def test_the_same_question_long_afterwards_is_a_refusal_of_its_own(kb, known, monkeypatch):
+    robot, seen = known
+    monkeypatch.setattr(refusals, "_REPEATED_WITHIN", dt.timedelta(0))
+    first, again = (robot.recognise(seen, min_grasp=1.0)["decision"]["refusal"] for _ in range(2))
+    assert first != again
+
+
+def test_each_refusal_of_what_resembles_nothing_known_is_its_own(kb, bench, robots):
+    robot = robots("nao-1")
+    pen = bench.sight(bench.PEN)
+    found = {robot.recognise(pen, decide=True)["decision"]["refusal"] for _ in range(2)}
+    assert len(found) == len(kb.match(None, RDF.type, RT.GraspRefusal)) == 2
 
 
 def test_an_object_that_resembles_nothing_known_may_be_grasped_as_a_new_one(bench, known):

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from rtask.errors import UsageError
+from simulate.demo.console import Console
 from simulate.demo.orchestrate import Demo, Settings
 from simulate.demo.queries import QUESTIONS, Answer
 from simulate.demo.report import (
@@ -232,6 +233,16 @@ def test_the_last_robot_is_set_beside_itself_without_the_graph() -> None:
         ("carton-1", "1", "3", "memory", told),
         ("bar-2", "> 4", "-", "-", ""),
     ]
+
+
+def test_a_cautious_demo_asks_its_robots_for_caution(tmp_path: Path) -> None:
+    bold, careful = (
+        Demo(settings, Console(results=False))._job(tmp_path, "nao-1", "", 0)
+        for settings in (Settings(tmp_path), Settings(tmp_path, min_grasp=0.4, cautious=True))
+    )
+    bold, careful = bold.thresholds.as_request(), careful.thresholds.as_request()
+    assert (bold["min_grasp"], bold["cautious"]) == (0.1, False)
+    assert (careful["min_grasp"], careful["cautious"]) == (0.4, True)
 
 
 def test_the_hard_products_go_to_robots_that_can_lift_them(tmp_path: Path) -> None:

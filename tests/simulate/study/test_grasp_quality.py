@@ -143,6 +143,8 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert promise["error"] == pytest.approx(0.25)
     assert promise["error_after_50"] < 0.08
     assert promise["covered"] == promise["covered_by_halves"] == 1.0
+    assert 0.9 <= promise["expected_by_halves"] <= 1.0
+    assert promise["covered_95"][0] < 1.0 == promise["covered_95"][1]
     assert len(quality_rows(summary)) == 5
 
     same = summarise_quality([_result(n, 0.75, 0.75, 0.75) for n in range(60)])
@@ -181,7 +183,20 @@ def test_ranks_are_compared_over_all_grasps_and_within_objects() -> None:
     # Where all hold nothing can be ranked; over all objects, it counts.
     found = rank_correlations([light, alike], "carried")
     assert (found["within"]["n"], found["over"]["n"]) == (1, 2)
-    assert rank_correlations([none], "carried")["over"]["mean"] is None
+    nothing = rank_correlations([none], "carried")
+    assert nothing["over"]["mean"] is None
+    assert nothing["attainable"] == {"over": None, "within": None}
+
+
+def test_where_nearly_all_hold_no_score_can_rank_within_an_object() -> None:
+    easy = [_ranked((0.95, 1.0), (0.94, 1.0), (0.93, 1.0)) for _ in range(9)]
+    mixed = [_ranked((0.9, 1.0), (0.4, 0.5), (0.05, 0.0)) for _ in range(9)]
+    low, high = (rank_correlations(objects, "carried") for objects in (easy, mixed))
+    assert low["spread"] == {"always held": 1.0, "never held": 0.0, "objects all alike": 1.0}
+    assert high["spread"] == pytest.approx(
+        {"always held": 1 / 3, "never held": 1 / 3, "objects all alike": 0.0}, abs=1e-4
+    )
+    assert low["attainable"]["within"] < 0.3 < 0.6 < high["attainable"]["within"]
 
 
 def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:

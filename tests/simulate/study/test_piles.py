@@ -80,6 +80,8 @@ def test_a_push_that_did_not_arrive_says_why(monkeypatch):
     assert [(move.kind, move.reason) for move in moves] == [
         *[("push", "tracking")] * 4, ("none", nothing.reason)
     ]  # fmt: skip
+    (only,) = clearing.clear_clutter(executor, "arm", pushes=False)
+    assert (only.kind, only.reason) == ("none", nothing.reason)
 
 
 def a_pile(lifted, reason, **more):

@@ -1,4 +1,4 @@
-"""A gripper without an arm, to judge grasps by physics alone.
+"""Grasps carried out by a gripper without an arm, to judge them by physics alone.
 
 It moves along its approach, closes with the hand's force, lifts straight up and holds; on request
 it then shakes what it holds. It consists of the boxes that planning checks for collisions; the
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from grasp.spatial.gripper import ParallelGripper
-from simulate.grasping.floating_hand import LIFT_M, FloatingGripper, FloatingHand
+from simulate.grasping.floating.hand import LIFT_M, FloatingGripper, FloatingHand
 from simulate.robots.description import Floats
 from simulate.world.objects import Friction
 from simulate.world.world import BodyPose, World

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
-from simulate.grasping.floating import Conditions, Held, carry_out, misplaced_weight
-from simulate.grasping.floating_hand import HAND, FloatingHand
+from simulate.grasping.floating.execution import Conditions, Held, carry_out, misplaced_weight
+from simulate.grasping.floating.hand import HAND, FloatingHand
 from simulate.robots.description import Floats
 from simulate.world.world import BodyPose, World
 
@@ -23,7 +23,7 @@ class FloatingThreeFinger(FloatingHand):
     Parameters
     ----------
     world, world_from_gripper
-        See :class:`~simulate.grasping.floating_hand.FloatingHand`.
+        See :class:`~simulate.grasping.floating.hand.FloatingHand`.
     hand
         Whose sizes and force it has; its fingers are square here.
     opening

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from grasp.spatial.suction import asked_of_vacuum, lip_places, seals_at
 from grasp.spatial.suction_cup import SuctionCup
-from simulate.grasping.floating import Conditions, Held, carry_out, misplaced_weight
-from simulate.grasping.floating_hand import APPROACH_M, HAND, FloatingHand
+from simulate.grasping.floating.execution import Conditions, Held, carry_out, misplaced_weight
+from simulate.grasping.floating.hand import APPROACH_M, HAND, FloatingHand
 from simulate.robots.description import Floats
 from simulate.world.world import BodyPose, World
 
@@ -38,7 +38,7 @@ class FloatingCup(FloatingHand):
     Parameters
     ----------
     world, world_from_gripper
-        See :class:`~simulate.grasping.floating_hand.FloatingHand`.
+        See :class:`~simulate.grasping.floating.hand.FloatingHand`.
     cup
         The suction cup.
     com_error : (3,), m

@@ -1,0 +1,1 @@
+"""Hands without an arm, to judge grasps by physics alone."""
