@@ -36,6 +36,10 @@ class FileStore:
     def _views(self) -> Views:
         return Views(self._root / "views")
 
+    def holds(self, entry: Entry) -> bool:
+        """Whether the bytes of a file are here."""
+        return self._blobs.has(PREFIX + entry.sha256)
+
     def read(self, entry: Entry) -> bytes:
         """Return the bytes of a file."""
         return self._blobs.read(PREFIX + entry.sha256)
