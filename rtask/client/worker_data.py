@@ -9,7 +9,6 @@ from pathlib import Path
 from rtask.client.datasets import DatasetClient
 from rtask.errors import VersionConflictError
 from rtask.kb.commit.access import Access
-from rtask.kb.durability.blobs import PREFIX
 from rtask.services.datasets.store import Datasets
 from rtask.services.datasets.version import Version
 
@@ -57,9 +56,9 @@ class ServerDatasets(Datasets):
             The head was written to in the meantime.
         """
         for path, entry in version.files.items():
-            if self._blobs.has(PREFIX + entry.sha256):
+            if self._files.holds(entry):
                 continue
-            if self._blobs.put(self._client.get(version.name, path)).sha256 != entry.sha256:
+            if self._files.store(self._client.get(version.name, path)).sha256 != entry.sha256:
                 raise VersionConflictError(f"{path} of {version.name} was changed meanwhile")
         return super().view(version)
 

@@ -24,16 +24,16 @@ from typing import Any
 
 from rtask.errors import (
     ConflictError,
-    ForbiddenError,
     UnknownTermError,
     UsageError,
     VersionConflictError,
     nearest,
 )
 from rtask.kb.commit.access import Access
-from rtask.kb.durability.blobs import PREFIX, BlobStore, copy_blob
+from rtask.services.datasets.file_store import FileStore
 from rtask.services.datasets.merging import Merge
 from rtask.services.datasets.records import ENDING, read_records, without
+from rtask.services.datasets.rights import check_may_write, may_read
 from rtask.services.datasets.shelf import Shelf, is_name
 from rtask.services.datasets.tree import (
     Entry,
@@ -44,7 +44,6 @@ from rtask.services.datasets.tree import (
     leave_out,
 )
 from rtask.services.datasets.version import HEAD, Doubt, Version
-from rtask.services.datasets.views import Views
 
 __all__ = ["Datasets", "Version"]
 
@@ -90,12 +89,8 @@ class Datasets:
         return Shelf(self._root)
 
     @cached_property
-    def _blobs(self) -> BlobStore:
-        return BlobStore(self._root / "blobs")
-
-    @cached_property
-    def _views(self) -> Views:
-        return Views(self._root / "views")
+    def _files(self) -> FileStore:
+        return FileStore(self._root)
 
     def offer(self, name: str, contents: Contents) -> None:
         """Add a dataset that comes with the product; it is stored when it is first asked for."""
@@ -204,7 +199,7 @@ class Datasets:
         if entry is None:
             hint = nearest(path, list(version.files))
             raise UnknownTermError(f"{version.name} has no file {path}{hint}")
-        return entry, self._bytes(entry)
+        return entry, self._files.read(entry)
 
     def put(
         self,
@@ -235,14 +230,14 @@ class Datasets:
             for path, data in named.items():
                 if path.endswith(ENDING):
                     read_records(data, key, path)
-        blobs = self._blobs.put_many(named.values())
+        entries = self._files.store_all(named.values())
         with self._changing(name, access) as files:
-            for path, blob in zip(named, blobs, strict=True):
+            for path, entry in zip(named, entries, strict=True):
                 before = files.get(path)
                 if if_match is not None and not _matches(before, if_match):
                     raise VersionConflictError(f"{path} of {name} was changed in the meantime")
                 check_kind(path, files)
-                files[path] = Entry(blob.sha256, blob.size)
+                files[path] = entry
 
     def remove(self, name: str, paths: list[str], access: Access | None = None) -> None:
         """Remove files and folders from the head; the versions keep them.
@@ -296,9 +291,9 @@ class Datasets:
         changed = {}
         for path, entry in files.items():
             if path.endswith(ENDING):
-                rest = without(self._bytes(entry), key, path, where)
+                rest = without(self._files.read(entry), key, path, where)
                 if rest is not None:
-                    changed[path] = self._stored(rest)
+                    changed[path] = self._files.store(rest)
         if not changed:
             raise UnknownTermError(f"{name}@head has no record with {dict(where)}")
         return changed
@@ -359,7 +354,7 @@ class Datasets:
             self._check_write(name, access)
             self.snapshot(name, f"before merging {theirs.name}", access)
             ours = self.find(name, access)
-            merge = Merge(rules or {}, self.key(name), self._bytes, self._stored)
+            merge = Merge(rules or {}, self.key(name), self._files.read, self._files.store)
             try:
                 files = merge.files(self._shelf.ancestor(ours, theirs), ours.files, theirs.files)
             except ConflictError as error:
@@ -370,11 +365,11 @@ class Datasets:
 
     def view(self, version: Version) -> Path:
         """Return a folder with the files of a version, to be read only."""
-        return self._views.get(version.digest, lambda folder: self._fill(folder, version))
+        return self._files.view(version)
 
     def keep_view(self, place: Path, user: object) -> None:
         """Keep the folder of a version as long as the object that uses it lives."""
-        self._views.keep(place, user)
+        self._files.keep_view(place, user)
 
     @contextmanager
     def scratch(self, name: str, access: Access | None = None) -> Iterator[Path]:
@@ -382,10 +377,7 @@ class Datasets:
 
         Place, simulate, look, forget (Kehoe 2014, 6.2).
         """
-        with self._views.scratch() as made:
-            for path, entry in self.find(name, access).files.items():
-                (made / path).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(self._blobs.path(PREFIX + entry.sha256), made / path)
+        with self._files.scratch(self.find(name, access).files) as made:
             yield made
 
     def close(self) -> None:
@@ -394,11 +386,6 @@ class Datasets:
             shutil.rmtree(self._temporary, ignore_errors=True)
 
     # Inside
-
-    def _fill(self, folder: Path, version: Version) -> None:
-        for path, entry in version.files.items():
-            copy_blob(self._blobs.path(PREFIX + entry.sha256), folder / path)
-            (folder / path).chmod(0o444)  # the file is the blob itself, which must not change
 
     def _store_offered(self, name: str) -> None:
         """Store a dataset that comes with the product, or its new contents as a version."""
@@ -415,13 +402,6 @@ class Datasets:
             self.put(name, files)
             self.snapshot(name, "comes with the product")
 
-    def _bytes(self, entry: Entry) -> bytes:
-        return self._blobs.read(PREFIX + entry.sha256)
-
-    def _stored(self, data: bytes) -> Entry:
-        (blob,) = self._blobs.put_many([data])
-        return Entry(blob.sha256, blob.size)
-
     @contextmanager
     def _changing(self, name: str, access: Access | None) -> Iterator[dict[str, Entry]]:
         """Yield the files of the head, and store them if nothing is raised."""
@@ -434,19 +414,10 @@ class Datasets:
 
     def _check_write(self, name: str, access: Access | None) -> None:
         self.find(f"{name}@{HEAD}", access)
-        owner = self._shelf.facts(name)["owner"]
-        if access is None or access.role in ("admin", "anonymous"):
-            return
-        if access.role == "reader" or access.agent != owner:
-            raise ForbiddenError(f"{name} belongs to {owner or 'the server'}; fork it to change it")
+        check_may_write(name, self._shelf.facts(name), access)
 
     def _may_read(self, name: str, access: Access | None) -> bool:
-        if not self._shelf.holds(name):
-            return False
-        facts = self._shelf.facts(name)
-        if facts["readers"] is None or access is None or access.role == "admin":
-            return True
-        return access.agent is not None and access.agent in (*facts["readers"], facts["owner"])
+        return self._shelf.holds(name) and may_read(self._shelf.facts(name), access)
 
 
 def _matches(before: Entry | None, wanted: str) -> bool:
