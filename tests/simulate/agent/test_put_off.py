@@ -14,7 +14,7 @@ from simulate.agent import agent as agents
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.second_look import View
 from simulate.agent.tracking import TrackedObject
-from tests.simulate.agent_doubles import CAMERA, seen_at
+from tests.simulate.agent.doubles import CAMERA, seen_at
 
 FRAME = Frame(np.full((12, 16), 0.3, np.float32), CAMERA, np.zeros((12, 16, 3), np.uint8))
 
