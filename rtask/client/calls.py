@@ -658,6 +658,7 @@ class Contributor(TypedDict):
     interval95: list[float]
     truthful: float
     manner: str
+    weight: float
     finding: Literal["agrees", "doubtful", "contradicts"]
     text: str
 

@@ -6,11 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
 
 from grasp.learning.bandit import Choice
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.planar import PlanarGrasp
+from rtask.engine.names import tail
 from rtask.engine.remembered import Remembered
+from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
@@ -74,6 +77,9 @@ class Option:
             return {}
         parts = dict(self.choice.explanation)
         parts["objects"] = list(self.sources)
+        doubted = _doubted(self.remembered)
+        if doubted:
+            parts["doubted"] = doubted
         parts["text"] = _sentence(self, parts)
         return parts
 
@@ -120,6 +126,18 @@ def told_and_alone(first: Option, alone: Option) -> str:
     )
 
 
+def _doubted(known: Remembered | None) -> list[dict[str, Any]]:
+    """Return the robots whose reports on a grasp count for less, with their part."""
+    found: dict[str, dict[str, Any]] = {}
+    for tally in known.tallies if known is not None else ():
+        if tally.robot:
+            nothing = {"robot": tally.robot, "attempts": 0, "held": 0, "weight": tally.weight}
+            one = found.setdefault(tally.robot, nothing)
+            one["attempts"] += tally.count
+            one["held"] += tally.count if tally.held else 0
+    return [found[robot] for robot in sorted(found)]
+
+
 def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     """Return the explanation in words."""
     assert option.choice is not None
@@ -130,6 +148,12 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     if option.remembered is not None and option.remembered.attempts:
         known = option.remembered
         said.append(f"it held {known.successes} of {known.attempts} times")
+    for one in parts.get("doubted", ()):
+        who = unquote(tail(iri(one["robot"])))
+        said.append(
+            f"{one['attempts']} of these from {who} count {one['weight']:.2f} each, because its "
+            "reports differ from those of others"
+        )
     if max(won, lost) >= MIN_TOLD:
         count = len(option.sources)
         where = f" on {count} object{'' if count == 1 else 's'}" if count else ""

@@ -77,6 +77,9 @@ class Honesty:
         Probability that it reports truthfully.
     manner
         The most probable manner, one of :data:`MANNERS`.
+    weight
+        Part, 0..1, for which one of its reports counts with others; 1 for a robot that nothing
+        speaks against.
     """
 
     robot: str
@@ -85,10 +88,11 @@ class Honesty:
     agreeing: float
     truthful: float
     manner: str
+    weight: float
 
     @property
     def contradicts(self) -> bool:
-        """Whether it is almost surely not truthful; choices leave its reports out."""
+        """Whether it is almost surely not truthful; choices of others leave its reports out."""
         return self.truthful < _CONTRADICTS and self.comparable >= _LEAST
 
 
@@ -126,10 +130,22 @@ def judge_honesty(reports: Sequence[Reports], share: float = 0.5) -> dict[str, H
     return {
         name: Honesty(
             name, int(attempts[i]), int(comparable[i]), float(agreeing[i]), float(belief[i, 0]),
-            manners[int(np.argmax(belief[i]))],
+            manners[int(np.argmax(belief[i]))], _weight(belief[i]),
         )
         for i, name in enumerate(said.names)
     }  # fmt: skip
+
+
+def _weight(belief: NDArray[np.float64]) -> float:
+    """Return how much a report says about a grasp, relative to one of a robot not yet compared.
+
+    That is by how much "held" is more probable where the grasp holds than where it does not
+    (Youden's J), over the manners of a robot. A report that speaks for the opposite counts nothing:
+    whoever lies may stop lying.
+    """
+    tells = np.array([true - false for true, false in MANNERS.values()])
+    # Rounded, so that a belief that has not moved gives exactly 1.
+    return round(float(np.clip(belief @ tells / (_PRIOR @ tells), 0.0, 1.0)), 3)
 
 
 @dataclass(frozen=True)
@@ -189,10 +205,12 @@ def _beliefs(said: _Said, belief: NDArray[np.float64], share: float) -> NDArray[
     log_density = (a - 1)[:, None] * np.log(p) + (b - 1)[:, None] * np.log1p(-p) + np.log(weights)
     log_density -= _log_sum(log_density)[:, None]
     scores = np.tile(np.log(_PRIOR), (len(said.names), 1))
+    # A robot that is always lucky, or never, where nobody else has been is not to be doubted.
+    comparable = said.of_others(said.count) > 0
     for m, (true, false) in enumerate(MANNERS.values()):
         chance = p * true + (1 - p) * false
         log_said = said.held[:, None] * np.log(chance) + lost[:, None] * np.log1p(-chance)
-        scores[:, m] += said.by_robot(_log_sum(log_density + log_said))
+        scores[:, m] += said.by_robot(_log_sum(log_density + log_said) * comparable)
     scores -= scores.max(axis=1, keepdims=True)
     found: NDArray[np.float64] = np.exp(scores)
     found /= found.sum(axis=1, keepdims=True)
@@ -249,14 +267,21 @@ class HonestyCatalogue:
             assert self._known is not None
             return self._known
 
-    def contradicting(self) -> tuple[str, ...]:
-        """Return the IRIs of the robots that contradict the others, sorted."""
+    def doubts(self, asking: str | None = None) -> dict[str, float]:
+        """Return the weights below 1 by IRI of the robot, sorted; 0 for those that contradict.
+
+        Parameters
+        ----------
+        asking
+            IRI of the robot that asks; its own word always counts in full.
+        """
         with self._lock:
             if self._known is None or self._changed > self._share * self._total:
                 self._renew()
             assert self._known is not None
             found = self._known.values()
-        return tuple(sorted(one.robot for one in found if one.contradicts))
+        weights = {one.robot: 0.0 if one.contradicts else one.weight for one in found}
+        return {who: weights[who] for who in sorted(weights) if weights[who] < 1 and who != asking}
 
     def _renew(self) -> None:
         reports = _reports(self._kb)

@@ -16,12 +16,22 @@ __all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial"]
 
 @dataclass(frozen=True)
 class Tally:
-    """Number of judged attempts of a grasp with the same outcome."""
+    """Number of judged attempts of a grasp with the same outcome.
+
+    Parameters
+    ----------
+    robot
+        IRI of the robot that reported them, if its word counts for less; empty for all others.
+    weight
+        Part for which that word counts, 0..1; see :mod:`rtask.engine.honesty`.
+    """
 
     held: bool
     count: int
     is_fast: bool = False
     latest: dt.datetime | None = None
+    robot: str = ""
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,17 @@ _NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 @dataclass(frozen=True)
 class Told:
-    """An attempt that a robot reported: the number of the grasp, and whether it held."""
+    """An attempt that a robot reported: the number of the grasp, and whether it held.
+
+    Parameters
+    ----------
+    weight
+        Part for which the report counts, 0..1; see :mod:`rtask.engine.honesty`.
+    """
 
     arm: int
     held: bool
+    weight: float = 1.0
 
 
 def replay(
@@ -188,11 +195,11 @@ class Player:
         arms = self._arms(thing, told, source, luck.turned)
         learner = BetaThompson(self.policy.bandit, max(thing["size"]))
         sign = -1.0 if luck.turned else 1.0
-        known = [(sign * source["arms"][one.arm]["x"], one.held) for one in told]
+        known = [(sign * source["arms"][one.arm]["x"], one.held, one.weight) for one in told]
         done: list[Told] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
             tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
-            seen = [*known, *((trial.position[0], trial.success) for trial in tries)]
+            seen = [*known, *((trial.position[0], trial.success, 1.0) for trial in tries)]
             order = learner.rank(self._with_causes(arms, seen, thing["size"][0]), tries, seed)
             if not order:
                 break
@@ -204,15 +211,15 @@ class Player:
         return done
 
     def _with_causes(
-        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool]], length: float
+        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool, float]], length: float
     ) -> list[Arm]:
-        """Return arms with what attempts (place along the object in m, held) say of causes."""
+        """Return arms with what attempts (place along them in m, held, weight) say of causes."""
         if not self.policy.causes:
             return list(arms)
-        x, held = np.array(seen, dtype=np.float64).reshape(-1, 2).T
+        x, held, weight = np.array(seen, dtype=np.float64).reshape(-1, 3).T
         places = np.array([arm.position[0] for arm in arms]) / length
         half_finger = self.hand.finger_width / 2 / length
-        hidden = hidden_share(places, half_finger, x / length, held, np.ones(len(held)))
+        hidden = hidden_share(places, half_finger, x / length, held, weight)
         return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(
@@ -240,11 +247,12 @@ class Player:
     ) -> Remembered:
         arm = source["arms"][number]
         sign = -1.0 if turned else 1.0  # half a turn leaves the closing direction as it is
-        counts = Counter(one.held for one in told if one.arm == number)
+        counts = Counter((one.held, one.weight) for one in told if one.arm == number)
+        tallies = tuple(Tally(held, n, weight=w) for (held, w), n in sorted(counts.items()))
         return Remembered(
             f"grasp:{number}", "it", False, sign * arm["x"], sign * arm["y"], arm["z"],
             arm["theta"], self.hand.max_opening, arm["quality"], self.hand.gripper_type,
-            None, tuple(Tally(held, n) for held, n in sorted(counts.items())),
+            None, tallies,
         )  # fmt: skip
 
 

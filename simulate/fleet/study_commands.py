@@ -230,6 +230,12 @@ def trust(
     print_table(
         f"{fleets} fleets of {robots} robots, {liars} of them liars", COLUMNS, trust_rows(summary)
     )
+    more = summary["weighed_less_left_out"]
+    click.echo(
+        "weighing reports adds {:+.3f} [{:+.3f}, {:+.3f}] to leaving liars out".format(
+            more["change"], *more["interval95"]
+        )
+    )
     click.echo(
         f"named: {summary['liars_named']} of {summary['of_liars']} liars, "
         f"{summary['liars_named_within_50']} within 50 of their reports; "

@@ -2,15 +2,16 @@
 
 Every robot meets every product of its fleet several times, in random order, with what all have
 reported so far. Liars work like the others and report something else. The same fleets are played
-three times with the same luck: all report truthfully; the liars are believed; and the reports of
-whoever is found to contradict the others (:mod:`rtask.engine.honesty`) are left out, as the engine
-does.
+several times with the same luck: all report truthfully; the liars are believed; the reports of
+whoever is found to contradict the others (:mod:`rtask.engine.honesty`) are left out; the reports of
+the rest weigh besides by how truthful they seem, as the engine does it, without liars too; and the
+liars are never heard, which no judgement can better: there are fewer to learn from.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,15 @@ LIES = ("flipped", "held", "random")
 COLUMNS = ("reports", "first tries that held", "less than truthful", "attempts")
 
 _TRUST = 71
-_CONDITIONS = ("truthful", "believed", "left out")
+_JUDGED = ("left out", "weighed", "truthful, weighed")
+_CONDITIONS = {
+    "truthful": "all truthful",
+    "believed": "liars believed",
+    "left out": "liars left out",
+    "weighed": "reports weighed",
+    "truthful, weighed": "all truthful, reports weighed",
+    "unheard": "liars never heard",
+}
 
 
 @dataclass
@@ -44,6 +53,8 @@ class _Fleet:
     """robots whose reports are left out now, and how many they had made when they were named"""
     ever: dict[int, int] = field(default_factory=dict)
     """the same of all that were ever named"""
+    doubts: dict[int, float] = field(default_factory=dict)
+    """weights of the reports of each robot, where they are weighed"""
     first: list[tuple[int, bool]] = field(default_factory=list)
     attempts: list[int] = field(default_factory=list)
 
@@ -96,13 +107,15 @@ def replay_trust(
             held = float(np.mean([held for _, held in fleet.first]))
             row += [held, float(np.mean(fleet.attempts))]
         rows.append(row)
-        found = played["left out"].named
-        once += sum(robot >= liars for robot in played["left out"].ever)
+        found = played["weighed"].named
+        once += sum(robot >= liars for robot in played["weighed"].ever)
         named += [found.get(robot, -1) for robot in range(liars)]
         falsely += sum(robot >= liars for robot in found)
+    summary, better = _summary(np.array(rows))
     return {
         "fleets": fleets, "robots": robots, "liars": liars, "products": on_table, "lie": lie,
-        "conditions": _summary(np.array(rows)),
+        "conditions": summary,
+        "weighed_less_left_out": better,
         "liars_named": sum(n >= 0 for n in named),
         "liars_named_within_50": sum(0 <= n <= 50 for n in named),
         "of_liars": len(named),
@@ -127,9 +140,11 @@ def _play(
     for meeting in order.tolist():
         robot, i = meetings[meeting]
         luck, said = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
-        told = [one for who, one in fleet.told.get(i, []) if who not in fleet.named]
+        told = list(_heard(fleet, robot, fleet.told.get(i, [])))
+        if condition == "unheard":
+            told = [one for who, one in fleet.told.get(i, []) if who >= liars]
         done = player.play(things[i], luck, told if luck.recognised else ())
-        lies = condition != "truthful" and robot < liars
+        lies = not condition.startswith("truthful") and robot < liars
         for one, held in zip(done, said.tolist(), strict=False):
             report = Told(one.arm, _lie(lie, one.held, held)) if lies else one
             fleet.told.setdefault(i, []).append((robot, report))
@@ -137,17 +152,25 @@ def _play(
         if robot >= liars and done:
             fleet.first.append((i, done[0].held))
             fleet.attempts.append(player.count(done))
-        if condition == "left out":
-            _name(fleet)
+        if condition in _JUDGED:
+            _judge(fleet, is_weighed=condition != "left out")
     return fleet
+
+
+def _heard(fleet: _Fleet, asking: int, told: Sequence[tuple[int, Told]]) -> Iterator[Told]:
+    """Yield what a robot takes from the reports on a product; its own word counts in full."""
+    for who, one in told:
+        weight = fleet.doubts.get(who, 1.0) if who != asking else 1.0
+        if weight > 0:
+            yield replace(one, weight=weight)
 
 
 def _lie(lie: str, held: bool, anything: bool) -> bool:
     return {"flipped": not held, "held": True, "random": anything}[lie]
 
 
-def _name(fleet: _Fleet) -> None:
-    """Name robots that are found not to report truthfully."""
+def _judge(fleet: _Fleet, is_weighed: bool) -> None:
+    """Name robots that are found not to report truthfully, and weigh the others if asked."""
     counts: dict[tuple[int, int, int], list[int]] = {}
     for i, told in fleet.told.items():
         for robot, one in told:
@@ -157,38 +180,48 @@ def _name(fleet: _Fleet) -> None:
     reports = [
         Reports(str(robot), f"{i}/{arm}", held, n) for (robot, i, arm), (held, n) in counts.items()
     ]
-    found = {int(name) for name, one in judge_honesty(reports).items() if one.contradicts}
+    beliefs = {int(name): one for name, one in judge_honesty(reports).items()}
+    found = {robot for robot, one in beliefs.items() if one.contradicts}
+    fleet.doubts = {robot: one.weight if is_weighed else 1.0 for robot, one in beliefs.items()}
+    fleet.doubts |= dict.fromkeys(found, 0.0)
     fleet.named = {robot: fleet.named.get(robot, fleet.count[robot]) for robot in found}
     for robot in found:
         fleet.ever.setdefault(robot, fleet.count[robot])
 
 
-def _summary(rows: NDArray[np.float64]) -> dict[str, dict[str, Any]]:
-    """Return the figures of each condition, with 95 % intervals over fleets."""
-    found = {}
-    for k, name in enumerate(_CONDITIONS):
-        less = rows[:, 2 * k] - rows[:, 0]
+def _summary(rows: NDArray[np.float64]) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+    """Return the figures of each condition, and what weighing reports adds to leaving some out.
 
-        def change(i: NDArray[np.intp], less: NDArray[np.float64] = less) -> float:
-            return float(less[i].mean())
-
-        found[name] = {
-            "first_try": round(float(rows[:, 2 * k].mean()), 4),
-            "attempts": round(float(rows[:, 2 * k + 1].mean()), 4),
-            "change": round(float(less.mean()), 4),
-            "interval95": [round(v, 4) for v in bootstrap(change, len(less))],
+    With 95 % intervals over fleets.
+    """
+    first = dict(zip(_CONDITIONS, rows[:, ::2].T, strict=True))
+    attempts = dict(zip(_CONDITIONS, rows[:, 1::2].T, strict=True))
+    found = {
+        name: {
+            "first_try": round(float(first[name].mean()), 4),
+            "attempts": round(float(attempts[name].mean()), 4),
+            **_change(first[name] - first["truthful"]),
         }
-    return found
+        for name in _CONDITIONS
+    }
+    return found, _change(first["weighed"] - first["left out"])
+
+
+def _change(less: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the mean of a difference, and its 95 % interval."""
+
+    def mean(i: NDArray[np.intp]) -> float:
+        return float(less[i].mean())
+
+    interval = [round(v, 4) for v in bootstrap(mean, len(less))]
+    return {"change": round(float(less.mean()), 4), "interval95": interval}
 
 
 def trust_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return the table of :data:`COLUMNS`."""
-    names = {
-        "truthful": "all truthful", "believed": "liars believed", "left out": "liars left out",
-    }  # fmt: skip
     return [
         (
-            names[name], f"{found['first_try']:.3f}",
+            _CONDITIONS[name], f"{found['first_try']:.3f}",
             "{:+.3f} [{:+.3f}, {:+.3f}]".format(found["change"], *found["interval95"]),
             f"{found['attempts']:.2f}",
         )

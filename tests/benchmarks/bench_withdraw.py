@@ -1,6 +1,6 @@
-"""CPU that withdrawing a contributor takes, beside what a plain call of the same size takes.
+"""CPU that withdrawing a contributor takes.
 
-    python tests/benchmarks/bench_withdraw.py [--outcomes 50] [--objects 4] [--robots 10]
+    python -m tests.benchmarks.bench_withdraw [--outcomes 50] [--objects 4] [--robots 10]
 
 All robots report as many outcomes each of eight grasps of each object, with reasoning on; then a
 person withdraws the last one. Every repetition has a store of its own. Process CPU, so that other

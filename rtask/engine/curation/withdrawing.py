@@ -17,7 +17,7 @@ from rtask.engine.curation.edit import Edit
 from rtask.engine.curation.merging import withdraw_models
 from rtask.engine.curation.splitting import forget_view
 from rtask.engine.memory.calibration import Scored, calibrate, score_of
-from rtask.engine.memory.confidence import believe
+from rtask.engine.memory.confidence import believe, stored_confidences
 from rtask.engine.memory.statistics import state, statistics_of
 from rtask.engine.memory.verdicts import Judged, judged_attempts, label_of
 from rtask.engine.names import tail
@@ -343,6 +343,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             if label is not None:
                 counts.setdefault(one.grasp, Counter())[label, one.is_fast] += 1
         home, who = context.home_graph(author), context.agent_iri(author)
+        stored = stored_confidences(context, sorted(grasp.value for grasp in counts))
         for grasp in sorted(grasps, key=str):
             for link in edit.match(grasp, RT.hasEvaluation):
                 value = link.object
@@ -350,7 +351,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                 if any(quad.predicate == RT.beliefAlpha for quad in said):
                     edit.remove([link, *said])
             if grasp in counts:
-                believe(context, triples, grasp, counts[grasp], who, home)
+                believe(context, triples, grasp, counts[grasp], who, home, stored=stored)
 
     def regrow(self, triples: Triples) -> None:
         """Build the models of objects that lost views from those that they have left."""

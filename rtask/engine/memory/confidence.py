@@ -138,6 +138,7 @@ def believe(
     author: NamedNode,
     graph: NamedNode,
     quality: float | None = None,
+    stored: Mapping[str, Confidence] | None = None,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """Add the new posterior of a grasp, derived from the first evaluation if there is one.
 
@@ -151,12 +152,16 @@ def believe(
         Graph of the author.
     quality
         Generator's score, 0..1, for a grasp that is not stored yet.
+    stored
+        What is stored about the grasp, of :func:`stored_confidences`; None = it is looked up.
 
     Returns
     -------
     The statements of this author's previous posterior, which are to be withdrawn.
     """
-    first = stored_confidences(context, [grasp.value]).get(grasp.value, Confidence())
+    if stored is None:
+        stored = stored_confidences(context, [grasp.value])
+    first = stored.get(grasp.value, Confidence())
     prior = _quality(context, grasp, quality) if first.prior is None else first.prior
     belief = posterior(context.policy, prior, [(*how, n) for how, n in counts.items()])
     home = context.kb.graphs.owner(graph) or "shared"

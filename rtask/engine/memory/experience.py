@@ -1,8 +1,8 @@
 """Weight remembered outcomes and sum them to the counts behind a belief.
 
-The weight of an outcome depends on the object, the gripper, the physics and its age; a kernel
-spreads it to neighbouring grasps. Grasps of other objects of the same class are transferred by
-scaling their object's frame to the present object.
+The weight of an outcome depends on the object, the gripper, the physics, its age and how far the
+robot that reported it is believed; a kernel spreads it to neighbouring grasps. Grasps of other
+objects of the same class are transferred by scaling their object's frame to the present object.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Weights:
 
     def trust(self, grasp: Remembered, tally: Tally) -> float:
         """Return how far one attempt in a tally is true of the present object and hand, 0..1."""
-        weight = self.policy.weight_of(True, tally.is_fast and not self.is_fast)
+        weight = tally.weight * self.policy.weight_of(True, tally.is_fast and not self.is_fast)
         weight *= self._object(grasp) * self._gripper(grasp, tally.held)
         half_life = self.policy.half_life_days
         if half_life is not None and tally.latest is not None:
@@ -123,6 +123,9 @@ def without_trials(memory: Memory) -> tuple[Remembered, ...]:
             continue
         tallies = []
         for tally in grasp.tallies:
+            if tally.robot:
+                tallies.append(tally)
+                continue
             taken = min(mine[grasp.grasp, tally.held, tally.is_fast], tally.count)
             mine[grasp.grasp, tally.held, tally.is_fast] -= taken
             if tally.count > taken:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import KnownGripper
@@ -52,8 +52,8 @@ class Question:
         Classes to one of which an object must belong; empty = any.
     in_space
         Whether to include grasps with a full pose.
-    distrusted
-        Robots whose attempts are not counted.
+    doubts
+        Weights of reports, 0 to below 1, by IRI of the robot; attempts of weight 0 are not counted.
     """
 
     objects: tuple[str, ...] = ()
@@ -66,7 +66,12 @@ class Question:
     only: tuple[str, ...] = ()
     doubtful: tuple[str, ...] = ()
     in_space: bool = False
-    distrusted: tuple[str, ...] = ()
+    doubts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_heard_apart(self) -> bool:
+        """Whether the attempts of some robot are counted apart."""
+        return any(weight > 0 for weight in self.doubts.values())
 
 
 def query_text(question: Question) -> str:
@@ -85,7 +90,7 @@ def query_text(question: Question) -> str:
         _object_part(question),
         *(_grasp_part(which, of_class, orientation) for which, of_class in of
           for orientation in orientations),
-        *(_tally_part(which, of_class, fast, question.distrusted)
+        *(_tally_part(which, of_class, fast, question.doubts)
           for which, of_class in of for fast in (False, True)),
         *(_trial_part(question.tracked, question.robot, orientation)
           for orientation in orientations if question.tracked),
@@ -145,18 +150,27 @@ def _grasp_part(which: str, of_class: str, orientation: str) -> str:
     BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
 
 
-def _tally_part(which: str, of_class: str, only_fast: bool, distrusted: Sequence[str]) -> str:
-    """Return the pattern that counts judged attempts: all, or those in the coarse physics."""
+def _tally_part(which: str, of_class: str, only_fast: bool, doubts: Mapping[str, float]) -> str:
+    """Return the pattern that counts judged attempts: all, or those in the coarse physics.
+
+    Those of each robot in doubt are counted apart, with the robot as ``?by``.
+    """
     fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
     name = "fast" if only_fast else "tally"
-    trusted = ""
-    if distrusted:
-        robots = ", ".join(str(iri(one)) for one in distrusted)
-        trusted = f"?attempt rt:performedBy ?by FILTER(?by NOT IN ({robots}))"
-    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
+    told = by = ""
+    if doubts:
+        silent, heard = (
+            ", ".join(str(iri(one)) for one in sorted(doubts) if (doubts[one] > 0) is is_heard)
+            for is_heard in (False, True)
+        )
+        told = "?attempt rt:performedBy ?robot"
+        told += f" FILTER(?robot NOT IN ({silent}))" if silent else ""
+        if heard:
+            told, by = f'{told} BIND(IF(?robot IN ({heard}), STR(?robot), "") AS ?by)', "?by"
+    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held {by}
       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {trusted} }}
-    GROUP BY ?object ?grasp ?held"""
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {told} }}
+    GROUP BY ?object ?grasp ?held {by}"""
 
 
 def _trial_part(tracked: str, robot: str | None, orientation: str) -> str:

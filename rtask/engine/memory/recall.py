@@ -42,7 +42,7 @@ def _memory(rows: Solutions, question: Question) -> Memory:
         parts[str(row.value("part"))].append(row)
     return Memory(
         objects=_objects(parts["object"]),
-        grasps=_grasps(parts["grasp"], _tallies(parts["tally"], parts["fast"])),
+        grasps=_grasps(parts["grasp"], _tallies(parts["tally"], parts["fast"], question)),
         trials=_episode(parts["trial"]),
         viewpoints={_text(row, "view"): _pose(row) for row in parts["view"]},
     )
@@ -116,18 +116,28 @@ def _key(row: Row) -> Key:
     return _text(row, "object"), _text(row, "grasp"), bool(row.value("of_class"))
 
 
-def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Tally]]:
-    """Return the counts of each grasp, with those in coarse physics kept separate."""
-    fast = {(_key(row), row.value("held")): int(_number(row, "n")) for row in fast_rows}
+def _tallies(
+    rows: Iterable[Row], fast_rows: Iterable[Row], question: Question
+) -> dict[Key, list[Tally]]:
+    """Return the counts of each grasp, apart those in coarse physics and of robots in doubt."""
+
+    def teller(row: Row) -> str:
+        return _text(row, "by") if question.is_heard_apart else ""
+
+    fast = {
+        (_key(row), row.value("held"), teller(row)): int(_number(row, "n")) for row in fast_rows
+    }
     tallies: dict[Key, list[Tally]] = {}
     for row in rows:
         key, held = _key(row), bool(row.value("held"))
         latest = row.value("latest")
         when = None if latest is None else dt.datetime.fromisoformat(str(latest))
-        in_fast = fast.get((key, held), 0)
+        by = teller(row)
+        in_fast = fast.get((key, held, by), 0)
         for count, is_fast in ((int(_number(row, "n")) - in_fast, False), (in_fast, True)):
             if count:
-                tallies.setdefault(key, []).append(Tally(held, count, is_fast, when))
+                weight = question.doubts.get(by, 1.0)
+                tallies.setdefault(key, []).append(Tally(held, count, is_fast, when, by, weight))
     return tallies
 
 
@@ -145,7 +155,7 @@ def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     iri, grasp, of_class = key
     x, y, z, opening, quality = (_number(row, name) for name in _NUMBERS)
     theta, quaternion = _orientation(row)
-    order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count))
+    order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count, t.robot))
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
         _text(row, "gripper"), _size(row), tuple(order),

@@ -208,7 +208,7 @@ def _recognised(
         context.views.embeddings,
     )  # fmt: skip
     question = question_for(context.policy, seen, found, None, gripper)
-    memory = recall(context.kb, replace(question, distrusted=context.honesty.contradicting()))
+    memory = recall(context.kb, replace(question, doubts=context.honesty.doubts(question.robot)))
     found = settle(found, memory, seen, context.policy)
     if not found.matches:
         return _STRANGE

@@ -54,6 +54,8 @@ class Contributor(Answer):
     """probability that it reports truthfully"""
     manner: str
     """most probable manner of reporting"""
+    weight: float
+    """part for which each of its reports counts when other robots choose, 0..1"""
     finding: Literal["agrees", "doubtful", "contradicts"]
     """contradicts: almost surely not truthful, so that choices leave its reports out"""
     text: str
@@ -97,6 +99,7 @@ def _contributor(one: Honesty) -> Contributor:
         interval95=_interval(one.agreeing, n) if n else [],
         truthful=one.truthful,
         manner=one.manner,
+        weight=0.0 if one.contradicts else one.weight,
         finding=finding,
         text=f"{name}: {_text(one, finding)}",
     )
@@ -115,9 +118,12 @@ def _text(one: Honesty, finding: str) -> str:
     if not one.comparable:
         return "nobody else has tried what it tried"
     agree = f"{one.agreeing:g} of {one.comparable} comparable reports agree with the others'"
+    counts = f"; each counts {one.weight:.2f} for others"
     if finding == "agrees":
-        return agree
-    return f"only {agree}; it seems to report {one.manner}"
+        return agree if one.weight == 1 else agree + counts
+    if finding == "contradicts":
+        counts = "; none counts for others"
+    return f"only {agree}; it seems to report {one.manner}{counts}"
 
 
 class WithdrawContributor(Message):

@@ -150,8 +150,8 @@ def recognise_for_grasp(
     )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
-    distrusted = context.honesty.contradicting()
-    question = replace(question, in_space=request.in_space, distrusted=distrusted)
+    doubts = context.honesty.doubts(question.robot)
+    question = replace(question, in_space=request.in_space, doubts=doubts)
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")

@@ -139,3 +139,55 @@ def test_the_shell_lists_and_withdraws_contributors(bench, tmp_path):
     undone = shell.invoke(cli, ["objects", "undo", commit, "--agent", "ann", "-d", data])
     assert undone.exit_code == 0, undone.output
     assert shell.invoke(cli, ["contributors", "list", "-d", data]).exit_code == 0
+
+
+def test_reports_of_a_robot_in_doubt_weigh_less_and_the_explanation_says_so(bench, engine, robots):
+    fair = [robots(f"nao-{k}") for k in range(3)]
+    odd = robots("odd")
+    thing = fair[0].insert(bench.sight(bench.BOX))["objects"][0]["object"]
+
+    def outcome(held):
+        return bench.held() if held else bench.missed()
+
+    for robot in fair:
+        for _ in range(3):
+            told(robot, thing, True, outcome, 0)
+    told(odd, thing, False, outcome, 0)
+    rows = engine.call("compare_contributors", {}).as_json()["contributors"]
+    weights = {row["name"]: row["weight"] for row in rows}
+    assert (rows[0]["name"], rows[0]["finding"]) == ("odd", "agrees")
+    assert 0.2 < weights["odd"] < 0.8  # one report against nine: not named, but it counts for less
+    assert f"counts {weights['odd']:.2f} for others" in rows[0]["text"]
+    assert {weights[robot.name] for robot in fair} == {1.0}
+
+    def remembered(robot):
+        answer = robot.recognise(bench.sight(bench.BOX), object=thing)
+        (only,) = (grasp for grasp in answer["grasps"] if grasp["source"] == "memory")
+        return only["statistics"], only["explanation"]
+
+    counts, why = remembered(fair[0])
+    assert (counts["successes"], counts["attempts"]) == (9, 10)  # what is stored stays
+    (doubted,) = why["doubted"]
+    assert doubted["robot"].endswith("/odd")
+    assert (doubted["attempts"], doubted["held"], doubted["weight"]) == (1, 0, weights["odd"])
+    assert f"from odd count {weights['odd']:.2f} each" in why["text"]
+    won, lost = why["graph"]
+    assert lost / won == pytest.approx(2 * weights["odd"] / 9, rel=1e-4)
+    _, own = remembered(odd)
+    assert "doubted" not in own  # a robot takes its own word
+
+
+def test_who_has_not_been_compared_counts_in_full() -> None:
+    found = judge_honesty([Reports("r0", "g0", 1, 1), Reports("r1", "g1", 0, 30)])
+    assert [one.weight for one in found.values()] == [1.0, 1.0]
+
+
+def test_a_report_counts_for_less_the_more_it_contradicts() -> None:
+    weights = []
+    for lies in range(4):
+        said = [Reports(f"r{k}", f"g{i}", 4, 4) for k in range(3) for i in range(3)]
+        said += [Reports("odd", f"g{i}", int(i >= lies), 1) for i in range(3)]
+        weights.append(judge_honesty(said)["odd"].weight)
+    assert weights == sorted(weights, reverse=True)
+    assert weights[0] == 1.0
+    assert weights[3] < 0.6

@@ -23,19 +23,22 @@ def play(**more: Any) -> dict[str, Any]:
     return replay_trust(table, **{**settings, **more})
 
 
-def test_lies_cost_and_leaving_them_out_wins_most_of_it_back() -> None:
+def test_lies_cost_and_weighing_reports_wins_some_of_it_back() -> None:
     found = play()
     conditions = found["conditions"]
-    believed, left_out = (conditions[name]["change"] for name in ("believed", "left out"))
-    assert believed < left_out <= 0.0
+    believed, left_out, weighed = (
+        conditions[name]["change"] for name in ("believed", "left out", "weighed")
+    )
+    assert believed < left_out <= weighed <= 0.0
     assert (found["liars_named"], found["of_liars"]) == (2, 2)
     assert found["truthful_named"] == 0
-    assert [len(row) for row in trust_rows(found)] == [len(COLUMNS)] * 3
+    assert [len(row) for row in trust_rows(found)] == [len(COLUMNS)] * 6
 
 
 def test_without_liars_all_conditions_are_the_same() -> None:
     found = play(liars=0, fleets=1)
     assert {one["change"] for one in found["conditions"].values()} == {0.0}
+    assert found["weighed_less_left_out"]["change"] == 0.0
     assert found["of_liars"] == 0
     assert found["reports_until_named"] is None
 
