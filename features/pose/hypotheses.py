@@ -20,6 +20,7 @@ _GAP_M = 0.012
 _MAX_NEIGHBOURS = 5
 _LARGER = 1.1
 _ENOUGH_POINTS = 600
+_MAX_PARTED, _MIN_PARTED = 3, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,39 @@ def hypotheses(
         if spread(_some(points[together])) <= _LARGER * diameter_m:
             found.append(Hypothesis((label, *joined), together))
     return found
+
+
+def parted(
+    points: NDArray[np.float32],
+    labels: NDArray[np.int32],
+    label: int,
+    diameter_m: float,
+) -> list[Hypothesis]:
+    """Return the segment with each other one that may be the same object beyond a gap.
+
+    What stands in front, or an edge that the segmenter left open, parts the pixels of one object.
+    Arguments are those of :func:`hypotheses`; segments that touch are left to it.
+    """
+    alone = labels == label
+    mine = _some(points[alone])
+    if len(mine) == 0:
+        return []
+    touching = _touching(points, labels, label, mine)
+    middle, gaps = np.median(mine, axis=0), {}
+    tree = cKDTree(mine)
+    for other in np.unique(labels[labels > 0]).tolist():
+        if other == label or other in touching:
+            continue
+        theirs = _some(points[labels == other])
+        if (
+            len(theirs) < _MIN_PARTED
+            or np.abs(np.median(theirs, axis=0) - middle).max() > diameter_m
+        ):
+            continue
+        if spread(np.vstack([mine, theirs])) <= diameter_m:
+            gaps[other] = float(tree.query(theirs)[0].min())
+    nearest = sorted(gaps, key=gaps.__getitem__)[:_MAX_PARTED]
+    return [Hypothesis((label, other), alone | (labels == other)) for other in nearest]
 
 
 def spread(points: NDArray[np.floating]) -> float:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from features.geometry import Frame
 from features.pose.confidence import PoseConfidence
-from features.pose.estimate import PoseEstimate
+from features.pose.result import PoseEstimate
 from features.pose.rotations import rotation_about
 from features.pose.search import ScenePoints, scene_points
 from features.pose.visibility import Sight, check_free_space

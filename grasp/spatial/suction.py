@@ -292,17 +292,15 @@ def plan_suction_on_scene(
 
     Parameters
     ----------
-    points : (n, 3), m
-        Of things on a support, without the support.
-    labels : (n,) int
-        The thing of each point, from 1 on; 0 = none: in the way, but not to be taken.
-    viewpoints : (k, 3) or None, m
-        Where cameras were; None = seen from all around.
+    points, labels
+        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
+    support, viewpoints, options
+        As of :func:`plan_suction_on_cloud`.
 
     Returns
     -------
     Proposals
-        Ranked over all things; ``segment`` is the label.
+        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
     """
     options = options or SpatialOptions()
 

@@ -1,7 +1,8 @@
-"""First grasps of a suction cup or of three fingers on one noisy view, beside those on the mesh.
+"""First grasps of a cup, of three fingers or of jaws on one noisy view, beside those on the mesh.
 
     python tests/benchmarks/bench_other_hands.py
     python tests/benchmarks/bench_other_hands.py --hand three --objects 100 --seed 7
+    python tests/benchmarks/bench_other_hands.py --hand jaws --objects 16 --seed 7
 
 Generated objects as heavy as wood, at most 500 g, at rest, each seen by one camera. The floating
 hand takes the first grasp of either plan four times in physics, with the same errors of the pose
@@ -20,7 +21,7 @@ import numpy as np
 
 from grasp.spatial.candidate import Proposals
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.grasp_plan import SpatialOptions
+from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.scoring.holding import assumed_mass
 from grasp.spatial.suction import plan_suction, plan_suction_on_cloud
@@ -28,7 +29,7 @@ from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
 from simulate.grasping.floating.cup import execute_suction
-from simulate.grasping.floating.execution import Held
+from simulate.grasping.floating.execution import Held, execute
 from simulate.grasping.floating.three_finger import execute_three_finger
 from simulate.study.grasp_views import depth_view, sample_camera
 from simulate.study.intervals import bootstrap
@@ -76,6 +77,18 @@ def fingers_of(opening: float) -> Hand:
     )
 
 
+def jaws() -> Hand:
+    """Return the Panda's gripper."""
+    hand = panda_hand()
+    return Hand(
+        lambda mesh, *more: plan_on_mesh(mesh, hand, *more),
+        lambda points, *more: plan_on_cloud(points, hand, *more),
+        lambda world, body, pose, opening, rest, conditions: execute(
+            world, body, hand, pose, opening or hand.max_opening, rest, conditions=conditions
+        ),
+    )
+
+
 def held(bench: Bench, found: Proposals, hand: Hand, seed: int, number: int) -> np.ndarray:
     """Return the shares of trials (2,) in which the first grasp lifts and carries; world frame."""
     if not found:
@@ -95,11 +108,12 @@ def main() -> None:
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("--objects", type=int, default=60)
     ask.add_argument("--seed", type=int, default=5150)
-    ask.add_argument("--hand", choices=("cup", "three"), default="cup")
+    ask.add_argument("--hand", choices=("cup", "three", "jaws"), default="cup")
     ask.add_argument("--radius", type=float, default=0.012, help="of the cup, m")
     ask.add_argument("--opening", type=float, default=0.1, help="of three fingers, m")
     told = ask.parse_args()
-    hand = cup_of(told.radius) if told.hand == "cup" else fingers_of(told.opening)
+    kinds = {"cup": lambda: cup_of(told.radius), "three": lambda: fingers_of(told.opening)}
+    hand = {**kinds, "jaws": jaws}[told.hand]()
     shares, none = [], [0, 0]
     for number in range(told.objects):
         thing = generated(told.seed, number, panda_hand())

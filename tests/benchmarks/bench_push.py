@@ -22,7 +22,7 @@ from push_curves import curves
 from push_figures import belief, fig_3_8, fig_3_11, fig_3_13, fig_3_15, fig_3_23
 from push_nodes import fig_3_17
 from push_settings import Drawings
-from push_silhouettes import silhouettes
+from push_silhouettes import outlines, silhouettes
 from push_tables import grid, nominal, speed, table_3_1, table_3_2
 
 ALL: dict[str, Callable[[], None]] = {
@@ -42,6 +42,7 @@ ALL: dict[str, Callable[[], None]] = {
     "sobol": sobol,
     "belief": belief,
     "silhouettes": silhouettes,
+    "outlines": outlines,
     "curves": curves,
 }
 ALSO = {

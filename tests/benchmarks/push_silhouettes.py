@@ -11,7 +11,8 @@ import numpy as np
 
 from grasp.push import PushTest, Tolerance, analyse, as_part, sample_grasps
 from grasp.push.analysis import Analysis, Racing
-from grasp.push.inputs.sources import Outline, rings_from_image, without_details
+from grasp.push.inputs.contours import rings_from_image
+from grasp.push.inputs.sources import Outline, without_details
 from grasp.push.polygon import Part
 from grasp.push.trials import Trials
 from grasp.spatial.meshes.mesh_files import read_mesh
@@ -72,26 +73,53 @@ def _note(
     asked.setdefault(key, []).append(found.evaluations)
 
 
+def outlines() -> None:
+    """Count the silhouettes that make no outline, from three sides at three resolutions."""
+    folder = Path(os.environ.get("RTASK_SHARED_DATA", "../shared/data")) / "ycb"
+    asked = refused = 0
+    for size in (150, 400, 1200):
+        for name, picture in _pictures(folder, {**_SEEN, "end": (1, 2)}, size):
+            asked += 1
+            try:
+                _part(picture)
+            except ValueError as error:
+                refused += 1
+                print(f"{name} at {size} px: {error}")
+    print(f"outlines {asked}, refused {refused}")
+
+
 def _parts(folder: Path) -> Iterator[tuple[str, Part | None]]:
     """Yield the silhouettes of each model from above and from the side; None = refused."""
+    for name, picture in _pictures(folder, _SEEN, _SIZE_PX):
+        try:
+            yield name, _part(picture)
+        except ValueError:
+            yield name, None
+
+
+def _part(picture: np.ndarray) -> Part:
+    ring = rings_from_image(picture)[0]
+    outline = without_details(Outline(ring, read=len(ring)))
+    return as_part(outline.polygon, outline.com)
+
+
+def _pictures(
+    folder: Path, seen: dict[str, tuple[int, int]], size: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield images (h, w) uint8 of each model, black on white, its longer side ``size`` px."""
     for urdf in sorted(folder.glob("*.urdf")):
         pieces = [read_mesh(path) for path in sorted((folder / urdf.stem).glob("*coacd*.stl"))]
         if not pieces:
             continue
-        for side, axes in _SEEN.items():
+        for side, axes in seen.items():
             flat = [piece.vertices[:, axes] for piece in pieces]
             low = np.vstack(flat).min(axis=0)
-            scale = _SIZE_PX / float(np.ptp(np.vstack(flat), axis=0).max())
-            picture = np.full((_SIZE_PX + 40, _SIZE_PX + 40), 255, np.uint8)
+            scale = size / float(np.ptp(np.vstack(flat), axis=0).max())
+            picture = np.full((size + 40, size + 40), 255, np.uint8)
             for points in flat:
                 hull = cv2.convexHull(np.rint((points - low) * scale + 20).astype(np.int32))
                 cv2.fillPoly(picture, [hull], 0)
-            try:
-                ring = rings_from_image(picture)[0]
-                outline = without_details(Outline(ring, read=len(ring)))
-                yield f"{urdf.stem} {side}", as_part(outline.polygon, outline.com)
-            except ValueError:
-                yield f"{urdf.stem} {side}", None
+            yield f"{urdf.stem} {side}", picture
 
 
-__all__ = ["silhouettes"]
+__all__ = ["outlines", "silhouettes"]

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
+from grasp.push.inputs.contours import rings_from_image
 from grasp.push.inputs.dxf import DxfOutlines, rings_from_dxf
 from grasp.push.inputs.rings import PartRings, outline_and_holes
 from grasp.push.inputs.svg import rings_from_svg
@@ -29,17 +29,12 @@ __all__ = [
     "outline_from_json",
     "read_cloud",
     "read_outline",
-    "rings_from_image",
     "without_details",
 ]
 
 CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_BYTES = 64 * 1024 * 1024
-_MIN_HOLE = 1e-3
-"""Of an object in an image: smaller ones are glare."""
-_MIN_PART = 0.05
-"""Of the largest object in an image: smaller ones are dirt."""
 
 
 @dataclass(frozen=True)
@@ -221,53 +216,6 @@ def outline_from_json(
     if len(holes) < len(wanted):
         raise ValueError("holes lie inside the outline and apart from one another")
     return outline, mass, holes
-
-
-def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
-    """Return the contours of an object before a plain background, pixels, y upwards.
-
-    Kehoe 2014, 3.7: the part is imaged on a board and contoured. The object is what differs from
-    the border of the image; its outline comes first, then the holes through which the background
-    is seen, then the outlines of further objects that are not much smaller.
-
-    Parameters
-    ----------
-    data
-        An encoded image, or pixels (h, w) or (h, w, 3) uint8.
-    """
-    import cv2
-
-    if isinstance(data, bytes):
-        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-        if decoded is None:
-            raise ValueError("no image that can be decoded")
-        pixels = np.asarray(decoded)
-    else:
-        pixels = np.asarray(data)
-    if pixels.ndim == 2:
-        pixels = np.repeat(pixels[:, :, None], 3, axis=2)
-    if pixels.ndim != 3 or min(pixels.shape[:2]) < 8:
-        raise ValueError(f"an image of at least 8 x 8 pixels is needed, got {pixels.shape}")
-    border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
-    difference = np.abs(pixels.astype(np.int16) - np.median(border, axis=0)).max(axis=2)
-    _, mask = cv2.threshold(
-        difference.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU
-    )
-    if difference.max() < 16:
-        raise ValueError("nothing stands out from the image's border")
-    mask = np.pad(np.asarray(mask), 1)
-    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    outer = max((k for k in range(len(found)) if tree[0][k][3] < 0),
-                key=lambda k: cv2.contourArea(found[k]))  # fmt: skip
-    area = cv2.contourArea(found[outer])
-    if len(found[outer]) < 8:
-        raise ValueError("nothing large enough stands out from the image's border")
-    inner = [k for k in range(len(found)) if tree[0][k][3] == outer
-             and cv2.contourArea(found[k]) >= _MIN_HOLE * area]  # fmt: skip
-    beside = [k for k in range(len(found)) if tree[0][k][3] < 0 and k != outer
-              and cv2.contourArea(found[k]) >= _MIN_PART * area]  # fmt: skip
-    rings = [found[k][:, 0, :].astype(np.float64) - 1.0 for k in (outer, *inner, *beside)]
-    return [np.asarray(ring * (1.0, -1.0)) for ring in rings]
 
 
 def read_cloud(path: Path) -> FloatArray:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from features.geometry import Intrinsics
 from grasp.push import PushTest, Tolerance, plan_push_grasps
-from grasp.push.inputs.sources import Outline, rings_from_image, without_details
+from grasp.push.inputs.contours import rings_from_image
+from grasp.push.inputs.sources import Outline, without_details
 from grasp.push.parts import OBJECT_M, stand_in
 from grasp.push.polygon import as_polygon, centroid, triangles
 from grasp.push.push_plan import PushPlan

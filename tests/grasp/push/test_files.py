@@ -17,9 +17,10 @@ from grasp.push import (
     plan_push_grasps,
     read_outline,
 )
+from grasp.push.inputs.contours import rings_from_image
 from grasp.push.inputs.dxf import rings_from_dxf
 from grasp.push.inputs.rings import outline_and_holes
-from grasp.push.inputs.sources import outline_from_json, rings_from_image
+from grasp.push.inputs.sources import outline_from_json, without_details
 from grasp.push.inputs.svg import rings_from_svg
 
 SQUARE = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
@@ -426,6 +427,20 @@ def test_the_contour_of_an_image_is_the_part(tmp_path: Path) -> None:
         rings_from_image(np.full((50, 50), 128, np.uint8))
     with pytest.raises(ValueError, match="no image"):
         rings_from_image(b"PNG")
+
+
+def test_parts_of_one_pixels_width_do_not_make_an_outline_touch_itself() -> None:
+    image = np.full((120, 260), 235, np.uint8)
+    cv2.rectangle(image, (20, 20), (109, 99), 30, -1)
+    cv2.rectangle(image, (140, 30), (219, 89), 30, -1)
+    cv2.line(image, (110, 40), (139, 69), 30, 1)  # a neck whose pixels meet at their corners
+    cv2.line(image, (220, 50), (235, 50), 30, 1)  # a wire
+    ring = rings_from_image(image)[0]
+    part = as_part(ring)
+    assert part.area == pytest.approx(90 * 80 + 80 * 60, rel=0.03)
+    assert np.allclose(part.vertices[:, 0].min(), 20, atol=1)
+    assert np.allclose(part.vertices[:, 0].max(), 235, atol=1)
+    assert as_part(without_details(Outline(ring, read=len(ring))).polygon).area > 10_000
 
 
 def test_the_footprint_of_a_cloud_is_the_part(tmp_path: Path) -> None:
