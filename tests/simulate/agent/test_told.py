@@ -1,4 +1,4 @@
-"""What an agent tells the knowledge base of objects, grasps and outcomes."""
+"""An agent's reports to the knowledge base on objects, grasps and outcomes."""
 
 from __future__ import annotations
 
