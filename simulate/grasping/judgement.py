@@ -23,6 +23,7 @@ __all__ = [
     "Answer",
     "HeightMap",
     "Judgement",
+    "is_stuck",
     "judge_held",
     "judge_off_table",
     "judge_old_place",
@@ -34,6 +35,9 @@ Answer = Literal["yes", "no", "unknown"]
 
 CLOSED_ON_SOMETHING = 0.08
 """Share of the opening range that a closed hand keeps around an object; the noise is 0.02."""
+_MOVED_OPENING = 0.05
+_WIDTH_ERROR_M = 0.003
+"""By which an object may be wider than it was seen to be."""
 MIN_RISE_M = 0.02
 _KEPT_SHARE = 0.75
 """Share of the opening after the lift that must remain; a slipping object lets the hand close."""
@@ -65,6 +69,25 @@ class Judgement:
     def is_yes(self) -> bool:
         """Whether the answer is ``yes``; ``unknown`` is not."""
         return self.answer == "yes"
+
+
+def is_stuck(before: float, closed: float, width: float, mouth: float) -> bool:
+    """Tell whether fingers that were to close moved less than even a wide object would let them.
+
+    They are stuck if they moved by less than .05 and less than a quarter of their way to the
+    object. Where it may fill the whole opening, only a look after the lift can tell.
+
+    Parameters
+    ----------
+    before, closed
+        Opening of the hand, 0..1, before and after closing.
+    width
+        Of the object as it was seen, m.
+    mouth
+        Widest opening of the hand, m.
+    """
+    way = before - (width + _WIDTH_ERROR_M) / mouth
+    return before - closed < min(_MOVED_OPENING, way / 4)
 
 
 def judge_held(openings: Mapping[str, float], rise_m: float) -> Judgement:

@@ -12,6 +12,7 @@ from simulate.agent.scoring import AttemptTruth
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import (
     HeightMap,
+    is_stuck,
     judge_held,
     judge_off_table,
     judge_old_place,
@@ -48,6 +49,22 @@ def test_held_needs_a_hand_kept_open_and_a_tool_that_rose(openings, rise, answer
     judged = judge_held(openings, rise)
     assert judged.answer == answer
     assert "opening 0.60" in judged.evidence
+
+
+@pytest.mark.parametrize(
+    ("before", "moved_mm", "width_mm", "stuck"),
+    [
+        (1.0, 0.5, 40.0, True),
+        (1.0, 39.0, 40.0, False),
+        (1.0, 5.0, 40.0, False),  # the object was grasped by a wider part than was seen
+        (0.6, 1.0, 40.0, True),  # 8 mm of way, of which a quarter is 1.25 beside the error
+        (1.0, 0.5, 77.0, False),  # it fills the hand, or is stuck: a look after the lift tells
+        (1.0, 0.0, 79.0, False),
+    ],
+)
+def test_fingers_are_stuck_that_could_have_moved(before, moved_mm, width_mm, stuck):
+    closed = before - moved_mm / 80.0
+    assert is_stuck(before, closed, width_mm / 1000, mouth=0.080) == stuck
 
 
 def scene(height: float, x: tuple[float, float], y: tuple[float, float]) -> np.ndarray:

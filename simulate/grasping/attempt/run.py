@@ -19,6 +19,7 @@ from simulate.grasping.judgement import (
     MIN_RISE_M,
     HeightMap,
     Judgement,
+    is_stuck,
     judge_held,
     judge_off_table,
     judge_old_place,
@@ -35,9 +36,8 @@ from simulate.world.robot_body import FingerTouch
 __all__ = ["AttemptRun"]
 
 _HOLD_S = 2.0
-# Shares of the opening: a finger is stuck that moves less than this when it closes, and less than a
-# quarter of its way to the object; one that is further than that from its command did not open.
-_MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
+_OFF_OPENING = 0.25
+"""Share of the opening: a hand that is further than that from its command did not open."""
 _HIGHER_M = 0.060
 """By which a hand is lifted further if an end of what it holds is still low."""
 
@@ -128,7 +128,7 @@ class AttemptRun:
         before = self.robot.finger_opening(self.arm)
         self.drive.close()
         closed = self.drive.end("close").opening
-        stuck = self._is_stuck(before, closed)
+        stuck = is_stuck(before, closed, self.plan.request.width, self.drive.hand.mouth)
         if closed <= CLOSED_ON_SOMETHING or stuck:
             self.reason = "hardware" if stuck else "missed"
             self.held = Judgement("no", f"opening {before:.2f} -> {closed:.2f} after closing")
@@ -159,11 +159,6 @@ class AttemptRun:
             top = self.plan.lift.positions[-1]
             self._raised = plan_rise(space, self.plan, top, _HIGHER_M)
             self.drive.follow(self._raised)
-
-    def _is_stuck(self, before: float, closed: float) -> bool:
-        """Tell whether the fingers moved less than even a wide object would let them."""
-        way = before - self.plan.request.width / self.drive.hand.mouth
-        return before - closed < min(_MOVED_OPENING, way / 4)
 
     def _judge_grasp(self) -> str:
         """Judge by fingers and tool whether an object is held; return the reason code."""
