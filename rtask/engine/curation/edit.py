@@ -144,8 +144,7 @@ class Edit:
         self._restate_causes(context)
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
-            for quad in self.removed.keys() - self.added.keys():
-                tx.remove(quad.subject, quad.predicate, quad.object, _name(quad))
+            tx.remove_quads(self.removed.keys() - self.added.keys(), as_read=True)
             tx.add_quads(quad for quad in self.added if quad not in self.removed)
         context.views.sync()
         return tx.commit
@@ -207,8 +206,3 @@ class _WillBe:
             if predicate in (None, q.predicate) and value in (None, q.object)
         )  # fmt: skip
         return list(dict.fromkeys([*stay, *fits]))
-
-
-def _name(quad: Quad) -> NamedNode:
-    assert isinstance(quad.graph_name, NamedNode)  # only named graphs may be written
-    return quad.graph_name

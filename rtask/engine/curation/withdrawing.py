@@ -25,6 +25,7 @@ from rtask.engine.perception.growth import regrown, state_model
 from rtask.engine.perception.observation import viewpoint
 from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, nearest
+from rtask.kb.store.collector import collector_paused
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT
 from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, literal
 
@@ -75,7 +76,7 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
     UnknownTermError
         Nobody of this name has told anything.
     """
-    with context.writing:
+    with context.writing, collector_paused():
         contributor = _Contributor(context, name)
         attempts = contributor.nodes("attempt")
         verdicts = contributor.verdicts()

@@ -171,11 +171,18 @@ class Transaction:
 
         self._pending().add_all(named())
 
-    def remove_quads(self, quads: Iterable[Quad]) -> None:
-        """Withdraw many statements, each from its own graph, if the graph contains it."""
+    def remove_quads(self, quads: Iterable[Quad], *, as_read: bool = False) -> None:
+        """Withdraw many statements, each from its own graph, if the graph contains it.
+
+        Parameters
+        ----------
+        as_read
+            Whether they were read from the store, so that they have the form in which it keeps
+            them; finding that out takes longer than removing them.
+        """
         pending = self._pending()
         for quad in quads:
-            pending.remove(stored_quad(quad))
+            pending.remove(quad if as_read else stored_quad(quad))
 
     def clear(self, graph: GraphName | str) -> None:
         """Withdraw all statements of a graph."""
