@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from rtask.errors import UsageError
-from simulate.world.objects import ObjectSpec, product, sample_products
+from simulate.world.objects import Kind, ObjectSpec, product, sample_products
 from simulate.world.seeds import stream
 
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
@@ -139,5 +139,5 @@ def spec_of(name: str, look_alike: bool = False) -> ObjectSpec:
     (True, False)
     """
     kind, _, number = name.partition("-")
-    spec = product(kind, int(number))  # type: ignore[arg-type]
+    spec = product(cast(Kind, kind), int(number))
     return replace(spec, secret=spec.secret.mirrored()) if look_alike else spec

@@ -1,6 +1,6 @@
 """Learners on worlds with known returns, beside the published implementation.
 
-    python tests/benchmarks/bench_learners.py [--seeds 5] [--only taxi]
+    python tests/benchmarks/bench_learners.py [--seeds 5] [--first 0] [--only taxi]
 
 The published figures are of the C++ implementation of TEXPLORE and its companions
 (rl-texplore-ros-pkg): mean return an episode over seeds, and deviation between seeds. Prints both
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from grasp.learning.agents import Dyna, QLearning, RMax, Sarsa, run_episodes
-from grasp.learning.agents.texplore import Texplore
+from grasp.learning.agents.texplore import Texplore, TexploreSettings
 from grasp.learning.environments import MountainCar, Taxi, TwoRooms
 
 _ROOMS, _TAXI, _CAR = TwoRooms.bins(), Taxi.bins(), MountainCar.bins()
@@ -36,9 +36,13 @@ class Row:
     cells: tuple[tuple[int, int, float, float], ...]
 
 
+_PUBLISHED = (
+    (1, 10, -25.9, 16.9), (11, 20, -14.7, 1.9), (21, 50, -13.4, 0.8), (51, 60, -12.6, 1.3),
+)  # fmt: skip
 _ROWS = (
-    Row("two rooms, TEXPLORE", TwoRooms, lambda s: Texplore(_ROOMS, 4, seed=s), 20,
-        ((1, 10, -25.9, 16.9), (11, 20, -14.7, 1.9), (21, 50, -13.4, 0.8), (51, 60, -12.6, 1.3))),
+    Row("two rooms, TEXPLORE", TwoRooms, lambda s: Texplore(_ROOMS, 4, seed=s), 20, _PUBLISHED),
+    Row("two rooms, TEXPLORE, novelty 2", TwoRooms,
+        lambda s: Texplore(_ROOMS, 4, TexploreSettings(novelty=2.0), seed=s), 20, _PUBLISHED),
     Row("two rooms, Dyna", TwoRooms, lambda s: Dyna(_ROOMS, 4, seed=s), 20,
         ((1, 10, -44.5, 6.4), (11, 20, -15.9, 2.3), (21, 50, -14.3, 1.3), (51, 60, -14.2, 1.8))),
     Row("two rooms, R-MAX", TwoRooms, lambda s: RMax(_ROOMS, 4, seed=s), 20,
@@ -93,15 +97,17 @@ def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--only", default="", help="rows whose names hold this")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
     print(f"{'':34}{'episodes':>10}{'ours':>18}{'published':>18}{'errors apart':>14}")
     for row in _ROWS:
         if options.only not in row.name:
             continue
         started = time.process_time()
         last = max(cell[1] for cell in row.cells)
-        lives = np.array([returns(row.world, row.agent(s), last, s) for s in range(options.seeds)])
+        lives = np.array([returns(row.world, row.agent(s), last, s) for s in seeds])
         for first, end, mean, deviation in row.cells:
             ours = lives[:, first - 1 : end].mean(axis=1)
             spread = ours.std(ddof=1) if len(ours) > 1 else _NONE
