@@ -209,7 +209,7 @@ def list_tokens(data: Path, as_json: bool) -> None:
         click.echo(json.dumps([_members(one) for one in found]))
     for one in [] if as_json else found:
         click.echo(_words(one))
-    exit_if_empty(found)
+    exit_if_empty(found, "no tokens yet; `rtask token create` makes one")
 
 
 @token.command("revoke")

@@ -28,7 +28,7 @@ _BUILT_IN = {
     "backup": "rtask.cli.maintenance:backup",
     "camera": "rtask.cli.perception.camera:camera",
     "contributors": "rtask.cli.people:contributors",
-    "dataset": "rtask.cli.datasets:dataset",
+    "dataset": "rtask.cli.services.datasets:dataset",
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",
     "episodes": "rtask.cli.episodes:episodes",
@@ -53,13 +53,13 @@ _BUILT_IN = {
     "rules": "rtask.cli.rules:rules",
     "search": "rtask.cli.query:search",
     "segment": "rtask.cli.perception.segment:segment",
-    "service": "rtask.cli.services:service",
+    "service": "rtask.cli.services.calling:service",
     "stats": "rtask.cli.contents:stats",
     "teach": "rtask.cli.perception.teach:teach",
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
-    "worker": "rtask.cli.worker:worker",
+    "worker": "rtask.cli.services.worker:worker",
 }
 
 

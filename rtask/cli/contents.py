@@ -111,7 +111,7 @@ def history(
                 for sign, quads in (("-", entry.removed), ("+", entry.added)):
                     for quad in quads:
                         click.echo(f"        {sign} {quad}")
-    exit_if_empty(entries)
+    exit_if_empty(entries, "no commits")
 
 
 def _entry_row(entry: HistoryEntry, statements: bool) -> dict[str, Any]:

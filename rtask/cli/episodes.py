@@ -65,7 +65,7 @@ def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_j
         placed = ", placed" if one.placed else ""
         time = one.ended.isoformat(timespec="seconds")
         click.echo(f"{time}  {one.robot_name:16} {one.thing_name:20} {judged}{placed}")
-    exit_if_empty(found)
+    exit_if_empty(found, "no attempts")
 
 
 @episodes.command()

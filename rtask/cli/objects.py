@@ -9,9 +9,33 @@ from typing import Any
 import click
 
 from rtask.cli.connection import connection, open_graph, open_to_read
-from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    agent_option,
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+)
+from rtask.cli.things import known_object
 
 __all__ = ["objects"]
+
+_KNOWN = """
+SELECT ?object (SAMPLE(?called) AS ?name) (SAMPLE(?label) AS ?kind)
+  (COALESCE(SAMPLE(?seen), 0) AS ?views) (COALESCE(SAMPLE(?tried), 0) AS ?grasps)
+WHERE {
+  GRAPH ?graph { ?object rt:objectId ?id }
+  OPTIONAL { ?object rt:name ?called }
+  OPTIONAL {
+    GRAPH ?graph { ?object a ?class } ?class rdfs:label ?label
+    FILTER(?class != rt:ManipulableObject && LANGMATCHES(LANG(?label), "en"))
+  }
+  OPTIONAL { SELECT ?object (COUNT(?view) AS ?seen) { ?object rt:hasView ?view }
+    GROUP BY ?object }
+  OPTIONAL { SELECT ?object (COUNT(?grasp) AS ?tried) { ?object rt:hasGrasp ?grasp }
+    GROUP BY ?object }
+} GROUP BY ?object ORDER BY ?name ?object"""
 
 _agent_option = agent_option(
     "Person who makes the change, and whose graph it goes to. A server knows it by the token.",
@@ -21,7 +45,29 @@ _agent_option = agent_option(
 
 @click.group()
 def objects() -> None:
-    """Show, name, merge, split and forget objects, find twins, and undo such changes."""
+    """List, show, name, merge, split and forget objects, find twins, and undo such changes.
+
+    The NAME of an object is the one that it was given, or its IRI.
+    """
+
+
+@objects.command("list")
+@data_option
+@server_option
+@json_option
+def list_(data: Path, server: str | None, as_json: bool) -> None:
+    """List the known objects, with the numbers of their views and grasps."""
+    from rtask.rdf.namespaces import PREFIXES
+
+    with open_graph(data, server) as kb:
+        found = kb.select(PREFIXES + _KNOWN).to_dicts()
+    if as_json:
+        print_json(found)
+    for one in [] if as_json else found:
+        kind = f" ({one['kind']})" if one["kind"] else ""
+        counts = f"{one['views']:4d} views  {one['grasps']:4d} grasps"
+        click.echo(f"{counts}  {one['name']}{kind}  {one['object']}")
+    exit_if_empty(found, "no objects yet; `rtask teach` shows one")
 
 
 @objects.command()
@@ -30,7 +76,7 @@ def objects() -> None:
 @server_option
 @json_option
 def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
-    """Show what is stored about an object. NAME is its IRI, or one that it had before a merge."""
+    """Show what is stored about the object NAME; an IRI may be one that it had before a merge."""
     from rtask.engine.curation.merging import present_name
     from rtask.engine.stored import stored_models
     from rtask.errors import UnknownTermError
@@ -38,9 +84,12 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
     from rtask.rdf.terms import iri, python_value
 
     with open_graph(data, server) as kb:
+        name = known_object(lambda text: kb.select(text).to_dicts(), name)
         thing = iri(present_name(kb, name))
         if not kb.match(thing, RT.objectId):
-            raise UnknownTermError(f"no object {name} in the graph; `rtask search` finds its IRI")
+            raise UnknownTermError(
+                f"no object {name} in the graph; `rtask objects list` shows what there is"
+            )
         models = stored_models(kb, thing)
         shown = {
             "object": thing.value,
@@ -132,6 +181,8 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
+        if not found:
+            click.echo("no twins: no object is recognised as another", err=True)
     if found and not merges:
         raise SystemExit(1)
 
@@ -204,6 +255,8 @@ def _carry_out(
 ) -> None:
     given = {name: value for name, value in request.items() if value is not None}
     with connection(*where) as client:
+        for role in given.keys() & {"object", "into"}:
+            given[role] = known_object(client.query, given[role])
         done = client.call(called, **given)
     if as_json:
         print_json(done)

@@ -60,7 +60,7 @@ def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
         for row in rows:
             version = row["version"] or "-"
             click.echo(f"{row['statements']:6d}  {version:8s}  {row['ontology']}")
-    exit_if_empty(rows)
+    exit_if_empty(rows, "no ontologies")
 
 
 @ontology.command()

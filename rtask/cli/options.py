@@ -91,10 +91,19 @@ def limit_option(default: int, help: str, former: Iterable[str] = ()) -> Callabl
     return option("--limit", "-n", default=default, show_default=True, help=help, former=former)
 
 
-def exit_if_empty(found: object) -> None:
-    """Exit with code 1 if nothing was found, as ``grep`` does."""
-    if not found:
-        raise click.exceptions.Exit(1)
+def exit_if_empty(found: object, said: str | None = None) -> None:
+    """Exit with code 1 if nothing was found, as ``grep`` does.
+
+    Parameters
+    ----------
+    said
+        What is then printed to standard error.
+    """
+    if found:
+        return
+    if said:
+        click.echo(said, err=True)
+    raise click.exceptions.Exit(1)
 
 
 def read_text(text: str | None, file: Path | None) -> str:

@@ -84,6 +84,8 @@ def ask(
     if objects:
         request["objects"] = list(objects)
     with connection(data, server, agent) as client:
+        if not (gripper or agent or server):
+            raise UsageError("whose hand is to hold it? --agent ROBOT, or --gripper NAME")
         answer = client.resolve_request(**request)
     if as_json:
         print_json(answer)
@@ -189,10 +191,8 @@ def _list(client: Client, limit: int, as_json: bool) -> None:
     rows = client.query(prologue(ontology.PREFIXES) + _LATEST % max(limit, 1))
     if as_json:
         print_json(rows)
-        exit_if_empty(rows)
+        exit_if_empty(rows, "no attempts yet")
         return
-    if not rows:
-        click.echo("no attempts yet", err=True)
     for row in rows:
         said = "held" if row["success"] else reason_words(row["code"]) or "did not hold"
         counts = {True: "held", False: "failed", None: "nothing"}[row["judged"]]
@@ -202,7 +202,7 @@ def _list(client: Client, limit: int, as_json: bool) -> None:
             f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {said:33s}  "
             f"counts: {counts:8s}  {row['task']}"
         )
-    exit_if_empty(rows)
+    exit_if_empty(rows, "no attempts yet")
 
 
 @click.group()
@@ -232,7 +232,7 @@ def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> No
                 f"{one['finding']:12s} {one['truthful']:5.3f}  {one['attempts']:5d} attempts  "
                 f"{one['text']}"
             )
-    exit_if_empty(found)
+    exit_if_empty(found, "no reports of robots yet")
 
 
 @contributors.command()

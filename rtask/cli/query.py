@@ -264,7 +264,7 @@ def search(
             tag = f"@{row['language']}" if row["language"] else ""
             text = " ".join(str(row["text"]).split())
             click.echo(f"{row['iri']}  {text[:100]}{tag}")
-    exit_if_empty(rows)
+    exit_if_empty(rows, "nothing found")
 
 
 def _search_server(

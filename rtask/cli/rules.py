@@ -101,7 +101,7 @@ def list_rules(data: Path, server: str | None, as_json: bool) -> None:
     else:
         for rule in found:
             click.echo(f"{rule.label:32s} {_origin(rule)}  {rule.comment}".rstrip())
-    exit_if_empty(found)
+    exit_if_empty(found, "no rules of a user yet; `rtask rules add` adds one")
 
 
 @rules.command()

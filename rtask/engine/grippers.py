@@ -89,13 +89,17 @@ class GripperCatalogue:
             if len(own) == 1:
                 return own[0]
             said = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
-            raise UnknownTermError(f"gripper_id is missing, and {said}")
+            raise UnknownTermError(f"gripper_id is missing, and {said}; known: {_listed(known)}")
         for g in (*own, *known):
             if gripper_id in (g.iri.value, g.gripper.name):
                 return g
         names = sorted({g.gripper.name for g in known})
-        hint = nearest(gripper_id, names) or f"; known: {', '.join(names) or 'none yet'}"
+        hint = nearest(gripper_id, names) or f"; known: {_listed(known)}"
         raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
+
+
+def _listed(known: list[KnownGripper]) -> str:
+    return ", ".join(sorted({g.gripper.name for g in known})) or "none yet"
 
 
 _GRIPPERS = f"""{PREFIXES}

@@ -16,7 +16,7 @@ import click
 import pytest
 
 from endpoint.commands import serve
-from rtask.cli.worker import worker
+from rtask.cli.services.worker import worker
 
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "docs" / "deploy"

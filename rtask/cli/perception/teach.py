@@ -14,6 +14,7 @@ from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.scene_file import View, camera_options, read_view
 from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
+from rtask.cli.things import find_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def teach(
         Working("learning"),
         connection(data, server, agent, creates=True) as client,
     ):
-        thing = _known(client, name)
+        thing = find_object(client.query, name)
         entries = []
         for file in files:
             crop = _crop(file, view, preset, _mask_of(mask, file), box)
@@ -121,20 +122,6 @@ def _crop(
             f"{file} shows {len(crops) or 'no'} objects; say which one by --box or --mask"
         )
     return crops[0][1]
-
-
-def _known(client: Client, name: str) -> str | None:
-    """Return the IRI of the object of a name, or which is the name; None = a new one."""
-    from rtask.rdf.namespaces import PREFIXES
-    from rtask.rdf.terms import literal
-
-    rows = client.query(f"""{PREFIXES}
-SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id . OPTIONAL {{ ?object rt:name ?name }}
-  FILTER(STR(?object) = {literal(name)} || ?name = {literal(name)}) }} ORDER BY ?object""")
-    if len(rows) > 1:
-        several = ", ".join(str(row["object"]) for row in rows)
-        raise UsageError(f"{len(rows)} objects are called {name!r}; give the IRI: {several}")
-    return str(rows[0]["object"]) if rows else None
 
 
 def _inserted(

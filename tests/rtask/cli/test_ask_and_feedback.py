@@ -59,6 +59,12 @@ def test_a_wish_is_answered_with_the_proof_or_with_reasons(run) -> None:  # type
     assert "not_seen: something to drink from: nothing of that is seen" in err
 
 
+def test_a_wish_needs_a_hand(run) -> None:  # type: ignore[no-untyped-def]
+    code, _, err = run("ask", "a", "cup")
+    assert code == 2
+    assert "--agent ROBOT, or --gripper NAME" in err
+
+
 def test_people_judge_by_the_command_line(run) -> None:  # type: ignore[no-untyped-def]
     assert "counts: held" in run("feedback")[1]
     correct = ("feedback", "urn:task:1", "--correct", "held=false,reason=slip_lift")

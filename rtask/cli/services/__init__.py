@@ -1,0 +1,1 @@
+"""Commands on algorithms that are offered as services, and on their data."""
