@@ -151,9 +151,16 @@ class Router:
             return plan_listing(context.kb, context.versions, request, timeout_s)
         if request.raw_path.startswith(_BLOBS):
             return plan_blob(context.kb, request, request.path.removeprefix(_BLOBS))
-        near = difflib.get_close_matches(address, [f"{API}{name}" for name in COLLECTIONS], n=1)
-        hint = f"did you mean {near[0]}?" if near else "see /openapi"
+        hint = self._nearest(address)
         raise RefusedError(404, "not-found", f"there is nothing at {address}; {hint}")
+
+    def _nearest(self, address: str) -> str:
+        """Return a hint that names the address that is likely to be meant."""
+        last = address.rpartition("/")[2]
+        if last in self._context.engine.operations:
+            return f"did you mean /engine/{last}?"
+        near = difflib.get_close_matches(address, [f"{API}{name}" for name in COLLECTIONS], n=1)
+        return f"did you mean {near[0]}?" if near else "see /openapi"
 
     def options(self, request: Request, address: str) -> Plan:
         """Return the methods of an address, and what a page of another origin may send."""

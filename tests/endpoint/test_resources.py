@@ -200,6 +200,7 @@ def test_a_list_is_one_query(
     ("address", "status", "words"),
     [
         ("/api/objcts", 404, "did you mean /api/objects?"),
+        ("/api/search_object", 404, "did you mean /engine/search_object?"),
         ("/api/objects?clas=x", 400, "did you mean class?"),
         ("/api/objects?fields=nam", 400, "did you mean name?"),
         ("/api/objects?limit=0", 400, "from 1 to 1000"),
