@@ -219,8 +219,16 @@ def outline_from_json(
 
 
 def read_cloud(path: Path) -> FloatArray:
-    """Return the points (n, 3) of a file: .npy, .xyz (text), .pcd or .ply."""
+    """Return the points (n, 3) of a file: .npy, .xyz (text), .pcd or .ply.
+
+    Raises
+    ------
+    ValueError
+        When it is another kind of file, or holds no points.
+    """
     ending = path.suffix.lower()
+    if ending not in CLOUD_ENDINGS:
+        raise ValueError(f"{path.name} is no point cloud; those are {', '.join(CLOUD_ENDINGS)}")
     try:
         if ending == ".npy":
             points = np.load(path, allow_pickle=False)
@@ -229,7 +237,10 @@ def read_cloud(path: Path) -> FloatArray:
         else:
             import open3d
 
-            points = np.asarray(open3d.io.read_point_cloud(path).points)
+            with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+                points = np.asarray(open3d.io.read_point_cloud(path).points)
+            if len(points) == 0:
+                raise ValueError("no points could be read")
     except (OSError, ValueError, EOFError) as error:
         raise ValueError(f"{path.name} holds no point cloud: {error}") from error
     if points.ndim < 2 or points.shape[-1] < 3 or not np.issubdtype(points.dtype, np.number):

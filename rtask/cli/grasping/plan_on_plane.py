@@ -221,6 +221,8 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
         if isinstance(error, RtaskError):
             raise
         raise UsageError(f"{source}: {error}") from error
+    except BrokenPipeError:  # of the reader of what is printed
+        raise
     except OSError as error:
         raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error
     exit_if_empty(found)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -90,6 +92,34 @@ def test_bad_calls_are_one_line(tmp_path: Path, args: list[str], words: str) -> 
     done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
     assert done.exit_code != 0
     assert words in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("depth.png", "depth.png is no point cloud; those are .pcd, .ply, .npy, .xyz"),
+        ("torn.pcd", "torn.pcd holds no point cloud: no points could be read"),
+    ],
+)
+def test_what_is_no_cloud_is_told_so_in_one_line(
+    tmp_path: Path, name: str, words: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(b"\x89PNG\r\n")
+    done = _run(str(tmp_path / name), "--mode", "scene", "--viewpoint", "0", "0", "1")
+    assert done.exit_code != 0
+    assert words in str(done.exception)
+    assert "WARNING" not in capfd.readouterr().out
+
+
+def test_a_reader_that_goes_away_is_no_error_of_the_file(tmp_path: Path) -> None:
+    part = tmp_path / "part.json"
+    part.write_text("[[0, 0], [4, 0], [4, 2], [0, 2]]")
+    command = [sys.executable, "-m", "rtask", "grasp", "plan", str(part), "--samples", "10"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
 
 
 @pytest.mark.parametrize(
