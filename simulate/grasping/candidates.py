@@ -170,7 +170,8 @@ def _at_pose(
     if not len(postures):
         return []
     # In steps, as the spheres of each opening are kept.
-    opening = float(min(np.ceil(_OPENING_STEPS * request.opening / hand.mouth) / _OPENING_STEPS, 1))
+    share = hand.opening_share(request.opening)
+    opening = float(min(np.ceil(_OPENING_STEPS * share) / _OPENING_STEPS, 1))
     spheres = space.spheres(arm, opening)
     spaces = spheres.clearances(postures, around, spheres.slack(around, AT_POSE))
     tilt = float(np.arccos(np.clip(-pose[2, 2], -1, 1)))

@@ -6,6 +6,7 @@ of a kind.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
 from simulate.robots.description import Arm, Floats
 
-__all__ = ["DiagonalMouth", "HandRules", "ParallelJaws", "rules_for"]
+__all__ = ["DiagonalMouth", "HandRules", "ParallelJaws", "SuctionFromAbove", "rules_for"]
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -123,12 +124,47 @@ class ParallelJaws:
         return tilt + 0.2 * direction
 
 
+class SuctionFromAbove:
+    """A cup that comes straight down onto the top of an object."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def heights(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return the height of the object's top."""
+        return (request.base_height - request.table_height + request.height,)
+
+    def openings(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return 1: the vacuum is off."""
+        return (1.0,)
+
+    def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
+        """Return the requested direction, and the perpendicular one: a cup is round."""
+        if request.only_theta:
+            return (request.theta,)
+        return (request.theta, request.theta + np.pi / 2)
+
+    def approach(self, request: GraspRequest) -> Floats | None:
+        """Return straight down."""
+        return _DOWN
+
+    def largest_tilt(self, request: GraspRequest) -> float:
+        """Return 0.2 rad, which a lip makes up for."""
+        return 0.2
+
+    def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
+        """Return the cost of the tilt."""
+        return tilt
+
+
 def rules_for(arm: Arm) -> HandRules:
     """Return the rules of an arm's hand."""
     return _RULES[arm.grip](arm)
 
 
-_RULES: dict[str, type[DiagonalMouth] | type[ParallelJaws]] = {
+_RULES: dict[str, Callable[[Arm], HandRules]] = {
     "diagonal_mouth": DiagonalMouth,
     "parallel_jaws": ParallelJaws,
+    "suction_cup": SuctionFromAbove,
+    "three_fingers": ParallelJaws,
 }

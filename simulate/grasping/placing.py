@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -46,6 +46,12 @@ _CARRYING: Mapping[tuple[str, str], float] = {
     ("box", "finger"): 0.002,
     ("neighbour", "load"): 0.004,
 }
+_LEAVING: Mapping[tuple[str, str], float] = {
+    **_CARRYING,
+    ("placed", "finger"): 0.02,
+    ("placed", "palm"): 0.01,
+}
+"""The open hand may still be around what it has put down when its way home begins."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,8 @@ class PlaceSpot:
     centres: tuple[tuple[float, float], ...]
     descents: tuple[tuple[float, float], ...] = _DESCENTS
     filled: float = 0.0
+    walled: bool = True
+    """Whether walls around it keep the way home clear of what is put there."""
 
     @property
     def grounds(self) -> tuple[float, ...]:
@@ -79,7 +87,7 @@ class PlaceSpot:
     @classmethod
     def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
         """Return one place on a table; the object is lowered fully, as a drop may topple it."""
-        return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS))
+        return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS), walled=False)
 
     @classmethod
     def in_box(
@@ -196,6 +204,8 @@ def plan_place(
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
                 planned = _complete(space, plan, loaded, around, rise, line, goal.position)
+                if planned is not None and not spot.walled:
+                    return _clear_of(space, plan, around, load, line, planned)
                 if planned is not None:
                     return planned
     return "place_plan"
@@ -251,6 +261,29 @@ def _complete(
         back,
         tool,
     )
+
+
+def _clear_of(
+    space: ArmSpace,
+    plan: PlannedGrasp,
+    around: Surroundings,
+    load: Load,
+    line: Floats,
+    planned: PlacePlan,
+) -> PlacePlan:
+    """Return the plan with a way home that stays clear of the placed object, if there is one."""
+    chain = space.chains[plan.arm]
+    base_from_load = _pose(*(p[0] for p in chain.tool_poses(line[:1]))) @ load.tool_from_load
+    placed = Obstacle("placed", base_from_load[:3, 3], load.size / 2, base_from_load[:3, :3])
+    home = np.array(space.robot.arm(plan.arm).home)
+    back = space.path(
+        plan.arm, space.spheres(plan.arm, plan.opening), around.with_obstacles([placed]),
+        line[-1], home, plan.seed, SPEED["return"], allowed=_LEAVING,
+    )  # fmt: skip
+    if isinstance(back, str):
+        return planned
+    up = time_path(line, 2 * SPEED["approach"] * chain.velocity)
+    return replace(planned, retreat=join([up, back]))
 
 
 def _rise(

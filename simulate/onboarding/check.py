@@ -11,10 +11,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simulate.grasping.executor import Workcell
+from simulate.grasping.judgement import CLOSED_ON_SOMETHING
 from simulate.onboarding.hands import tip_gap
 from simulate.onboarding.touching import SelfContacts
 from simulate.onboarding.workplace import reach_share
 from simulate.robots import Arm, RobotDescription, describe
+from simulate.robots.other_hands import STAND_OFF_M
 from simulate.study.runner import Study, run
 from simulate.world.objects import ObjectSpec
 
@@ -69,6 +71,9 @@ def check_robot_body(robot: RobotDescription, seed: int = 0) -> Iterator[Finding
     pairs = ", ".join(f"{a} and {b}" for a, b in sorted(touching)) or "nothing"
     yield Finding("home", not touching, f"at home it touches {pairs}")
     for arm in robot.arms.values():
+        if arm.grip in ("suction_cup", "three_fingers"):
+            yield _takes(robot, arm)
+            continue
         size = min(_BOX_M, 0.6 * arm.mouth)
         gap = tip_gap(robot, arm, _closed_on(robot, arm, size))
         empty = tip_gap(robot, arm, _closed_on(robot, arm, None))
@@ -79,6 +84,19 @@ def check_robot_body(robot: RobotDescription, seed: int = 0) -> Iterator[Finding
         yield Finding("close", abs(gap - size) <= _OFF_M and gap - empty > _OFF_M, says)
 
 
+def _takes(robot: RobotDescription, arm: Arm) -> Finding:
+    """Return whether a cup seals on a box, or three fingers close on it, and not on nothing."""
+    size = _BOX_M if arm.cup is None else 3 * arm.cup.radius
+    held, empty = _closed_on(robot, arm, size), _closed_on(robot, arm, None)
+    does = "seals on" if arm.cup is not None else "closes on"
+    well = held > CLOSED_ON_SOMETHING > empty
+    return Finding(
+        "close",
+        well,
+        f"{arm.name} {does if well else 'does not hold'} a box of {1000 * size:.0f} mm",
+    )
+
+
 def _closed_on(robot: RobotDescription, arm: Arm, size: float | None) -> float:
     """Return the opening (0..1) of a hand closed on a box of a size, m, without gravity."""
     with Workcell(robot, preset="fast") as cell:
@@ -87,6 +105,8 @@ def _closed_on(robot: RobotDescription, arm: Arm, size: float | None) -> float:
             spec = ObjectSpec("box", (size, size, size), _BOX_KG, 0, "check-box")
             body = cell.world.spawn(spec, (0.0, 0.0, 0.0))
             tool = cell.robot.tool_pose(arm.name)
+            if arm.cup is not None:  # the lip on its face
+                tool[:3, 3] += (size / 2 - STAND_OFF_M) * tool[:3, 2]
             turn = Rotation.from_matrix(tool[:3, :3])
             cell.world.put(body, tool[:3, 3].tolist(), turn.as_quat().tolist())
         cell.robot.move_fingers(arm.name, 0.0, arm.close_effort)

@@ -64,8 +64,9 @@ def list_robots(as_json: bool) -> None:
 @click.option("--name", help="Name of the robot.  [default: the file's]")
 @click.option(
     "--gripper",
-    metavar="FILE|jaw:STROKE",
-    help="Hang a gripper on the arm: a URDF file, or plain jaws that open by STROKE, m.",
+    metavar="FILE|jaw:STROKE|suction:RADIUS|three:OPENING",
+    help="Hang a gripper on the arm: a URDF file, plain jaws, a suction cup or three fingers of a "
+    "size in m, or a file that describes one of the last two.",
 )
 @click.option(
     "--on", metavar="LINK", help="Link that carries the gripper.  [default: tool0, else the last]"
@@ -131,10 +132,10 @@ def add(
     for warning in made.warnings:
         click.echo(f"warning: {warning}", err=True)
     for arm in made.robot.arms.values():
-        click.echo(
-            f"{arm.name}: {len(arm.joints)} joints, hand on {arm.wrist}, "
-            f"opens {1000 * arm.mouth:.0f} mm"
-        )
+        does = f"opens {1000 * arm.mouth:.0f} mm"
+        if arm.cup is not None:
+            does = f"sucks with {2000 * arm.cup.radius:.0f} mm"
+        click.echo(f"{arm.name}: {len(arm.joints)} joints, hand on {arm.wrist}, {does}")
     click.echo(f"reaches {made.share:.0%} of its table; settings: {path}")
     click.echo(f"next: rtask robot check {name}")
 
@@ -158,6 +159,11 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
     if grasps < 0:
         raise UsageError(f"--grasps must not be negative, got {grasps}")
     described = describe(name)
+    if grasps and any(a.grip in ("suction_cup", "three_fingers") for a in described.arms.values()):
+        raise UsageError(
+            f"--grasps: the graph keeps grasps of jaws alone, and {name} has another hand; "
+            f"check its body with --grasps 0"
+        )
     rows: Sequence[Any] = []
     with banner_on_stderr():
         findings = list(check_robot_body(described, seed))

@@ -12,7 +12,14 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
-from simulate.onboarding.hands import FoundHand, arm_ends, arm_from, find_hands, points_of
+from simulate.onboarding.hands import (
+    FoundHand,
+    arm_ends,
+    arm_from,
+    find_hands,
+    mounted_hand,
+    points_of,
+)
 from simulate.onboarding.touching import SelfContacts, without_contacts
 from simulate.onboarding.workplace import home_postures, place_robot
 from simulate.robots.description import (
@@ -23,6 +30,7 @@ from simulate.robots.description import (
     Pose,
     RobotDescription,
 )
+from simulate.robots.other_hands import MOUNT, OtherHand, arm_with, other_hand
 from simulate.robots.robot_files import bare_robot, robot_from, settings_of
 from simulate.robots.srdf import Srdf, read_srdf
 from simulate.robots.urdf_reader import read_urdf
@@ -92,16 +100,17 @@ def guess_robot(
     """
     semantic = read_srdf(srdf) if srdf is not None else Srdf({}, ())
     whole, warnings = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on)
-    hands = _chosen(find_hands(whole))
+    other = other_hand(gripper) if gripper is not None else None
+    hands = _hands(whole, other)
     if not hands:
         raise RobotError(_no_hand(whole, urdf))
     rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
     robot, _ = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, rest=rest)
-    found = _chosen(find_hands(robot))
+    found = _hands(robot, other)
     if not found:
         raise RobotError(_no_hand(robot, urdf))
     robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
-    arms = dict(_arms(robot, found))
+    arms = dict(_arms(robot, found, other))
     placed = place_robot(replace(robot, arms=arms, model=whole.name), seed)
     robot = without_contacts(placed.robot, seed)
     allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
@@ -121,6 +130,15 @@ def _no_hand(robot: RobotDescription, urdf: Path) -> str:
         f"open; give one with --gripper FILE or --gripper jaw:0.085 (arms end at "
         f"{', '.join(ends[:4])})"
     )
+
+
+def _hands(robot: RobotDescription, other: OtherHand | None) -> list[FoundHand]:
+    """Return the hands to use: the one that was hung on if it is none of jaws, else those found."""
+    if other is None:
+        return _chosen(find_hands(robot))
+    wrist, _ = robot.frames[MOUNT]
+    hand = mounted_hand(robot, wrist)
+    return [hand] if hand is not None else []
 
 
 def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
@@ -156,14 +174,32 @@ def _standing(robot: RobotDescription) -> Pose:
     return Pose((0.0, 0.0, round(max(-lowest, 0.0), 6)))
 
 
-def _arms(robot: RobotDescription, hands: Sequence[FoundHand]) -> Iterator[tuple[str, Arm]]:
+def _arms(
+    robot: RobotDescription, hands: Sequence[FoundHand], other: OtherHand | None
+) -> Iterator[tuple[str, Arm]]:
     """Yield the arms by name: ``arm``, or ``left_arm`` and ``right_arm``."""
     two = len(hands) == 2
     ordered = sorted(hands, key=lambda hand: -_shoulder_y(robot, hand))
     for hand, side in zip(ordered, (1, -1) if two else (0,), strict=True):
         name = {1: "left_arm", -1: "right_arm", 0: "arm"}[side]
         middle = np.array([(joint.lower + joint.upper) / 2 for joint in hand.joints])
-        yield name, arm_from(hand, name, side, hand.joints, middle)
+        if other is None:
+            yield name, arm_from(hand, name, side, hand.joints, middle)
+        else:
+            yield name, _arm_to(robot, hand, name, middle, other)
+
+
+def _arm_to(
+    robot: RobotDescription, hand: FoundHand, name: str, middle: Floats, other: OtherHand
+) -> Arm:
+    """Return the arm that carries a suction cup or a hand with three fingers."""
+    bare = Arm(
+        name=name, side=0, joints=tuple(joint.name for joint in hand.joints), wrist=hand.wrist,
+        tcp=hand.tcp, approach=hand.approach, closing=hand.closing,
+        home=tuple(round(float(v), 4) for v in middle), end_effector=other.name, fingers=(),
+        finger_range=1.0, mouth=0.0, max_payload=0.0,
+    )  # fmt: skip
+    return arm_with(bare, other, robot.frames[MOUNT][1].matrix)
 
 
 def _shoulder_y(robot: RobotDescription, hand: FoundHand) -> float:

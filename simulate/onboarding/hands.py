@@ -15,8 +15,18 @@ import numpy as np
 from simulate.motion.collision import link_poses
 from simulate.robots.description import Arm, Floats, Joint, RobotDescription, Shape, Vector
 from simulate.robots.mesh_cover import read_vertices
+from simulate.robots.other_hands import FINGERS
 
-__all__ = ["FoundHand", "arm_ends", "arm_from", "find_hands", "hand_of", "points_of", "tip_gap"]
+__all__ = [
+    "FoundHand",
+    "arm_ends",
+    "arm_from",
+    "find_hands",
+    "hand_of",
+    "mounted_hand",
+    "points_of",
+    "tip_gap",
+]
 
 _MIN_ARM_JOINTS = 3
 _MAX_FINGER_JOINTS = 4
@@ -80,6 +90,20 @@ def find_hands(robot: RobotDescription) -> list[FoundHand]:
         if hand is not None:
             found.append(hand)
     return found
+
+
+def mounted_hand(robot: RobotDescription, wrist: str) -> FoundHand | None:
+    """Return a hand of known kind on a wrist link, of which only the arm is found; None = no arm.
+
+    Its sizes are 0: whoever hung it on knows them.
+    """
+    joints = tuple(robot.path(wrist))
+    if len(joints) < _MIN_ARM_JOINTS:
+        return None
+    fingers = tuple(joint for joint in robot.joints if joint.name in FINGERS)
+    ends = (0.0,) * len(fingers)
+    none, z, x = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    return FoundHand(wrist, joints, fingers, ends, ends, none, z, x, 0.0, 0.0, 0.0, 0.0)
 
 
 def arm_ends(robot: RobotDescription) -> list[str]:

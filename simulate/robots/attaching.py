@@ -18,6 +18,7 @@ from simulate.robots.description import (
     Shape,
     transform_from,
 )
+from simulate.robots.other_hands import links_of, other_hand
 from simulate.robots.urdf_reader import ReadRobot, read_urdf
 
 __all__ = ["attach", "gripper_of", "hold_still", "jaw_gripper"]
@@ -29,7 +30,17 @@ _PALM_M = 0.06
 
 
 def gripper_of(text: str, strict: bool) -> ReadRobot:
-    """Return the gripper of a URDF file, or of ``jaw:STROKE`` with the stroke in m."""
+    """Return the links of a gripper.
+
+    Parameters
+    ----------
+    text
+        A URDF file, ``jaw:STROKE``, ``suction:RADIUS`` or ``three:OPENING`` (m), or a file that
+        describes a suction cup or a hand with three fingers.
+    """
+    other = other_hand(text)
+    if other is not None:
+        return links_of(other)
     kind, _, stroke = text.partition(":")
     if kind != "jaw":
         return read_urdf(Path(text), strict=strict)

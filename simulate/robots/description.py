@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.spatial.suction_cup import SuctionCup
 from rtask.errors import RobotError
 
 __all__ = [
@@ -198,7 +199,9 @@ class Arm:
         kg.
     grip
         How the hand grasps: ``diagonal_mouth`` approaches from aside and below the fingers,
-        ``parallel_jaws`` straight down.
+        ``parallel_jaws`` and ``three_fingers`` straight down, ``suction_cup`` onto what it takes.
+    cup
+        The cup where it grasps by suction; it has no fingers then.
     kind
         Class of end effector in the ontology.
     gripper_type
@@ -233,11 +236,18 @@ class Arm:
     close_effort: float = 0.06
     open_effort: float = 0.144
     finger_speed: float = 3.0
-    grip: Literal["diagonal_mouth", "parallel_jaws"] = "diagonal_mouth"
+    grip: Literal["diagonal_mouth", "parallel_jaws", "suction_cup", "three_fingers"] = (
+        "diagonal_mouth"
+    )
     kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
     aliases: tuple[str, ...] = ()
     finger_closed: tuple[float, ...] = ()
     finger_open: tuple[float, ...] = ()
+    cup: SuctionCup | None = None
+
+    def opening_share(self, opening_m: float) -> float:
+        """Return an opening, m, as a share 0 .. 1 of the widest; a cup is always open."""
+        return 1.0 if self.cup is not None else min(opening_m / self.mouth, 1.0)
 
     def finger_values(self, opening: float) -> dict[str, float]:
         """Return the value (rad or m) of each finger joint at an opening, 0 (closed) to 1."""
@@ -379,12 +389,13 @@ class RobotDescription:
         return path[::-1]
 
     def welded(self) -> RobotDescription:
-        """Return the same robot without fixed joints: child and parent become one link.
+        """Return the same robot without fixed joints: child and parent become one link, which
+        carries the frames of both.
 
         This saves the simulator the work for links that never move.
         """
         links = {link.name: link for link in self.links}
-        joints = list(self.joints)
+        joints, frames = list(self.joints), dict(self.frames)
         while fixed := next((joint for joint in joints if joint.kind == "fixed"), None):
             parent, child = links[fixed.parent], links.pop(fixed.child)
             offset = fixed.pose.matrix
@@ -393,6 +404,12 @@ class RobotDescription:
             )
             inertial = parent.inertial.joined(child.inertial, offset)
             links[parent.name] = replace(parent, inertial=inertial, shapes=(*parent.shapes, *moved))
+            frames = {
+                name: (parent.name, Pose.of(offset @ pose.matrix))
+                if link == child.name
+                else (link, pose)
+                for name, (link, pose) in frames.items()
+            }
             joints.remove(fixed)
             joints = [
                 replace(joint, parent=parent.name, pose=Pose.of(offset @ joint.pose.matrix))
@@ -400,7 +417,7 @@ class RobotDescription:
                 else joint
                 for joint in joints
             ]
-        return replace(self, links=tuple(links.values()), joints=tuple(joints))
+        return replace(self, links=tuple(links.values()), joints=tuple(joints), frames=frames)
 
     def moving_joints(self) -> Iterator[Joint]:
         """Yield the joints that move."""

@@ -14,9 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from rtask.errors import RobotError
+from simulate.robots.attaching import attach
 from simulate.robots.cameras import standing_cameras
-from simulate.robots.description import Arm, Pose, RobotDescription, Workplace
-from simulate.robots.urdf_reader import read_urdf
+from simulate.robots.description import Arm, Pose, RobotDescription, Workplace, transform_from
+from simulate.robots.other_hands import arm_with, links_of, other_hand
+from simulate.robots.urdf_reader import ReadRobot, read_urdf
 
 __all__ = ["describe_panda"]
 
@@ -25,6 +27,9 @@ _JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 _HAND_TURN = -math.pi / 4
 _HAND_M, _TARGET_M = 0.107, 0.105
 """Hand beyond link 7, grasp target beyond the hand: panda_joint8 and panda_grasptarget_hand."""
+
+_FLANGE = "panda_link8"
+_LINK7_FROM_FLANGE = transform_from((0.0, 0.0, _HAND_M))
 
 _WORKPLACE = Workplace(
     table_height=0.20,
@@ -40,8 +45,14 @@ _WORKPLACE = Workplace(
 )
 
 
-def describe_panda(*, name: str = "panda") -> RobotDescription:
+def describe_panda(*, name: str = "panda", hand: str | None = None) -> RobotDescription:
     """Describe the Panda.
+
+    Parameters
+    ----------
+    hand
+        On its flange instead of its own: ``suction:RADIUS`` or ``three:OPENING``, m, or a file that
+        describes one of these; None = its own gripper.
 
     Raises
     ------
@@ -52,17 +63,39 @@ def describe_panda(*, name: str = "panda") -> RobotDescription:
     if found is None or found.origin is None:
         raise RobotError("the panda comes with the package pybullet_data, which is not installed")
     read = read_urdf(Path(found.origin).parent / _FILE)
+    other = None if hand is None else other_hand(hand)
+    if hand is not None and other is None:
+        raise RobotError(f"gripper {hand!r}: the panda takes suction:RADIUS, three:OPENING or FILE")
+    if other is not None:
+        read, _ = attach(_without_hand(read), links_of(other), _FLANGE)
     bare = RobotDescription(
         name=name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
     ).welded()
+    arm = _arm() if other is None else arm_with(_arm(), other, _LINK7_FROM_FLANGE)
     return replace(
         bare,
-        arms={"panda_arm": _arm()},
+        arms={
+            "panda_arm": _arm() if other is None else arm_with(_arm(), other, _LINK7_FROM_FLANGE)
+        },
         cameras=standing_cameras(read.root, _WORKPLACE),
-        frames={"panda_grasptarget": ("panda_link7", Pose((0.0, 0.0, _HAND_M + _TARGET_M)))},
+        frames={"panda_grasptarget": (arm.wrist, Pose(arm.tcp))},
         model="Franka Emika Panda",
         base_frame="panda_link0",
         workplace=_WORKPLACE,
+    )
+
+
+def _without_hand(read: ReadRobot) -> ReadRobot:
+    """Return the arm up to its flange."""
+    behind = {_FLANGE}
+    for joint in read.joints:  # parents come first
+        if joint.parent in behind:
+            behind.add(joint.child)
+    behind.discard(_FLANGE)
+    return replace(
+        read,
+        links=tuple(link for link in read.links if link.name not in behind),
+        joints=tuple(joint for joint in read.joints if joint.child not in behind),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from grasp.spatial.suction_cup import SuctionCup
 from rtask.errors import RobotError
 from simulate.robots.attaching import attach, gripper_of, hold_still
 from simulate.robots.description import (
@@ -24,6 +25,7 @@ from simulate.robots.description import (
     RobotDescription,
     Workplace,
 )
+from simulate.robots.other_hands import MOUNT, OtherHand, other_hand
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = [
@@ -36,7 +38,9 @@ __all__ = [
     "settings_of",
 ]
 
-_ARM_FIELDS = {field.name: field for field in fields(Arm)}
+_ARM_FIELDS = {field.name: field for field in fields(Arm) if field.name != "cup"}
+_SIZED = ("jaw", "suction", "three")
+"""Grippers that one length describes, m."""
 _PLACE_FIELDS = {field.name for field in fields(Workplace)}
 
 
@@ -74,7 +78,7 @@ def bare_robot(
     strict
         Refuse gaps in the file instead of filling them.
     gripper
-        A hand to hang on: a URDF file, or ``jaw:STROKE`` with the stroke in m; None = none.
+        A hand to hang on, as of :func:`~simulate.robots.attaching.gripper_of`; None = none.
     on
         Link that carries it; None = ``tool0``, else the end of the longest chain.
     rest
@@ -85,9 +89,11 @@ def bare_robot(
     if gripper is not None:
         read, more = attach(read, gripper_of(gripper, strict), on)
         warnings = (*warnings, *more)
+    made = any(link.name == MOUNT for link in read.links)
     robot = RobotDescription(
-        name=name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
-    )
+        name=name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={},
+        frames={MOUNT: (MOUNT, Pose())} if made else {},
+    )  # fmt: skip
     return hold_still(robot, rest or {}), warnings
 
 
@@ -134,15 +140,17 @@ def robot_from(settings: Mapping[str, Any], path: Path) -> RobotDescription:
 def _robot(path: Path, settings: Mapping[str, Any]) -> RobotDescription:
     urdf = (path.parent / str(settings["urdf"])).resolve()
     gripper = settings.get("gripper", {})
+    text = _gripper_from(path, gripper)
     robot, _ = bare_robot(
         urdf,
         name=path.stem,
         strict=bool(settings.get("strict", False)),
-        gripper=_gripper_from(path, gripper),
+        gripper=text,
         on=gripper.get("on"),
         rest=settings.get("rest", {}),
     )
-    arms = {name: _arm(path, name, table) for name, table in settings["arms"].items()}
+    cup = other_hand(text) if text is not None else None
+    arms = {name: _arm(path, name, table, cup) for name, table in settings["arms"].items()}
     cameras = {n: _camera(path, n, t) for n, t in settings.get("cameras", {}).items()}
     made = replace(
         robot,
@@ -159,14 +167,26 @@ def _robot(path: Path, settings: Mapping[str, Any]) -> RobotDescription:
 
 
 def _gripper_from(path: Path, table: Mapping[str, Any]) -> str | None:
-    if "jaw" in table:
-        return f"jaw:{float(table['jaw']):g}"
-    return str((path.parent / str(table["urdf"])).resolve()) if "urdf" in table else None
+    for kind in _SIZED:
+        if kind in table:
+            return f"{kind}:{float(table[kind]):g}"
+    for kind in ("urdf", "file"):
+        if kind in table:
+            return str((path.parent / str(table[kind])).resolve())
+    return None
 
 
-def _arm(path: Path, name: str, table: Mapping[str, Any]) -> Arm:
+def _arm(path: Path, name: str, table: Mapping[str, Any], hand: OtherHand | None) -> Arm:
     _known(path, f"arms.{name}", table, _ARM_FIELDS)
-    return Arm(**{"name": name, **{key: _frozen(value) for key, value in table.items()}})
+    arm = Arm(**{"name": name, **{key: _frozen(value) for key, value in table.items()}})
+    if arm.grip != "suction_cup":
+        return arm
+    if not isinstance(hand, SuctionCup):
+        raise RobotError(
+            f"{path}: arms.{name}: a suction_cup needs its size: suction = RADIUS (m), or file = "
+            f"FILE, under [gripper]"
+        )
+    return replace(arm, cup=hand)
 
 
 def _camera(path: Path, name: str, table: Mapping[str, Any]) -> CameraMount:
@@ -234,8 +254,9 @@ def settings_of(
     """Return the settings from which :func:`load_robot` makes the same robot."""
     held: dict[str, Any] = {}
     if gripper is not None:
-        kind, _, stroke = gripper.partition(":")
-        held = {"jaw": float(stroke)} if kind == "jaw" else {"urdf": str(Path(gripper).resolve())}
+        kind, _, size = gripper.partition(":")
+        described = "urdf" if gripper.lower().endswith(".urdf") else "file"
+        held = {kind: float(size)} if kind in _SIZED else {described: str(Path(gripper).resolve())}
         held |= {"on": on} if on else {}
     return {
         "urdf": str(urdf.resolve()),

@@ -25,6 +25,7 @@ from simulate.robots.description import (
     Stance,
     transform_from,
 )
+from simulate.world.arm_cup import ArmCup
 from simulate.world.world import World
 
 __all__ = ["REST_OPENING", "FingerTouch", "HandTouch", "RobotBody"]
@@ -42,6 +43,8 @@ REST_OPENING = 0.95
 _REST_EFFORT = 0.7
 """Share of the opening effort with which an idle hand stays open."""
 _STOPPED_OPENING = 0.08
+_VACUUM_ON = 0.5
+"""Opening of a commanded hand below which a cup's vacuum is on."""
 _FINGER_FRICTION = {"lateralFriction": 1.2, "spinningFriction": 0.002, "rollingFriction": 0.0002}
 _FRAME_FROM_OPTICAL = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -107,6 +110,12 @@ class RobotBody:
         self._legs: RobotDescription | None = None
         self._load(description)
         self._set_up()
+        if self._cups:
+            world.before_each.append(self._pump)
+
+    def _pump(self) -> None:
+        for cup in self._cups.values():
+            cup.before_step()
 
     def _load(self, description: RobotDescription) -> None:
         self.body = self.world.load_urdf(description.welded(), self.world_from_base)
@@ -116,6 +125,11 @@ class RobotBody:
             self._client.setCollisionFilterPair(self.body, self.body, first, second, 0)
         self.hand_links = {name: self._hand_links(arm) for name, arm in self.arms.items()}
         self._driven = {name: self._couple_fingers(arm) for name, arm in self.arms.items()}
+        self._cups = {
+            name: ArmCup(self.world, arm, self.body, self.link_index[arm.wrist])
+            for name, arm in self.arms.items()
+            if arm.cup is not None
+        }
 
     def _indices(self) -> tuple[dict[str, int], dict[str, int]]:
         joints, links = {}, {}
@@ -277,6 +291,9 @@ class RobotBody:
         """
         parts = self.arm(arm)
         self.commanded_opening[parts.name] = opening
+        if parts.name in self._cups:
+            self._cups[parts.name].switch(opening < _VACUUM_ON)
+            return
         position_gain, velocity_gain = _FINGER_GAINS
         for name, value in parts.finger_values(opening).items():
             index = self.joint_index[name]
@@ -301,6 +318,8 @@ class RobotBody:
     def finger_opening(self, arm: str) -> float:
         """Return the measured opening of a hand, 0..1: the mean over its fingers."""
         parts = self.arm(arm)
+        if parts.name in self._cups:
+            return self._cups[parts.name].opening
         indices = [self.joint_index[name] for name in parts.fingers]
         values = [state[0] for state in self._client.getJointStates(self.body, indices)]
         return float(np.mean(parts.finger_openings(np.array(values))))
@@ -308,6 +327,11 @@ class RobotBody:
     def finger_touch(self, arm: str) -> FingerTouch:
         """Read positions and efforts of a hand's fingers."""
         hand = self.arm(arm)
+        if hand.cup is not None:
+            holds = self._cups[hand.name].held >= 0
+            return FingerTouch(
+                self._cups[hand.name].opening, int(holds), hand.cup.force if holds else 0.0
+            )
         states = self._client.getJointStates(
             self.body, [self.joint_index[name] for name in hand.fingers]
         )
@@ -320,8 +344,11 @@ class RobotBody:
 
     def touch(self, arm: str, body: int) -> HandTouch:
         """Return the true contact of an arm's hand with a body, for scoring only."""
+        parts = self.arm(arm)
+        if parts.cup is not None and self._cups[parts.name].held == body:
+            return HandTouch(1, parts.cup.force)
         links, force = set(), 0.0
-        hand = self.hand_links[self.arm(arm).name]
+        hand = self.hand_links[parts.name]
         for contact in self._client.getContactPoints(self.body, body):
             if contact[3] in hand and contact[9] > 0:
                 links.add(contact[3])
@@ -390,8 +417,20 @@ class RobotBody:
     # -- introduction -----------------------------------------------------------------------
 
     def describe(self, name: str) -> dict[str, Any]:
-        """Return the registration of the robot as JSON data: hands, cameras, frames."""
+        """Return the registration of the robot as JSON data: hands, cameras, frames.
+
+        Raises
+        ------
+        RobotError
+            A hand is neither jaws nor like them: the graph keeps no grasps for it.
+        """
         robot = self.description
+        for arm in self.arms.values():
+            if arm.grip in ("suction_cup", "three_fingers"):
+                raise RobotError(
+                    f"{arm.end_effector!r} of {robot.name!r} is not registered: the graph keeps "
+                    f"grasps of jaws alone; the act service and an Executor use it without"
+                )
         return {
             "name": name,
             "model": robot.model,

@@ -181,6 +181,8 @@ class World:
         self._steps = 0
         self.on_step: Callable[[], None] = lambda: None
         """Called at the end of every :meth:`step`, in its thread."""
+        self.before_each: list[Callable[[], None]] = []
+        """Called before every single step of the physics."""
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=self.preset.step_s,
             numSolverIterations=self.preset.iterations,
@@ -209,6 +211,8 @@ class World:
     def step(self, seconds: float) -> None:
         """Run the physics for at least one step."""
         for _ in range(max(round(seconds / self.preset.step_s), 1)):
+            for act in self.before_each:
+                act()
             self.client.stepSimulation()
             self._steps += 1
             if self._breakable and self._steps % _BREAK_CHECK_STEPS == 0:

@@ -44,7 +44,8 @@ class ThreeFingerHand:
     friction
         Coulomb coefficient between pads and object.
     max_force
-        Of each finger on what it holds, N.
+        Of each finger where all push alike, N. One drive moves all: where an object asks for it,
+        two fingers push with the force of three.
     max_effort
         Of a closed finger's joint, N or N m.
     max_payload

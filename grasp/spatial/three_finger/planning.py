@@ -1,13 +1,13 @@
-"""Grasps with three fingers about an axis: where they close, and what they then hold.
+"""Grasps with three fingers about an axis: tried, closed, scored and ranked.
 
-The fingers move together, so that they push an object until all three touch it: the axis moves to
-where the three distances to the surface are equal. There each finger must meet the surface within
-its friction cone; three equal forces towards the axis then balance, whatever their size.
+The fingers move together and push an object until it is jammed, between two of them or all three;
+:mod:`grasp.spatial.three_finger.closing` finds where, :mod:`grasp.spatial.three_finger.forces` what
+they then bear.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,116 +20,25 @@ from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.each_thing import plan_each_thing
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
-from grasp.spatial.meshes.rays import NOTHING, first_and_last
 from grasp.spatial.scoring.holding import CARRY_G, LIFT_G, assumed_mass
 from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
 from grasp.spatial.scoring.select import diverse, rank
-from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
+from grasp.spatial.three_finger.closing import Closing, close
+from grasp.spatial.three_finger.forces import asked_of_fingers
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 
 __all__ = [
-    "Closing",
-    "asked_of_fingers",
-    "close",
     "plan_three_finger",
     "plan_three_finger_on_cloud",
     "plan_three_finger_on_scene",
 ]
 
-_ROUNDS, _SAME_M = 6, 5e-4
 _STARTS, _TURNS, _DEPTHS = 24, 8, 5
-_ROOM_M, _LEAST_ROOM_M = 0.010, 0.006
+_WIDE_M, _ROOM_M, _LEAST_ROOM_M = 0.025, 0.010, 0.006
 _SCREENED, _SCORED = 600, 60
+_OFF_M, _SAME_M, _SAME = 0.004, 0.002, 0.02
 _GRAVITY = 9.81
 _SURFEL = 1.5
-
-
-@dataclass(frozen=True, eq=False)
-class Closing:
-    """Rest position of fingers that close.
-
-    Parameters
-    ----------
-    poses : (n, 4, 4)
-        With the axis where all three fingers touch; the object's motion seen from the object.
-    radius : (n,), m
-        From the axis to the contacts.
-    contacts, normals : (n, 3, 3), m
-        In the frame of the mesh; normals out of the object.
-    holds : (n,) bool
-        Whether all touch within their friction cones.
-    """
-
-    poses: FloatArray
-    radius: FloatArray
-    contacts: FloatArray
-    normals: FloatArray
-    holds: NDArray[np.bool_]
-
-
-def close(mesh: Mesh, hand: ThreeFingerHand, poses: FloatArray) -> Closing:
-    """Close a hand on a mesh in poses (n, 4, 4), ``mesh_from_gripper``."""
-    poses = np.array(poses, dtype=np.float64)
-    ways = np.einsum("nij,kj->nki", poses[:, :3, :3], WAYS)
-    at, face = _met(mesh, hand, poses, ways)
-    for _ in range(_ROUNDS):
-        # What moves the axis to equal distances if the surface is across each finger's way.
-        step = 2 / 3 * np.einsum("nk,nki->ni", np.nan_to_num(at), ways)
-        if np.abs(step).max(initial=0.0) < _SAME_M / 4:
-            break
-        poses[:, :3, 3] += step
-        at, face = _met(mesh, hand, poses, ways)
-    normals = mesh.normals[np.maximum(face, 0)]
-    along = np.einsum("nki,nki->nk", normals, ways)
-    least = float(np.cos(np.arctan(hand.friction)))
-    with np.errstate(invalid="ignore"):
-        radius = at.mean(axis=1)
-        holds = (np.ptp(at, axis=1) < _SAME_M) & (along >= least).all(axis=1)
-        holds &= (at.min(axis=1) > hand.min_opening / 2) & (radius <= hand.max_opening / 2)
-    contacts = poses[:, None, :3, 3] + np.nan_to_num(at)[:, :, None] * ways
-    return Closing(poses, radius, contacts, normals, np.asarray(holds))
-
-
-def _met(
-    mesh: Mesh, hand: ThreeFingerHand, poses: FloatArray, ways: FloatArray
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return how far from the axis each finger meets the mesh (n, 3), NaN = nowhere, and where."""
-    origins = np.repeat(poses[:, :3, 3], 3, axis=0)
-    at, face = first_and_last(mesh.tree, origins, ways.reshape(-1, 3), hand.max_opening)
-    far = np.where(face[:, 1] != NOTHING, at[:, 1], np.nan)
-    return far.reshape(-1, 3), face[:, 1].reshape(-1, 3).astype(np.int64)
-
-
-def asked_of_fingers(
-    hand: ThreeFingerHand, force: FloatArray, moment: FloatArray, radius: FloatArray
-) -> FloatArray:
-    """Return what loads ask of a closed hand, as a share of what it bears: it holds below 1, (n,).
-
-    Along the axis and about it the friction of three fingers bears the load; across the axis a
-    finger must not be pushed open, and about a line across it friction acts up on one side and down
-    on the other. The shares are combined as those of soft contacts (Howe and Cutkosky 1996).
-
-    Parameters
-    ----------
-    force, moment : (n, 3), N and N m
-        On the object in the gripper frame, about the middle of the contacts.
-    radius : (n,), m
-
-    Examples
-    --------
-    >>> hand = ThreeFingerHand("centric", 0.1)
-    >>> weight = np.array([[0.0, 0.0, 15.0]])
-    >>> [round(float(v), 2) for v in asked_of_fingers(hand, weight, 0 * weight, np.array([0.03]))]
-    [0.5]
-    """
-    grip = hand.friction * hand.max_force
-    lever = np.maximum(radius, 1e-3)
-    shares = (
-        force[:, 2] / (3 * grip),
-        np.hypot(force[:, 0], force[:, 1]) / (1.5 * hand.max_force),
-        moment[:, 2] / (3 * grip * lever),
-        np.hypot(moment[:, 0], moment[:, 1]) / (1.5 * grip * lever),
-    )
-    return np.asarray(np.sqrt(sum(share**2 for share in shares)))
 
 
 def _asked(
@@ -138,8 +47,8 @@ def _asked(
     """Return the share of what the hand bears that a mass at ``com`` asks for at g, (n,)."""
     turn = closing.poses[:, :3, :3]
     force = np.einsum("nji,j->ni", turn, -g * mass * _GRAVITY * up)
-    lever = np.einsum("nji,nj->ni", turn, com - closing.poses[:, :3, 3])
-    return asked_of_fingers(hand, force, np.cross(lever, force), closing.radius)
+    lever = np.einsum("nji,nj->ni", turn, com - closing.poses[:, :3, 3]) - closing.grip.middle
+    return asked_of_fingers(hand, closing.grip, force, np.cross(lever, force))
 
 
 def plan_three_finger(
@@ -187,11 +96,22 @@ def plan_three_finger(
     if not len(chosen):
         reason = f"three fingers that open to {1000 * hand.max_opening:.0f} mm close on it nowhere"
         return Proposals(reason=reason, notes=notes, counts=counts)
+    chosen = chosen[_first_of_each(closed.poses[chosen])]
+    openings = np.minimum(2 * closed.radius + 2 * _ROOM_M, hand.max_opening)
+    above = room_around(
+        closed.poses[chosen], openings[chosen], hand, Surroundings(around.support)
+    ).free
+    counts["touches the support"] = int((~above).sum())
+    chosen = chosen[above]
     # Rounded, so that rigid motions change nothing.
     asked = np.round(_asked(hand, closed, mesh.com, mass, up, CARRY_G)[chosen], 9)
     chosen = chosen[np.argsort(asked, kind="stable")[:_SCREENED]]
-    openings = np.minimum(2 * closed.radius[chosen] + 2 * _ROOM_M, hand.max_opening)
-    room = room_around(closed.poses[chosen], openings, hand, around, mesh)
+    poses = closed.poses[chosen]
+    room = room_around(poses, openings[chosen], hand, around, mesh)
+    # Wide open a hand bears more errors of the pose, where there is room for it.
+    widest = np.minimum(2 * closed.radius + 2 * _WIDE_M, hand.max_opening)
+    wide = room_around(poses, widest[chosen], hand, around, mesh).free
+    openings = np.where(wide, widest[chosen], openings[chosen])
     for k, name in enumerate(HIT_BY):
         if k and (room.hit == k).any():
             counts[f"touches the {name}"] = int((room.hit == k).sum())
@@ -288,10 +208,11 @@ def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> Flo
     points = points - mesh.com
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     ways = [-up, *axes, *-axes]
-    level = [way for way in ways if way @ up < 0.5]  # no hand comes from below
     found = []
-    for way in level:
-        x = np.cross(way, np.eye(3)[int(np.abs(way).argmin())])
+    for way in (way for way in ways if way @ up < 0.5):  # no hand comes from below
+        # A finger along the longest side that is seen along the way, or across it.
+        level = axes - np.outer(axes @ way, way)
+        x = level[int(np.linalg.norm(level, axis=1).round(6).argmax())]
         x /= np.linalg.norm(x)
         y = np.cross(way, x)
         heights = points @ way
@@ -301,6 +222,8 @@ def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> Flo
         pairs = points[rng.integers(len(points), size=(_STARTS - 1, 2))].mean(axis=1)
         places = np.vstack([np.zeros(3), pairs])
         depths = np.linspace(top + hand.fingertip / 2, deepest, _DEPTHS)
+        above = low - hand.fingertip - _OFF_M  # as deep as what it stands on allows
+        depths = np.unique(np.append(depths, np.clip(above, depths[0], depths[-1])))
         for angle in 2 * np.pi / 3 * np.arange(_TURNS) / _TURNS:
             c, s = np.cos(angle), np.sin(angle)
             turn = np.stack([c * x + s * y, c * y - s * x, way], axis=1)
@@ -310,6 +233,16 @@ def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> Flo
                 poses[:, :3, 3] = mesh.com + places + np.outer(depth - places @ way, way)
                 found.append(poses)
     return np.concatenate(found)
+
+
+def _first_of_each(poses: FloatArray) -> NDArray[np.intp]:
+    """Return the indices, in order, of poses (n, 4, 4) that repeat no earlier one.
+
+    Fingers that close from different places come to rest in the same one.
+    """
+    place = np.round(poses[:, :3, 3] / _SAME_M)
+    turn = np.round(poses[:, :3, :3].reshape(-1, 9) / _SAME)
+    return np.sort(np.unique(np.hstack([place, turn]), axis=0, return_index=True)[1])
 
 
 def _scored(

@@ -10,8 +10,9 @@ from rtask.errors import RobotError
 from simulate.grasping.attempt.motion_log import MotionLog
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING
 from simulate.motion.arm_space import SPEED
+from simulate.motion.kinematics import follow_line
 from simulate.motion.stance import UPRIGHT
-from simulate.motion.trajectory import Trajectory, reverse, time_path
+from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, reverse, time_path
 from simulate.robots.description import Floats
 from simulate.world.robot_body import FingerTouch, RobotBody
 from simulate.world.world import World
@@ -23,6 +24,8 @@ _SETTLE_S = 0.08
 _CLOSE_S, _OPEN_S, _REST_S = 0.8, 0.6, 1.0
 _TRACKING_RAD = 0.05
 _CONTACT_CHECK_S = 0.05
+_PRESS_M, _PRESS_SPEED = 0.030, 0.04
+"""Along which a cup looks for contact, and its share of the joints' velocity limits."""
 
 
 class ArmDrive:
@@ -101,7 +104,9 @@ class ArmDrive:
         self._fingers(opening, self.hand.open_effort, _OPEN_S)
 
     def close(self, seconds: float = _CLOSE_S) -> None:
-        """Close the fingers with the hand's effort."""
+        """Close the fingers with the hand's effort; a cup moves on until it seals, and back."""
+        if self.hand.cup is not None:
+            self._seal()
         self._fingers(0.0, self.hand.close_effort, seconds)
 
     def steps(self, seconds: float) -> None:
@@ -142,6 +147,31 @@ class ArmDrive:
         self._tool_height[phase] = float(self.robot.tool_pose(self.arm)[2, 3])
         self._on_phase(phase)
         return touch
+
+    def _seal(self) -> None:
+        """Move a cup with its vacuum on along its approach until it holds, and back.
+
+        Where the surface is, the view tells to within some mm; contact tells the rest.
+        """
+        self.robot.move_fingers(self.arm, 0.0, 0.0)
+        chain, start = self.robot.chains[self.arm], self.robot.commanded[self.arm]
+        approach = chain.tool_poses(start[None])[0][0, :, 2]
+        line = follow_line(chain, start, _PRESS_M * approach)
+        if line is None:
+            return
+        way = time_path(line, _PRESS_SPEED * chain.velocity, CARRYING_ACCELERATION)
+        time, step = 0.0, self._ticks * self.world.preset.step_s
+        while time < way.duration and not self.grips:
+            time += step
+            self.robot.command_arm(self.arm, *way.at(time))
+            self.world.step(step)
+            self.log.sample()
+        self.steps(_SETTLE_S)
+        here = self.robot.commanded[self.arm]
+        back = time_path(
+            np.stack([here, start]), _PRESS_SPEED * chain.velocity, CARRYING_ACCELERATION
+        )
+        self.follow(back)
 
     def _rest(self) -> None:
         self.robot.rest_hand(self.arm)

@@ -38,6 +38,8 @@ __all__ = ["AttemptRun"]
 _HOLD_S = 2.0
 _OFF_OPENING = 0.25
 """Share of the opening: a hand that is further than that from its command did not open."""
+_DO_NOT_TURN = ("suction_cup", "three_fingers")
+"""Hands in which nothing turns about a closing axis."""
 _HIGHER_M = 0.060
 """By which a hand is lifted further if an end of what it holds is still low."""
 
@@ -186,7 +188,8 @@ class AttemptRun:
     def _look_in_hand(self) -> None:
         """Look whether what is held has turned about the closing axis, and how far."""
         request = self.plan.request
-        if request.outline is None and request.points is None:
+        known = request.outline is not None or request.points is not None
+        if not known or self.drive.hand.grip in _DO_NOT_TURN:
             return
         turn = self.looks.turn_in_hand()
         self._turn = turn or 0.0

@@ -188,13 +188,13 @@ def carry_out(
         after, gap = world.object_pose(body), hand.gap
         lifted = after.z - rest.z
         turned = Rotation.from_matrix(after.rotation @ rest.rotation.T).magnitude()
-        held = bool(lifted > _LIFTED_SHARE * LIFT_M and all(hand.touches(body)))
+        held = lifted > _LIFTED_SHARE * LIFT_M and hand.holds(body)
         carried = None
         if shaken:
             if held:
                 hand.shake(pull)
             higher = world.object_pose(body).z - rest.z > _LIFTED_SHARE * LIFT_M
-            carried = bool(held and higher and all(hand.touches(body)))
+            carried = held and higher and hand.holds(body)
         return Held(held, float(lifted), float(turned), gap, carried)
     finally:
         hand.remove()

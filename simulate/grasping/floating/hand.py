@@ -66,7 +66,7 @@ class FloatingHand:
                 linkCollisionShapeIndices=[
                     *empty, self._shape(palm),
                     *(
-                        self._shape(boxes, turn)
+                        self._finger_shape(boxes, turn)
                         for (boxes, _), turn in zip(
                             fingers, turns or [0.0] * len(fingers), strict=True
                         )
@@ -104,6 +104,10 @@ class FloatingHand:
             )
         )
 
+    def _finger_shape(self, boxes: Floats, turn: float) -> int:
+        """Return the collision shape of a finger; see :meth:`_shape`."""
+        return self._shape(boxes, turn)
+
     def _drive(self, joint: int, target: float, speed: float, force: float) -> None:
         client = self.world.client
         client.setJointMotorControl2(
@@ -132,6 +136,10 @@ class FloatingHand:
     def touches(self, body: int) -> tuple[bool, ...]:
         """Tell for each finger whether it touches a body."""
         raise NotImplementedError
+
+    def holds(self, body: int) -> bool:
+        """Tell whether as many fingers touch a body as it takes to hold it."""
+        return all(self.touches(body))
 
     def lift(self, pull: Callable[[], None] | None = None) -> None:
         """Move straight up and hold.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 from simulate.grasping.floating.execution import Conditions, Held, carry_out, misplaced_weight
@@ -25,7 +26,7 @@ class FloatingThreeFinger(FloatingHand):
     world, world_from_gripper
         See :class:`~simulate.grasping.floating.hand.FloatingHand`.
     hand
-        Whose sizes and force it has; its fingers are square here.
+        Whose sizes and force it has.
     opening
         Diameter of the circle between the fingers, m.
     """
@@ -56,6 +57,17 @@ class FloatingThreeFinger(FloatingHand):
             self._gears.append(gear)
         self._move(self._radius)
 
+    def _finger_shape(self, boxes: Floats, turn: float) -> int:
+        """Return the collision shape of a round finger with these boxes around it."""
+        client, box = self.world.client, boxes[0]
+        centre = Rotation.from_rotvec([0.0, 0.0, turn]).apply(box.mean(axis=0))
+        return int(
+            client.createCollisionShape(
+                client.GEOM_CYLINDER, radius=self.hand.finger_width / 2,
+                height=float(np.ptp(box[:, 2])), collisionFramePosition=centre.tolist(),
+            )
+        )  # fmt: skip
+
     def _move(self, radius: float) -> None:
         for finger in _FINGERS:
             self._drive(finger, radius, max(self._radius, 0.01) / _CLOSE_S, self.hand.max_force)
@@ -75,6 +87,10 @@ class FloatingThreeFinger(FloatingHand):
         """Tell for each finger whether it touches a body."""
         contacts = self.world.client.getContactPoints
         return tuple(len(contacts(self.body, body, linkIndexA=one)) > 0 for one in _FINGERS)
+
+    def holds(self, body: int) -> bool:
+        """Tell whether two fingers or more touch a body: two opposed ones hold a bar."""
+        return sum(self.touches(body)) > 1
 
     def remove(self) -> None:
         """Remove the hand from the world."""

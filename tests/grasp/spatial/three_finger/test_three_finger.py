@@ -16,10 +16,9 @@ from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper_files import end_effector_from_data, end_effector_named, gripper_named
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, sphere_mesh
+from grasp.spatial.three_finger.closing import close
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 from grasp.spatial.three_finger.planning import (
-    asked_of_fingers,
-    close,
     plan_three_finger,
     plan_three_finger_on_cloud,
     plan_three_finger_on_scene,
@@ -50,14 +49,6 @@ def test_fingers_centre_what_they_close_on() -> None:
     assert found.poses[0, :3, 3] == pytest.approx((0.0, 0.0, 0.02), abs=1e-3)
     assert found.radius[0] == pytest.approx(0.03, abs=5e-4)
     assert np.hypot(*found.contacts[0, :, :2].T) == pytest.approx([0.03] * 3, abs=5e-4)
-
-
-def test_each_finger_must_meet_the_surface_within_its_cone() -> None:
-    """On a square bar two of three fingers push 30 degrees beside the normals: tan 30 = .58."""
-    bar = box_mesh((0.05, 0.05, 0.1))
-    pose = from_above(0.0, 0.0, 0.0)[None]
-    assert not close(bar, HAND, pose).holds[0]
-    assert close(bar, replace(HAND, friction=0.6), pose).holds[0]
 
 
 def test_what_does_not_fit_between_the_fingers_is_refused_with_a_reason() -> None:
@@ -96,22 +87,6 @@ def test_neighbours_and_the_load_count() -> None:
             assert abs(one.approach[2]) < 0.9 or np.hypot(*(finger[:2] - (0.045, 0))) > 0.007
     heavy = plan_three_finger(CAN, HAND, Surroundings(Support(-0.05)), replace(FEW, mass=2.0))
     assert heavy[0].scores["carry"] < alone[0].scores["carry"] - 0.3
-
-
-def test_loads_in_all_directions_are_borne() -> None:
-    radius = np.array([0.03])
-    none = np.zeros((1, 3))
-
-    def asked(force: tuple[float, ...], moment: tuple[float, ...]) -> float:
-        return float(
-            asked_of_fingers(HAND, none + np.array(force), none + np.array(moment), radius)[0]
-        )
-
-    assert asked((0, 0, 30), (0, 0, 0)) == pytest.approx(1.0)  # 3 x .5 x 20 N
-    assert asked((30, 0, 0), (0, 0, 0)) == pytest.approx(1.0)  # one finger and half of two others
-    assert asked((0, 0, 0), (0, 0, 0.9)) == pytest.approx(1.0)  # 30 N at 30 mm
-    assert asked((0, 0, 0), (0.45, 0, 0)) == pytest.approx(1.0)
-    assert asked((0, 0, 15), (0, 0, 0.45)) == pytest.approx(np.hypot(0.5, 0.5))
 
 
 def test_a_view_of_a_can_is_enough() -> None:

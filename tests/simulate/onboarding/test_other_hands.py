@@ -1,0 +1,208 @@
+"""Arms that end in a suction cup or in three fingers hold, place and refuse as jaws do."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rtask.cli import cli
+from rtask.errors import RobotError, UsageError
+from simulate.act.service import ActService
+from simulate.grasping.clutter import hand_of
+from simulate.grasping.executor import Workcell
+from simulate.grasping.rules import GraspRequest
+from simulate.onboarding.check import check_robot_body
+from simulate.onboarding.guess import guess_robot
+from simulate.robots import RobotDescription, describe
+from simulate.robots.description import Pose
+from simulate.robots.other_hands import MOUNT
+from simulate.robots.robot_files import load_robot, save_robot
+from simulate.world.objects import ObjectSpec
+
+pytestmark = pytest.mark.slow
+
+HANDS = ("suction:0.015", "three:0.1")
+SIZE = (0.05, 0.06, 0.06)
+PLACE = (0.45, -0.10)
+
+
+@pytest.fixture(params=HANDS, scope="module")
+def cell(request: pytest.FixtureRequest) -> Iterator[Workcell]:
+    with Workcell(describe("panda", hand=request.param), preset="fast") as cell:
+        yield cell
+
+
+def put_box(cell: Workcell, mass: float = 0.2, size: tuple[float, float, float] = SIZE) -> int:
+    body = cell.world.spawn(ObjectSpec("box", size, mass, 0, "box"), PLACE)
+    cell.world.step(0.3)
+    return body
+
+
+def posed(cell: Workcell) -> GraspRequest:
+    """Return a request for a pose of the tool from above, of points on the box."""
+    table = cell.world.table_height
+    cup = cell.robot.arm("panda_arm").cup
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = *PLACE, table + (SIZE[2] if cup else SIZE[2] / 2)
+    # One finger of three along x, two on the sides across y.
+    width, opening = (0.0, cup.give) if cup else (0.072, 0.1)
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, 9)] * 3), axis=-1).reshape(-1, 3)
+    shell = grid[np.abs(grid).max(axis=1) > 0.49] * SIZE
+    points = shell + np.array([*PLACE, table + SIZE[2] / 2])
+    return GraspRequest.at_pose(pose, width, opening, points, table, 0.2)
+
+
+def test_a_pose_is_carried_out_and_the_thing_placed(cell: Workcell) -> None:
+    body = put_box(cell)
+    try:
+        plan = cell.executor.plan(posed(cell))
+        assert not isinstance(plan, str), plan
+        record = cell.executor.execute(plan)
+        assert record.judged_held.is_yes
+        assert record.place_reason == "ok"
+        assert cell.world.object_pose(body).position[1] < -0.2  # in the box on that side
+    finally:
+        cell.world.remove(body)
+
+
+def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
+    plan = cell.executor.plan(posed(cell))
+    assert not isinstance(plan, str), plan
+    record = cell.executor.execute(plan)
+    assert record.reason == "missed"
+    assert not record.judged_held.is_yes
+
+
+def test_the_act_service_grasps_and_puts_down(cell: Workcell) -> None:
+    body = put_box(cell, size=(0.036, 0.036, 0.06))  # as large as the service assumes
+    try:
+        service = ActService(cell)
+        upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+        x, y, z = cell.world.object_pose(body).position.tolist()
+        goal = {"position": {"x": x, "y": y, "z": z}, "orientation": upright}
+        answer = service.act({"action_type": "grasp", "goal_pose": goal})
+        assert answer["reason"] == "ok"
+        assert cell.world.object_pose(body).position[2] > z + 0.03
+        aside = {"position": {"x": x, "y": y - 0.07, "z": z}, "orientation": upright}
+        answer = service.act({"action_type": "place", "goal_pose": aside})
+        assert answer["reason"] == "ok"
+        assert cell.world.object_pose(body).position[:2] == pytest.approx((x, y - 0.07), abs=0.02)
+    finally:
+        cell.world.remove(body)
+
+
+def test_the_way_home_goes_around_what_was_put_down(cell: Workcell) -> None:
+    body = put_box(cell)
+    try:
+        table = cell.world.table_height
+        size = dict(zip(("width", "length", "height"), SIZE, strict=True))
+        plan = cell.executor.plan(GraspRequest(*PLACE, 0.0, **size, table_height=table))
+        assert not isinstance(plan, str), plan
+        run = cell.executor.begin(plan)
+        assert run.grasp() == "ok"
+        run.place_at(PLACE[0], -0.02)  # the straight way home leads through there
+        assert cell.world.object_pose(body).position[:2] == pytest.approx((0.45, -0.02), abs=0.01)
+    finally:
+        cell.world.remove(body)
+
+
+def test_the_graph_is_told_in_one_line_that_it_gets_no_such_hand(cell: Workcell) -> None:
+    with pytest.raises(RobotError, match="is not registered: the graph keeps grasps of jaws alone"):
+        cell.robot.describe("robot")
+
+
+def test_a_vacuum_lets_go_of_what_is_too_heavy() -> None:
+    """A lip of 8 mm radius bears 12 N; the box weighs 20 N."""
+    with Workcell(describe("panda", hand="suction:0.008"), preset="fast") as cell:
+        body = put_box(cell, mass=2.0)
+        plan = cell.executor.plan(replace(posed(cell), mass=None))
+        assert not isinstance(plan, str), plan
+        record = cell.executor.execute(plan)
+        assert not record.judged_held.is_yes
+        assert cell.world.object_pose(body).position[2] < cell.world.table_height + 0.04
+
+
+def test_a_file_describes_the_hand(tmp_path: Path) -> None:
+    path = tmp_path / "cup.toml"
+    path.write_text('kind = "suction"\nname = "vac"\nradius = 0.02\nmax_payload = 0.7\n')
+    arm = describe("panda", hand=str(path)).arm("right")
+    assert (arm.end_effector, arm.max_payload, arm.fingers) == ("vac", 0.7, ())
+    assert arm.cup is not None
+    assert arm.max_force == pytest.approx(arm.cup.force)
+    path.write_text('name = "wide"\nmax_opening = 0.1\n')
+    with pytest.raises(RobotError, match="describes jaws without links; an arm takes jaw:STROKE"):
+        describe("panda", hand=str(path))
+    with pytest.raises(RobotError, match=r"a radius in m, as in suction:0\.015"):
+        describe("panda", hand="suction:wide")
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_a_robot_of_a_urdf_takes_the_hand_and_its_settings_keep_it(
+    hand: str, tmp_path: Path
+) -> None:
+    found = importlib.util.find_spec("pybullet_data")
+    assert found is not None
+    assert found.origin is not None
+    urdf = Path(found.origin).parent / "kuka_iiwa" / "model.urdf"
+    made = guess_robot(urdf, "kuka", gripper=hand)
+    save_robot(made.settings, made.guessed, tmp_path / "kuka.toml")
+    loaded = load_robot(tmp_path / "kuka.toml")
+    assert loaded.arms == made.robot.arms
+    assert (loaded.arm("right").cup is None) == hand.startswith("three")
+    findings = list(check_robot_body(loaded))
+    assert all(finding.passed for finding in findings), findings
+
+
+def test_settings_of_a_cup_without_its_size_are_refused(tmp_path: Path) -> None:
+    robot = describe("panda", hand="suction:0.015")
+    found = importlib.util.find_spec("pybullet_data")
+    assert found is not None
+    assert found.origin is not None
+    urdf = Path(found.origin).parent / "kuka_iiwa" / "model.urdf"
+    arm = robot.arm("right")
+    lines = [
+        f'urdf = "{urdf}"', "[arms.arm]", f'grip = "{arm.grip}"', "side = 0", "joints = []",
+        'wrist = "lbr_iiwa_link_7"', "tcp = [0, 0, 0]", "approach = [0, 0, 1]",
+        "closing = [1, 0, 0]", "home = []", 'end_effector = "cup"', "fingers = []",
+        "finger_range = 1.0", "mouth = 0.3", "max_payload = 1.0", "[workplace]",
+    ]  # fmt: skip
+    (tmp_path / "bad.toml").write_text("\n".join(lines))
+    with pytest.raises(RobotError, match=r"a suction_cup needs its size: suction = RADIUS"):
+        load_robot(tmp_path / "bad.toml")
+
+
+def test_grasps_of_the_check_are_refused_before_they_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "simulate.robots.describe", lambda name: describe("panda", hand="suction:0.015")
+    )
+    done = CliRunner().invoke(cli, ["robot", "check", "any"])
+    assert isinstance(done.exception, UsageError)
+    assert "check its body with --grasps 0" in str(done.exception)
+
+
+def test_welding_keeps_frames_where_they_were() -> None:
+    panda = describe("panda", hand="three:0.1")
+    wrist, pose = panda.frames["panda_grasptarget"]
+    moved = replace(panda, frames={"aside": ("made_finger_1", Pose((0.0, 0.0, 0.01)))})
+    fixed = tuple(
+        replace(joint, kind="fixed", mimic=None) if joint.child.startswith("made_finger") else joint
+        for joint in panda.joints
+    )
+    link, at = RobotDescription(**{**moved.__dict__, "joints": fixed}).welded().frames["aside"]
+    assert (wrist, link) == ("panda_link7", "panda_link7")
+    assert MOUNT not in {one.name for one in panda.links}
+    assert at.xyz[2] == pytest.approx(0.107 + 0.05 + 0.01)
+    assert pose.xyz[2] == pytest.approx(0.107 + 0.05 + 0.051)
+
+
+def test_a_pile_is_no_work_for_a_cup() -> None:
+    with pytest.raises(RobotError, match="'suction_cup' has none"):
+        hand_of(describe("panda", hand="suction:0.015").arm("right"))
