@@ -219,7 +219,8 @@ def judge_placed(
     Cells along the edge do not count, because they may show the walls of a box, and cells that
     became free count against it: what was only pushed about leaves as many as it takes. What came
     to lie on it takes no more cells, but heaps up its volume. What was tipped over may take more
-    cells than it left, but heaps up nothing; then it is unknown what arrived.
+    cells than it left, but heaps up nothing; then it is unknown what arrived, and so it is if the
+    hand had lost the object before.
 
     Parameters
     ----------
@@ -243,8 +244,8 @@ def judge_placed(
     heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
     arrived = heaped > _HEAPED_SHARE * volume or (kept and came - went >= _MIN_NEW_CELLS)
     pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
-    if arrived and pushed and heaped < _PUSHED_SHARE * volume:
-        return Judgement("unknown", f"{evidence}, what lay there was pushed and did not grow")
+    if arrived and pushed and not (kept and heaped >= _PUSHED_SHARE * volume):
+        return Judgement("unknown", f"{evidence}, what lay there was pushed about")
     if kept and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
         return Judgement("unknown", f"{evidence}, a part of the place is hidden")
     return Judgement("yes" if arrived else "no", evidence)
