@@ -22,6 +22,9 @@ _CROP_MARGIN_PX = 12
 _MAX_HEIGHT_M = 0.20
 _STANDS_M = 0.05
 """Of a tall can seen from above little is near the table; the hands at home are twice as high."""
+_HANGS_M, _OVERLAP = 0.04, 0.005
+"""What is nowhere lower and reaches over the box rests on its wall; what leans on that wall from
+outside stands on the table, and is lower there."""
 _MARGIN_M = 0.01
 _MAX_NEIGHBOUR_POINTS = 400
 _NEIGHBOUR_RADIUS_M = 0.12
@@ -46,6 +49,12 @@ class Ignored:
             self.x[0] - _MARGIN_M <= point[0] <= self.x[1] + _MARGIN_M
             and self.y[0] - _MARGIN_M <= point[1] <= self.y[1] + _MARGIN_M
         )
+
+    def overlaps(self, points: FloatArray) -> bool:
+        """Return whether some points (n, 3), m, base frame, lie over the rectangle itself."""
+        low, high = np.array([self.x, self.y]).T
+        inside = ((points[:, :2] > low) & (points[:, :2] < high)).all(axis=1)
+        return bool(inside.mean() > _OVERLAP)
 
 
 @dataclass(frozen=True)
@@ -137,9 +146,11 @@ def perceive(
         mask = scene.labels == found.label
         points = transform(base_from_camera, cloud[mask].astype(np.float64))
         centre = np.median(points, axis=0)
-        floats = np.percentile(points[:, 2], 5) > table_height + _STANDS_M
-        if floats or any(region.holds(centre) for region in ignored):
+        lowest, low = np.percentile(points[:, 2], (1, 5)) - table_height
+        if low > _STANDS_M or any(region.holds(centre) for region in ignored):
             continue  # the robot's own arm, or the inside of its own box
+        if lowest > _HANGS_M and any(region.overlaps(points) for region in ignored):
+            continue  # an end of something in the box that sticks out of it
         shape = measure(points, table_height)
         if shape.height > _MAX_HEIGHT_M:
             continue

@@ -202,7 +202,7 @@ class Agent:
         waits = may_wait and not thing.waiting
         decided = ask_for_decision(
             self.server, request, lambda: seen_from_aside(self.body, thing, side),
-            self._crowd.has_grasps(thing), waits, lambda: self._push(thing, view, side),
+            lambda: self._crowd.look_closer(thing), waits, lambda: self._push(thing, view, side),
         )  # fmt: skip
         answer = decided.answer
         seconds["ask"] = time.perf_counter() - started
@@ -210,12 +210,10 @@ class Agent:
             encounter = self._first_sight(encounter, thing, answer)
             number = encounter.tries + 1
         encounter.refusals += decided.refusals
-        grasps = self._crowd.merged(thing, answer["grasps"], self.config.max_plans)
-        answer = {**answer, "grasps": grasps}
         started = time.perf_counter()
-        planned = GraspChoice(None, None, "refused") if decided.ends else choose_grasp(
-            self.body, thing, view, answer["grasps"], self.config.max_plans, self.config.seed
-        )  # fmt: skip
+        planned = GraspChoice(None, None, "refused")
+        if not decided.ends:
+            answer, planned = self._choose(thing, view, answer, encounter.tries > 0)
         seconds["plan"] = time.perf_counter() - started
         if planned.plan is None or planned.grasp is None:
             if waits:
@@ -257,6 +255,26 @@ class Agent:
             "attempt",
             {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
         )
+
+    def _choose(
+        self, thing: TrackedObject, view: Perceived, answer: dict[str, Any], has_failed: bool
+    ) -> tuple[dict[str, Any], GraspChoice]:
+        """Choose a grasp; return the answer with those planned on the view, and the choice.
+
+        For a thing that stands free these are planned if an attempt at it failed, or none of the
+        graph's can be reached.
+        """
+        proposed = answer["grasps"]
+        if has_failed:
+            self._crowd.look_closer(thing)
+        while True:
+            was_planned = self._crowd.has_grasps(thing)
+            grasps = self._crowd.merged(thing, proposed, self.config.max_plans)
+            planned = choose_grasp(
+                self.body, thing, view, grasps, self.config.max_plans, self.config.seed
+            )
+            if planned.plan is not None or was_planned or not self._crowd.look_closer(thing):
+                return {**answer, "grasps": grasps}, planned
 
     def _push(self, thing: TrackedObject, view: Perceived, side: str) -> bool:
         """Push a thing that cannot be grasped; tell whether that was done."""

@@ -9,6 +9,7 @@ such as an end that breaks; so each failure at a thing takes from what the other
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Protocol
 
@@ -41,8 +42,18 @@ class Planner(Protocol):
     def plan_on_scene(self, **request: Any) -> Mapping[str, Any]: ...
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A view of a table, as :meth:`Crowd.look` was given it."""
+
+    frame: Frame
+    base_from_camera: NDArray[np.float64]
+    view: Perceived
+    request: Mapping[str, Any]
+
+
 class Crowd:
-    """Grasps of the things in the latest view of a table, if some of them touch.
+    """Grasps of the things in the latest view of a table: of those that touch, and on demand.
 
     Parameters
     ----------
@@ -55,6 +66,7 @@ class Crowd:
         self._order: list[int] = []
         self._grasps: dict[int, list[dict[str, Any]]] = {}
         self._failed: dict[int, list[Floats]] = {}
+        self._latest: _Look | None = None
 
     def look(
         self,
@@ -66,7 +78,8 @@ class Crowd:
     ) -> None:
         """Plan on a view if some of the things touch another in it, else forget the last one.
 
-        What stands free has no grasps from here: nothing keeps the hand from those of the graph.
+        What stands free has no grasps from here unless :meth:`look_closer` asks for them: nothing
+        keeps the hand from those of the graph.
 
         Parameters
         ----------
@@ -76,19 +89,32 @@ class Crowd:
             Further fields: the gripper, the frame's name, the seed.
         """
         self._order, self._grasps = [], {}
+        self._latest = _Look(frame, base_from_camera, view, request)
         crowded = touching(view.objects)
         things = [thing for thing in things if any(thing.seen is seen for seen in crowded)]
-        if not things:
-            return
+        if things:
+            self._plan(self._latest, things)
+
+    def look_closer(self, thing: TrackedObject) -> bool:
+        """Plan on the latest view for one thing, wherever it stands; tell whether it has grasps.
+
+        The graph proposes grasps from above across a thing's sides, and knows those of before. What
+        is too wide for them, or was missed, may have a narrow part.
+        """
+        if not self.has_grasps(thing) and self._latest is not None:
+            self._plan(self._latest, [thing])
+        return self.has_grasps(thing)
+
+    def _plan(self, look: _Look, things: Sequence[TrackedObject]) -> None:
         answer = self._planner.plan_on_scene(
-            data=to_wire(encode_frame(frame)),
-            sensor_pose=pose_message(base_from_camera),
-            support_height=view.table_height,
-            region=_region(view.objects),
+            data=to_wire(encode_frame(look.frame)),
+            sensor_pose=pose_message(look.base_from_camera),
+            support_height=look.view.table_height,
+            region=_region(look.view.objects),
             max_grasps=_MOST,
-            **request,
+            **look.request,
         )
-        owner = _owners(answer["segments"], view.objects, things)
+        owner = _owners(answer["segments"], look.view.objects, things)
         for grasp in answer["grasps"]:
             number = owner.get(grasp["segment"])
             if number is None or self._has_failed(number, grasp):

@@ -99,7 +99,7 @@ def ask_for_decision(
     server: Asked,
     request: Mapping[str, Any],
     look_again: Callable[[], dict[str, Any] | None],
-    has_others: bool = False,
+    has_others: Callable[[], bool] = lambda: False,
     may_wait: bool = False,
     push: Callable[[], bool] = lambda: False,
 ) -> Decided:
@@ -113,7 +113,7 @@ def ask_for_decision(
         Returns the object as seen from elsewhere, an observation, or None where the camera cannot
         see it from elsewhere; called at most once.
     has_others
-        Whether another planner has grasps of the object, which the server does not know of.
+        Tells whether another planner has grasps of the object, which the server does not know of.
     may_wait
         Whether other things can be handled first.
     push
@@ -147,7 +147,7 @@ def _respond(
     lacking: str,
     request: Mapping[str, Any],
     look_again: Callable[[], dict[str, Any] | None],
-    has_others: bool,
+    has_others: Callable[[], bool],
 ) -> tuple[str, dict[str, Any]]:
     """Return the response to a refusal, empty if nothing helps, and what the next request changes.
 
@@ -160,4 +160,4 @@ def _respond(
         return "new_object", {"unknown": "grasp"}
     if lacking == "pose" and request.get("min_pose") != 0.0:
         return "measured_sides", {"min_pose": 0.0}
-    return ("other_grasp" if has_others else ""), {}
+    return ("other_grasp" if has_others() else ""), {}

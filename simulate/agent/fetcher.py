@@ -7,21 +7,26 @@ supplies the objects that it sees and acts on the answer. If it cannot, it says 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from features.perception import Perceived, perceive
+from features.perception import Perceived
 from simulate.agent.agent import Agent, AgentConfig, Body, Server
 from simulate.agent.messages import observation_message
+from simulate.agent.second_look import View, look_at_side
 from simulate.agent.tracking import TrackedObject
 from simulate.world.seeds import mix_seed
 
 __all__ = ["Fetched", "Fetcher"]
 
 _SIDES = ("right", "left")
+_IN_THE_WAY = ("grasp_collision", "approach_collision", "pregrasp_collision")
+_BESIDE_M = 0.12
+_MOST_MOVED = 3
 
 
 class RequestServer(Server, Protocol):
@@ -48,6 +53,8 @@ class Fetched:
         Which object was chosen and why, or why nothing could be brought.
     tried
         For each object that was tried: ``object``, ``label``, ``reason`` (``ok`` = placed).
+    moved
+        IRIs of objects that were in the way and were put into the box before.
     answer
         The engine's last answer.
     """
@@ -60,6 +67,7 @@ class Fetched:
     text: str
     tried: tuple[dict[str, str], ...]
     answer: dict[str, Any]
+    moved: tuple[str, ...] = ()
 
 
 class Fetcher(Agent):
@@ -74,11 +82,13 @@ class Fetcher(Agent):
     def __init__(self, body: Body, server: RequestServer, config: AgentConfig) -> None:
         super().__init__(body, cast(Server, server), config)
         self._requests = server
+        self._moved: list[str] = []
 
     def fetch(self, wanted: str) -> Fetched:
         """Fetch an object that matches the words, or report why not.
 
-        If the first choice cannot be taken, the next one is tried, and so on.
+        If the first choice cannot be taken, the next one is tried, and so on. If none can, what is
+        in the way of one goes into the box first.
         """
         things = {thing.object_iri: (thing, side) for thing, side in self._survey()}
         tried: list[dict[str, str]] = []
@@ -91,32 +101,55 @@ class Fetcher(Agent):
             )
             chosen = str(answer["object"])
             if chosen not in things:
+                self._make_room(things, tried)
                 return self._sum_up(wanted, tuple(things), tried, answer)
             reason = self._take(*things[chosen])
             tried.append({"object": chosen, "label": str(answer["label"]), "reason": reason})
             if reason == "ok":
                 return self._sum_up(wanted, tuple(things), tried, answer)
 
+    def _make_room(
+        self, things: Mapping[str, tuple[TrackedObject, str]], tried: list[dict[str, str]]
+    ) -> None:
+        """Try again what others kept the hand from, after putting these into the box one by one."""
+        for one in list(tried):
+            if one["reason"] not in _IN_THE_WAY:
+                continue
+            thing, side = things[one["object"]]
+            for other in self._beside(thing)[:_MOST_MOVED]:
+                if self._take(other, side) != "ok":
+                    continue
+                self._moved.append(other.object_iri)
+                thing.finished = False
+                reason = self._take(thing, side)
+                tried.append({**one, "reason": reason})
+                if reason == "ok":
+                    return
+                if reason not in _IN_THE_WAY:
+                    break
+
+    def _beside(self, thing: TrackedObject) -> list[TrackedObject]:
+        """Return what stands around a thing on its side, the nearest first."""
+
+        def away(other: TrackedObject) -> float:
+            return float(np.linalg.norm(other.seen.position - thing.seen.position))
+
+        around = self._tracker.in_view(1 if thing.seen.position[1] >= 0 else -1)
+        others = [one for one in around if one is not thing and not one.finished]
+        return sorted((one for one in others if away(one) < _BESIDE_M), key=away)
+
     def _survey(self) -> list[tuple[TrackedObject, str]]:
         """Look at both sides and find or add every object in the graph."""
         found = []
         for side in _SIDES:
-            view, base_from_camera, things = self._look(side, None)
-            for thing in things:
+            _, base_from_camera, view = self._look(side, None)
+            for thing in self._tracker.in_view(-1 if side == "right" else 1):
                 self._name(thing, side, view, base_from_camera)
                 found.append((thing, side))
         return [(thing, side) for thing, side in found if thing.object_iri]
 
-    def _look(
-        self, side: str, handled: TrackedObject | None
-    ) -> tuple[Perceived, NDArray[np.float64], list[TrackedObject]]:
-        sign = -1 if side == "right" else 1
-        frame, base_from_camera = self.body.look(side)
-        view = perceive(frame, base_from_camera, self.body.ignored)
-        mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
-        things = self._tracker.update(mine, handled, sign)
-        here = [thing for thing in things if thing.seen.position[1] * sign >= 0]
-        return view, base_from_camera, here
+    def _look(self, side: str, handled: TrackedObject | None) -> View:
+        return look_at_side(self.body, self._tracker, handled, side)
 
     def _name(
         self,
@@ -144,8 +177,8 @@ class Fetcher(Agent):
         encounter = self._encounter(thing, side)
         for _ in range(self.config.max_looks):
             started = time.perf_counter()
-            view, base_from_camera, things = self._look(side, thing)
-            if thing not in things:
+            _, base_from_camera, view = self._look(side, thing)
+            if not thing.visible:
                 return "gone"
             looked_s = time.perf_counter() - started
             self._attempt(thing, side, view, base_from_camera, looked_s, may_wait=False)
@@ -167,6 +200,9 @@ class Fetcher(Agent):
         placed = last["reason"] == "ok"
         lines = [] if placed else [f"{t['label'] or t['object']}: {t['reason']}" for t in tried]
         lines.append(str(answer["explanation"]["text"]))
+        if self._moved:
+            count = len(self._moved)
+            lines.append(f"{count} thing{'s' * (count > 1)} in the way went into the box before")
         return Fetched(
             wanted,
             seen,
@@ -176,4 +212,5 @@ class Fetcher(Agent):
             "; ".join(lines),
             tuple(tried),
             answer,
+            tuple(self._moved),
         )

@@ -28,7 +28,6 @@ __all__ = [
     "Truth",
     "held_reason",
     "is_placed",
-    "lies_at",
     "watch_attempts",
 ]
 
@@ -41,7 +40,6 @@ LIFTED_M = 0.02
 """An object that rose by less is still standing on the table, or leaning."""
 MIN_LINKS = 2
 _PLACED_BELOW_M = 0.09
-_PLACED_WITHIN_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +49,9 @@ class ObjectState:
     Parameters
     ----------
     position : (3,) float, m
-        Of its centre of mass.
+        Of its middle.
+    bottom
+        Height of its lowest point, m; NaN = not known, and then the middle counts.
     links
         Links of the hand that touch it.
     force_n
@@ -64,6 +64,7 @@ class ObjectState:
     links: int = 0
     force_n: float = 0.0
     on_table: bool = False
+    bottom: float = float("nan")
 
     @property
     def is_finite(self) -> bool:
@@ -92,16 +93,15 @@ def held_reason(before: ObjectState, lifted: ObjectState, held: ObjectState) -> 
 
 
 def is_placed(state: ObjectState, box: PlaceBox) -> bool:
-    """Return whether an object lies in a box: within its walls, less than 9 cm above its floor."""
+    """Return whether an object is in a box: within its walls, less than 9 cm above its floor.
+
+    Its middle is within the walls, and its lowest point is not higher: what stands upright on
+    something else in the box is in the box, though its middle may be higher than that.
+    """
     x, y, z = state.position
     inside = box.x_range[0] < x < box.x_range[1] and box.y_range[0] < y < box.y_range[1]
-    return bool(inside and box.floor - 0.01 < z < box.floor + _PLACED_BELOW_M)
-
-
-def lies_at(state: ObjectState, wanted: Floats, floor: float) -> bool:
-    """Tell whether an object came to rest within 5 cm of (2,) m, less than 9 cm over the floor."""
-    away = float(np.linalg.norm(state.position[:2] - wanted))
-    return away < _PLACED_WITHIN_M and floor - 0.01 < state.position[2] < floor + _PLACED_BELOW_M
+    bottom = z if np.isnan(state.bottom) else state.bottom
+    return bool(inside and box.floor - 0.01 < z and bottom < box.floor + _PLACED_BELOW_M)
 
 
 @dataclass(frozen=True)
@@ -190,8 +190,12 @@ class AttemptTruth:
             last = self._states.get("start", ObjectState(np.zeros(3)))
             return replace(last, links=0, force_n=0.0)
         touch = self._robot.touch(self._plan.arm, self.target)
-        position = self._world.object_pose(self.target).position
-        return ObjectState(position, touch.links, touch.force_n, self._world.on_table(self.target))
+        there = self._world.object_pose(self.target)
+        half = np.array(self._world.objects[self.target].extent) / 2
+        return ObjectState(
+            there.position, touch.links, touch.force_n, self._world.on_table(self.target),
+            bottom=float(there.z - np.abs(there.rotation[2]) @ half),
+        )  # fmt: skip
 
 
 def watch_attempts(body: SimulatedBody) -> list[AttemptTruth]:

@@ -170,12 +170,20 @@ def _print_fetched(done: Mapping[str, Any], out: TextIO) -> None:
     type=click.IntRange(min=5),
     help="Objects on each table; at least one of each class.",
 )
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    type=click.Choice(["ball", "bottle", "box", "can", "pen"]),
+    help="Ask for this class only; may be repeated.",
+)
 @options.seed()
 @options.robot
 @options.runs_trials("rtask-requests")
 def requests(
     trials: int,
     objects: int,
+    kinds: tuple[str, ...],
     seed: int,
     robot: str,
     workers: int,
@@ -197,7 +205,7 @@ def requests(
     )
     from simulate.study.runner import run
 
-    study = request_study(trials, objects, seed, robot, preset)
+    study = request_study(trials, objects, seed, robot, preset, kinds)
     summary = write_request_report(out, run(study, out, workers, resume), study.settings)
     if as_json:
         click.echo(json.dumps(summary))

@@ -14,7 +14,7 @@ from rtask.client import Client
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetcher, RequestServer
 from simulate.agent.messages import pose_message
-from simulate.agent.scoring import Scorer
+from simulate.agent.scoring import Scorer, watch_attempts
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe
 from simulate.world.camera import Lighting
@@ -59,7 +59,8 @@ class Request:
 def carry_out(request: Request) -> dict[str, Any]:
     """Let a robot carry out a request; return the outcome as JSON data.
 
-    ``took`` names the true product, which the robot never learns.
+    ``took`` names the true product that it chose last, if that lies in a box; the robot never
+    learns it. What was in the way may lie there as well.
     """
     with ExitStack() as stack:
         assets = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtask-assets-")))
@@ -72,14 +73,23 @@ def carry_out(request: Request) -> dict[str, Any]:
         client.call("register_robot", **body.robot.describe("fetcher"))
         choice = int(stream(request.seed, _CHOICE).integers(2**31))
         config = AgentConfig(max_attempts=request.max_attempts, seed=choice)
-        fetched = Fetcher(body, cast(RequestServer, client), config).fetch(request.wanted)
-        boxes = body.world.place_boxes.values()
-        took = [
-            laid.placement.spec.name
-            for laid in body.laid
-            if any(_inside(body.world.object_pose(laid.body), box) for box in boxes)
-        ]
-    return {**asdict(fetched), "took": took[0] if took else ""}
+        watched = watch_attempts(body)
+        fetcher = Fetcher(body, cast(RequestServer, client), config)
+        fetched = fetcher.fetch(request.wanted)
+        chosen = fetched.tried[-1]["object"] if fetched.tried else ""
+        met = (one for one in fetcher.encounters.values() if one.object_iri == chosen)
+        runs = [attempt.run for one in met for attempt in one.attempts if attempt.physical]
+        took = _in_a_box(body, watched[max(runs) - 1].target) if runs else ""
+    return {**asdict(fetched), "took": took}
+
+
+def _in_a_box(body: SimulatedBody, thing: int) -> str:
+    """Return the name of a product if it lies in a box, else nothing."""
+    spec = body.world.objects.get(thing)
+    boxes = body.world.place_boxes.values()
+    if spec is None or not any(_inside(body.world.object_pose(thing), box) for box in boxes):
+        return ""
+    return spec.name
 
 
 def _inside(pose: Any, box: Any) -> bool:

@@ -29,9 +29,21 @@ _TABLE_5_S = {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101}
 Results = Sequence[Mapping[str, Any]]
 
 
-def request_study(trials: int, objects: int, seed: int, robot: str, preset: str) -> Study:
-    """Return the study; trials ask for the classes in turn, each at a table of its own."""
-    settings = {"seed": seed, "objects": objects, "robot": robot, "preset": preset}
+def request_study(
+    trials: int, objects: int, seed: int, robot: str, preset: str, kinds: Sequence[str] = ()
+) -> Study:
+    """Return the study; trials ask for the classes in turn, each at a table of its own.
+
+    Parameters
+    ----------
+    kinds
+        Classes to ask for; empty = all.
+    """
+    settings: dict[str, Any] = {
+        "seed": seed, "objects": objects, "robot": robot, "preset": preset,
+    }  # fmt: skip
+    if kinds:
+        settings["kinds"] = sorted(kinds)
     return Study("requests by class", "simulate.fleet.requests:request_trial", settings, trials)
 
 
@@ -43,7 +55,8 @@ def request_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """
     from simulate.fleet.request import WORDS, Request, carry_out
 
-    kind = sorted(WORDS)[number % len(WORDS)]
+    kinds = settings.get("kinds") or sorted(WORDS)
+    kind = kinds[number % len(kinds)]
     done = carry_out(
         Request(
             WORDS[kind], seed=settings["seed"] + number, objects=settings["objects"],

@@ -44,6 +44,9 @@ _KEPT_SHARE = 0.75
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
 _MIN_NEW_CELLS, _HEAPED_SHARE = 4, 0.5
+_PUSHED_SHARE = 0.25
+"""Share of the object's volume by which what lies in a box that was pushed about must have grown:
+what only tipped over covers other cells, and more of them, but does not grow."""
 _MIN_SEEN_SHARE, _ALL_SEEN_SHARE = 0.15, 0.75
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
@@ -215,7 +218,9 @@ def judge_placed(
 
     Cells along the edge do not count, because they may show the walls of a box, and cells that
     became free count against it: what was only pushed about leaves as many as it takes. What came
-    to lie on it takes no more cells, but heaps up its volume.
+    to lie on it takes no more cells, but heaps up its volume. What was tipped over may take more
+    cells than it left, but heaps up nothing; then it is unknown what arrived, and so it is if the
+    hand had lost the object before.
 
     Parameters
     ----------
@@ -226,7 +231,7 @@ def judge_placed(
     before, after
         The place before the grasp, and after the arm has returned home.
     volume
-        Of the object, m3.
+        Of the object, m3; inf = not known.
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
@@ -238,6 +243,9 @@ def judge_placed(
     evidence = f"place +{came} -{went} cells, {'held' if kept else 'lost'} in transport"
     heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
     arrived = heaped > _HEAPED_SHARE * volume or (kept and came - went >= _MIN_NEW_CELLS)
+    pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
+    if arrived and pushed and not (kept and heaped >= _PUSHED_SHARE * volume):
+        return Judgement("unknown", f"{evidence}, what lay there was pushed about")
     if kept and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
         return Judgement("unknown", f"{evidence}, a part of the place is hidden")
     return Judgement("yes" if arrived else "no", evidence)

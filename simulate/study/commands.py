@@ -59,9 +59,10 @@ def grasping(
 
 
 @click.command()
-@options.trials(150, "Number of attempts; kinds alternate.")
+@options.trials(150, "Number of attempts, of which kinds alternate, or of boxes.")
 @options.seed("every trial")
 @options.robot
+@options.products(default="plain")
 @click.option(
     "--difficult",
     default=0.5,
@@ -75,6 +76,7 @@ def judging(
     seed: int,
     workers: int,
     robot: str,
+    products: str,
     difficult: float,
     preset: str,
     out: Path,
@@ -84,6 +86,8 @@ def judging(
     """Measure how often a robot's own judgement of its grasps agrees with ground truth.
 
     In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail.
+    With --products hard, each trial fills a box with four products whose best grasp cannot be seen,
+    each held anywhere along its length.
     """
     from simulate.study.judging import (
         COLUMNS,
@@ -93,7 +97,8 @@ def judging(
     )
     from simulate.study.runner import run
 
-    results = run(judging_study(trials, seed, robot, preset, difficult), out, workers, resume)
+    study = judging_study(trials, seed, robot, preset, difficult, products)
+    results = run(study, out, workers, resume)
     summary = write_judging_report(out, results, seed)
     if as_json:
         click.echo(json.dumps(summary))

@@ -1,7 +1,8 @@
-"""Trials of the robot's own judgement: one attempt at one object, judged and then scored.
+"""Trials of the robot's own judgement, which is afterwards compared with the ground truth.
 
-In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail. The
-robot's judgement is afterwards compared with the ground truth of the simulation.
+A trial is one attempt at one object or, with products whose best grasp cannot be seen, one box that
+is filled with them, each held anywhere along its length. In difficult attempts, friction, mass and
+grasp errors vary widely, so that many of them fail.
 """
 
 from __future__ import annotations
@@ -24,12 +25,14 @@ from simulate.robots import describe
 from simulate.study.intervals import share
 from simulate.study.runner import Study
 from simulate.world.camera import Lighting
+from simulate.world.hidden import HIDDEN_KINDS
 from simulate.world.objects import KINDS, Kind, ObjectSpec, product
-from simulate.world.scene import Placement, arrange
+from simulate.world.scene import Placement, arrange, lay
 from simulate.world.seeds import mix_seed, stream
 
 __all__ = [
     "COLUMNS",
+    "filling_trial",
     "grasp_across",
     "judging_rows",
     "judging_study",
@@ -39,18 +42,26 @@ __all__ = [
 ]
 
 COLUMNS = ("robot", "question", "attempts", "true", "right", "false yes", "false no", "unknown")
-_PRODUCT, _PLACE, _LIGHT, _NOISE, _ERROR, _DIFFICULT = range(50, 56)
+_PRODUCT, _PLACE, _LIGHT, _NOISE, _ERROR, _DIFFICULT, _FILL = range(50, 57)
 _PRODUCTS_OF_A_KIND = 200
 _DRAWS = 5
 _FRICTION, _MASS_FACTOR = (0.03, 0.8), (1.0, 8.0)
 _POSITION_ERROR, _ANGLE_ERROR_RAD = 0.2, 0.17
 """Standard deviations; the position error as a share of the width of the open hand."""
+_IN_A_BOX = 4
+_OFF_MIDDLE = 0.36
+"""Of a product's length, the farthest from its middle that it is held."""
 
 Results = Sequence[Mapping[str, Any]]
 
 
 def judging_study(
-    trials: int, seed: int, robot: str = "nao", preset: str = "faithful", difficult: float = 0.5
+    trials: int,
+    seed: int,
+    robot: str = "nao",
+    preset: str = "faithful",
+    difficult: float = 0.5,
+    products: str = "plain",
 ) -> Study:
     """Return the study of one robot's judgements; kinds alternate, and sides after each round.
 
@@ -58,13 +69,56 @@ def judging_study(
     ----------
     difficult
         Share of attempts with random friction, mass and grasp error.
+    products
+        ``plain``: single objects; ``hard``: boxes filled with products with a secret, of which
+        none is made more difficult.
     """
-    return Study(
-        "own judgement against the truth",
-        "simulate.study.judging:judging_trial",
-        {"seed": seed, "robot": robot, "preset": preset, "difficult": difficult},
-        trials,
-    )
+    name = "own judgement against the truth"
+    settings: dict[str, Any] = {"seed": seed, "robot": robot, "preset": preset}
+    if products == "hard":
+        return Study(name, "simulate.study.judging:filling_trial", settings, trials)
+    settings["difficult"] = difficult
+    return Study(name, "simulate.study.judging:judging_trial", settings, trials)
+
+
+def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Fill one box with products with a secret; return the attempts, judged and scored.
+
+    Each stands alone on the table, at a place and in a direction of its own, is held somewhere
+    along its length, and is taken away if it is not in the box afterwards.
+    """
+    seed, robot = int(settings["seed"]), str(settings["robot"])
+    rng, side = stream(seed, _FILL, number), 1 if number % 2 else -1
+    specs = [
+        product(HIDDEN_KINDS[int(k)], int(rng.integers(_PRODUCTS_OF_A_KIND)))
+        for k in rng.integers(len(HIDDEN_KINDS), size=_IN_A_BOX)
+    ]
+    attempts = []
+    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+        body = SimulatedBody([], Path(assets), _conditions(settings, number))
+        try:
+            for one in specs:
+                (placement,) = arrange([one], rng, [side], workplace=describe(robot).workplace)
+                (laid,) = lay(body.world, [placement], Path(assets))
+                off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * one.extent[0]
+                request = _held_off_middle(grasp_across(body, placement), placement, off)
+                attempts.append({"product": one.name, **_attempt(body, request, number)})
+                if attempts[-1].get("truth", {}).get("placed") is not True:
+                    body.world.remove(laid.body)
+        finally:
+            body.close()
+    placed = sum(one["placed"] == "yes" for one in attempts if one["planned"])
+    says = f"{placed} of {len(attempts)} placed"
+    return {"robot": robot, "attempts": attempts, "says": says}
+
+
+def _held_off_middle(request: GraspRequest, placement: Placement, off_m: float) -> GraspRequest:
+    """Return the grasp shifted along the object, with its outline as it is seen from above."""
+    along = np.array([np.cos(placement.yaw), np.sin(placement.yaw)])
+    x, y = np.array([placement.x, placement.y]) + off_m * along
+    length, width, _ = placement.spec.extent
+    outline = (placement.x, placement.y, placement.yaw, length, width)
+    return replace(request, x=float(x), y=float(y), outline=outline)
 
 
 def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
@@ -93,19 +147,23 @@ def _judged(
 ) -> dict[str, Any]:
     """Try one grasp of an object at a place."""
     seed = int(settings["seed"])
-    conditions = Conditions(
+    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+        body = SimulatedBody([placement], Path(assets), _conditions(settings, number))
+        try:
+            error = stream(seed, _ERROR, number) if difficult else None
+            return _attempt(body, grasp_across(body, placement, error), mix_seed(seed, number))
+        finally:
+            body.close()
+
+
+def _conditions(settings: Mapping[str, Any], number: int) -> Conditions:
+    seed = int(settings["seed"])
+    return Conditions(
         robot=str(settings["robot"]),
         preset=str(settings["preset"]),
         lighting=Lighting.sample(stream(seed, _LIGHT, number)),
         noise_seed=(seed, _NOISE, number),
     )
-    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-        body = SimulatedBody([placement], Path(assets), conditions)
-        try:
-            error = stream(seed, _ERROR, number) if difficult else None
-            return _attempt(body, placement, error, mix_seed(seed, number))
-        finally:
-            body.close()
 
 
 def _product(kind: Kind, seed: int, number: int, difficult: bool) -> ObjectSpec:
@@ -122,11 +180,9 @@ def _product(kind: Kind, seed: int, number: int, difficult: bool) -> ObjectSpec:
     )
 
 
-def _attempt(
-    body: SimulatedBody, placement: Placement, error: np.random.Generator | None, seed: int
-) -> dict[str, Any]:
+def _attempt(body: SimulatedBody, request: GraspRequest, seed: int) -> dict[str, Any]:
     watched = watch_attempts(body)
-    plan = body.executor.plan(grasp_across(body, placement, error), seed=seed)
+    plan = body.executor.plan(request, seed=seed)
     if not isinstance(plan, PlannedGrasp):
         return {"planned": False, "reason": plan, "says": plan}
     frames = body.eyes.frames
@@ -174,7 +230,8 @@ def grasp_across(
 
 def summarise_judging(results: Results) -> dict[str, Any]:
     """Return the figures as JSON data: how often the judgements agree with the truth."""
-    tried = [r for r in results if r["planned"]]
+    every = [one for result in results for one in result.get("attempts", [result])]
+    tried = [one for one in every if one["planned"]]
     figures = {
         question: _agreement([(r[question], bool(r["truth"][question])) for r in tried])
         for question in ("held", "placed")
@@ -185,7 +242,7 @@ def summarise_judging(results: Results) -> dict[str, Any]:
         "not_held": share(sum(not r["truth"]["held"] for r in tried), len(tried)),
         **figures,
         "frames": float(np.mean([r["frames"] for r in tried])) if tried else None,
-        "reasons": dict(Counter(r["reason"] for r in results)),
+        "reasons": dict(Counter(one["reason"] for one in every)),
     }
 
 

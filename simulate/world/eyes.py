@@ -19,8 +19,8 @@ _View = tuple[Frame, Floats, NDArray[np.int32]]
 class Eyes:
     """Takes frames with the cameras of a robot.
 
-    A frame is cached until the simulation advances, so that two views of the same scene cost one
-    frame.
+    A frame is cached until time passes or something is put or taken away by hand, so that two views
+    of the same scene cost one frame.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Eyes:
         self._noise = noise
         self._rng = np.random.default_rng(np.random.SeedSequence(noise_seed))
         self._kept: dict[tuple[str, str | None], _View] = {}
-        self._kept_at = float("nan")
+        self._kept_at = (float("nan"), 0)
 
     def look(self, side: str, camera: str | None = None) -> tuple[Frame, Floats]:
         """Turn the head towards a side and take a frame.
@@ -70,9 +70,9 @@ class Eyes:
         (4, 4) float
             ``base_from_camera``, optical frame.
         """
-        if self._robot.world.time != self._kept_at:
+        if self._robot.world.moment != self._kept_at:
             self._kept.clear()
-            self._kept_at = self._robot.world.time
+            self._kept_at = self._robot.world.moment
         if (side, camera) not in self._kept:
             self._kept[side, camera] = self._capture(side, camera)
         frame, base_from_camera, self.labels = self._kept[side, camera]

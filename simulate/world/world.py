@@ -178,7 +178,7 @@ class World:
         self.broken: set[int] = set()
         """Objects of which a part has broken."""
         self._breakable: dict[tuple[int, int], float] = {}
-        self._steps = 0
+        self._steps = self._moved_by_hand = 0
         self.on_step: Callable[[], None] = lambda: None
         """Called at the end of every :meth:`step`, in its thread."""
         self.before_each: list[Callable[[], None]] = []
@@ -207,6 +207,11 @@ class World:
     def time(self) -> float:
         """Simulated time since the world began, s."""
         return self._steps * self.preset.step_s
+
+    @property
+    def moment(self) -> tuple[float, int]:
+        """The time, and how often something was put or taken away; nothing moves within one."""
+        return self.time, self._moved_by_hand
 
     def step(self, seconds: float) -> None:
         """Run the physics for at least one step."""
@@ -343,6 +348,7 @@ class World:
 
     def remove(self, body: int) -> None:
         """Remove an object from the world."""
+        self._moved_by_hand += 1
         self.client.removeBody(body)
         self.objects.pop(body, None)
         self.broken.discard(body)
@@ -364,6 +370,7 @@ class World:
 
     def put(self, body: int, position: Sequence[float], quaternion: Sequence[float]) -> None:
         """Put an object's origin at a position (m) and orientation (x, y, z, w), at rest."""
+        self._moved_by_hand += 1
         pose = BodyPose(np.array(position, dtype=np.float64), np.array(quaternion))
         spec = self.objects.get(body)
         centre = pose.position

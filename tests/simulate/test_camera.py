@@ -12,6 +12,7 @@ from features.geometry import transform
 from rtask.errors import UsageError
 from simulate.robots.nao import describe_nao
 from simulate.world.camera import INTRINSICS, Camera, Lighting
+from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import product, write_assets
 from simulate.world.robot_body import RobotBody
@@ -83,6 +84,21 @@ def test_light_is_drawn_from_its_seed() -> None:
 def test_a_picture_for_people_is_a_png(scene) -> None:
     _, camera, _ = scene
     assert camera.snapshot(size=(64, 48)).startswith(b"\x89PNG")
+
+
+def test_two_looks_at_one_scene_cost_a_frame_until_something_is_taken_away(tmp_path: Path) -> None:
+    with World("fast") as world:
+        eyes = Eyes(RobotBody(world, describe_nao()))
+        world.add_table()
+        can = product("can", 3)
+        body = world.spawn(can, (0.15, -0.10), 0.0, write_assets(can, tmp_path))
+        first, _ = eyes.look("right")
+        assert eyes.look("right")[0] is first
+        assert (eyes.labels == body).any()
+        world.remove(body)  # no time passes
+        eyes.look("right")
+        assert not (eyes.labels == body).any()
+        assert eyes.frames == 2
 
 
 def test_an_unknown_renderer_is_refused(scene) -> None:

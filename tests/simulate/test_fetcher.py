@@ -26,6 +26,8 @@ class _Body:
     table: list[tuple[float, float]]
     outcomes: dict[tuple[float, float], Record] = field(default_factory=dict)
     unreachable: tuple[tuple[float, float], ...] = ()
+    behind: dict[tuple[float, float], tuple[float, float]] = field(default_factory=dict)
+    """What the hand cannot get to while another thing stands there."""
     vanish: tuple[float, float] | None = None
     executed: list[tuple[float, float]] = field(default_factory=list)
     looks: int = 0
@@ -42,6 +44,8 @@ class _Body:
         return Frame(np.zeros((12, 16), np.float32), CAMERA), np.eye(4)
 
     def plan(self, request, obstacles, seed):
+        if self.behind.get((request.x, request.y)) in self.table:
+            return "grasp_collision"
         return "ik" if (request.x, request.y) in self.unreachable else Plan(request)
 
     def execute(self, plan):
@@ -106,12 +110,11 @@ def fetch(monkeypatch: pytest.MonkeyPatch):
 
     def _fetch(body: _Body, wanted: str = "something to drink from", **server):
         told = _Server(body, **server)
-        for module in (second_look, fetcher_module):
-            monkeypatch.setattr(
-                module,
-                "perceive",
-                lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
-            )
+        monkeypatch.setattr(
+            second_look,
+            "perceive",
+            lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
+        )
         # The fake server must know which thing a crop shows; the crops here are all alike.
         encode = agent_module.observation_message
 
@@ -150,6 +153,26 @@ def test_when_the_first_choice_cannot_be_reached_the_next_one_is_taken(fetch) ->
     assert [t["reason"] for t in fetched.tried] == ["ik", "ok"]
     assert server.resolved[1]["exclude"] == ["o:cup"]
     assert body.executed == [_CAN]
+
+
+def test_what_is_in_the_way_goes_into_the_box_first(fetch) -> None:
+    fetched, body, _ = fetch(_Body([_CUP, _CAN, _PEN], behind={_CUP: _CAN}), drinks=("o:cup",))
+    assert body.executed == [_CAN, _CUP]
+    assert (fetched.placed, fetched.object, fetched.moved) == (True, "o:cup", ("o:can",))
+    assert [t["reason"] for t in fetched.tried] == ["grasp_collision", "ok"]
+    assert "1 thing in the way went into the box" in fetched.text
+
+
+def test_nothing_is_moved_while_another_choice_can_be_reached(fetch) -> None:
+    fetched, body, _ = fetch(_Body([_CUP, _CAN], behind={_CUP: _CAN}))
+    assert (body.executed, fetched.object, fetched.moved) == ([_CAN], "o:can", ())
+
+
+def test_what_cannot_be_reached_alone_is_given_up(fetch) -> None:
+    alone = _Body([_CUP, _PEN], behind={_CUP: _CUP})
+    fetched, body, _ = fetch(alone, drinks=("o:cup",))
+    assert (fetched.placed, body.executed) == (False, [])
+    assert fetched.text.startswith("cup: grasp_collision")
 
 
 def test_when_nothing_of_it_is_there_nothing_moves_and_it_says_so(fetch) -> None:

@@ -132,6 +132,17 @@ def test_what_came_to_lie_on_what_was_pushed_aside_is_placed() -> None:
     assert judge_placed(True, BLOCK, below, volume).answer == "no"
 
 
+def test_what_was_tipped_over_in_the_box_leaves_it_unknown_what_arrived() -> None:
+    lying = mapped(scene(0.02, (0.03, 0.09), (0.06, 0.09)))  # as large as the block, and flat
+    volume = 0.03 * 0.03 * 0.04
+    assert judge_placed(True, BLOCK, lying).answer == "yes"
+    assert judge_placed(True, BLOCK, lying, volume).answer == "unknown"
+    assert judge_placed(True, EMPTY, lying, volume).answer == "yes"
+    apart = mapped(scene(0.05, (0.06, 0.10), (0.05, 0.09)))
+    assert judge_placed(True, BLOCK, apart, volume).answer == "yes"
+    assert judge_placed(False, BLOCK, apart, volume).answer == "unknown"
+
+
 def test_what_was_lost_on_the_way_is_placed_only_if_all_of_it_is_seen_there() -> None:
     assert judge_placed(False, EMPTY, BLOCK, 0.03 * 0.03 * 0.04).answer == "yes"
     assert judge_placed(False, EMPTY, BLOCK, 0.10 * 0.03 * 0.04).answer == "no"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from features.geometry import Frame
 from features.perception import Ignored, perceive
@@ -13,7 +14,7 @@ from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots.nao import describe_nao
 from simulate.world.camera import INTRINSICS, Camera
 from simulate.world.noise import SensorNoise
-from simulate.world.objects import product, sample_objects
+from simulate.world.objects import product, sample_objects, write_assets
 from simulate.world.robot_body import RobotBody
 from simulate.world.scene import Placement, arrange, lay
 from simulate.world.world import World
@@ -89,3 +90,27 @@ def test_an_empty_frame_has_no_table() -> None:
 def test_a_frame_without_colour_is_refused() -> None:
     with pytest.raises(ValueError, match="colour"):
         perceive(Frame(np.zeros((480, 640), np.float32), INTRINSICS), np.eye(4))
+
+
+@pytest.mark.parametrize(("out_m", "lean_rad", "seen"), [(0.016, 0.39, False), (0.060, -0.6, True)])
+def test_an_end_that_sticks_out_of_the_box_is_no_thing_on_the_table(
+    tmp_path: Path, out_m: float, lean_rad: float, seen: bool
+) -> None:
+    """A bottle whose foot is in the box, and one whose neck leans on its wall from outside."""
+    body = SimulatedBody([], tmp_path, Conditions(preset="fast", noise_seed=(77,)))
+    try:
+        world, box = body.world, body.world.place_boxes["right"]
+        bottle = product("bottle", 77)
+        thing = world.spawn(bottle, (0.17, -0.29), 0.0, write_assets(bottle, tmp_path))
+        # It lies towards the middle of the table: the neck points there, or away from there.
+        turn = lean_rad - np.pi / 2 if lean_rad > 0 else np.pi / 2 + lean_rad
+        half = bottle.extent[2] / 2
+        reach, rise = half * np.cos(lean_rad), half * np.sin(abs(lean_rad))
+        middle = (0.17, box.y_range[1] + out_m - reach, box.floor + 0.013 + rise)
+        world.put(thing, middle, Rotation.from_euler("x", turn).as_quat().tolist())
+        frame, base_from_camera = body.look("right")
+        objects = perceive(frame, base_from_camera, body.ignored).objects
+        assert (body.eyes.labels == thing).any()
+    finally:
+        body.close()
+    assert bool(objects) == seen

@@ -57,6 +57,25 @@ def test_placed(position, placed):
     assert is_placed(ObjectState(np.array(position)), BOX) is placed
 
 
+def test_what_stands_upright_on_something_in_the_box_is_in_it():
+    standing = ObjectState(np.array([0.15, -0.29, 0.37]), bottom=0.32)
+    assert is_placed(standing, BOX)
+    assert not is_placed(replace(standing, bottom=0.361), BOX)
+    assert not is_placed(replace(standing, position=np.array([0.23, -0.29, 0.37])), BOX)
+
+
+def test_the_lowest_point_of_a_watched_thing_is_that_of_the_thing_as_it_lies() -> None:
+    bar = product("bar", 96)
+    with Workcell("panda", preset="fast") as cell:
+        world = cell.world
+        x = world.workplace.table_near + world.workplace.table_size[0] / 2
+        world.put(world.spawn(bar, (x, -0.2)), (x, -0.2, 0.6), (0.0, 2**-0.5, 0.0, 2**-0.5))
+        request = GraspRequest(x=x, y=-0.2, theta=0.0, table_height=0.6 - bar.extent[0] / 2)
+        planned = SimpleNamespace(request=request, arm="panda_arm", tool_height=0.02)
+        watch = AttemptTruth(world, cell.robot, cast(PlannedGrasp, planned))
+        assert watch._states["start"].bottom == pytest.approx(0.6 - bar.extent[0] / 2, abs=1e-6)
+
+
 def test_an_attempt_at_the_end_of_a_long_thing_is_one_at_that_thing() -> None:
     bar, short = product("bar", 96), product("box", 4)
     with Workcell("panda", preset="fast") as cell:

@@ -113,6 +113,21 @@ def test_what_stands_free_beside_a_crowd_has_no_grasps_of_the_view() -> None:
     assert crowd.first([one, other, free]) is other
 
 
+def test_what_stands_free_is_planned_on_when_it_is_asked_for_and_once_a_view() -> None:
+    free = TrackedObject(9, seen_at(0.8, 0.0))
+    planner = _Planner((3, 0.95, 0.3))
+    crowd = Crowd(planner)
+    assert not crowd.look_closer(free)  # nothing has been seen yet
+    for looks in (1, 2):
+        crowd.look(VIEW, np.eye(4), Perceived("ok", 0.27, (free.seen,)), [free], {"seed": 5})
+        assert not crowd.has_grasps(free)
+        assert crowd.look_closer(free)
+        assert crowd.look_closer(free)
+        assert len(planner.asked) == looks
+    assert planner.asked[0]["seed"] == 5
+    assert [g["source"] for g in crowd.merged(free, [], 10)] == ["scene"]
+
+
 def test_a_thing_of_the_other_side_keeps_its_grasps_to_itself() -> None:
     view, (one, _) = two_that_touch()
     crowd = Crowd(_Planner((2, 0.9, 0.3), (1, 0.7, 0.3)))

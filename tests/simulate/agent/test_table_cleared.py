@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from grasp.messages import pose_message
 from tests.simulate.agent.doubles import ASKED_PLACES, Body, Record, Server
 
 
@@ -161,3 +162,29 @@ def test_a_thing_that_was_missed_three_times_in_a_crowd_is_pushed_and_tried_once
         ("missed", "missed", "missed", "ok"), ("ok",)
     ]  # fmt: skip
     assert len(body.pushed) == 1
+
+
+class _Posed(_Strong):
+    """Reaches a thing only with the tool in a pose that was planned on the view."""
+
+    def plan(self, request, obstacles, seed):
+        return "ik" if request.pose is None else super().plan(request, obstacles, seed)
+
+
+class _Planner(Server):
+    """Plans one grasp of the thing that is in view."""
+
+    def plan_on_scene(self, **request):
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[:3, 3] = 0.15, -0.1, 0.3
+        centre = [0.15, -0.1, 0.3]
+        grasp = {
+            "id": "candidate:scene-1", "segment": 1, "tool_pose": {"pose": pose_message(pose)},
+            "confidence": 0.8, "width": 0.03, "opening": 0.05, "x": 0.15, "y": -0.1, "theta": 0.0,
+        }  # fmt: skip
+        return {"segments": [{"segment": 1, "centre": centre}], "grasps": [grasp]}
+
+
+def test_what_the_graph_has_no_reachable_grasp_of_is_grasped_as_planned_on_the_view(run) -> None:
+    (met,) = run(_Posed([(0.15, -0.1)]), _Planner(), [])
+    assert [(a.source, a.reason) for a in met.attempts] == [("scene", "ok")]

@@ -47,7 +47,8 @@ def test_shares_by_class_count_what_truly_arrived() -> None:
 @pytest.mark.slow
 def test_the_study_of_requests_is_one_command_that_resumes(tmp_path: Path) -> None:
     out = tmp_path / "study"
-    asked = ["-n", "2", "--seed", "3", "--preset", "fast", "--out", str(out), "--json"]
+    asked = ["-n", "2", "--kind", "bottle", "--kind", "ball", "--seed", "3", "--preset", "fast"]
+    asked += ["--out", str(out), "--json"]
     first = CliRunner().invoke(requests, asked, catch_exceptions=False)
     summary = json.loads(first.stdout)
     assert summary["trials"] == 2

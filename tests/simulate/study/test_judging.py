@@ -8,6 +8,7 @@ import pytest
 
 from simulate.study.judging import (
     COLUMNS,
+    filling_trial,
     judging_rows,
     judging_study,
     judging_trial,
@@ -39,6 +40,32 @@ def test_unknown_is_neither_a_false_yes_nor_a_false_no():
     assert (placed["right"]["hits"], placed["false_yes"]["hits"]) == (2, 1)
     assert (placed["false_no"], placed["unknown"]) == (0, 1)
     assert all(len(row) == len(COLUMNS) for row in judging_rows("nao", summary))
+
+
+def test_each_attempt_at_a_box_that_is_filled_counts():
+    box = {
+        "attempts": [
+            result("yes", "yes", True, True),
+            result("no", "no", False, False),
+            {"planned": False, "reason": "ik"},
+        ]
+    }
+    summary = summarise_judging([box, {"attempts": [result("yes", "unknown", True, True)]}])
+    assert (summary["trials"], summary["attempts"]) == (2, 3)
+    assert summary["placed"]["unknown"] == 1
+    assert summary["reasons"] == {"ok": 3, "ik": 1}
+
+
+@pytest.mark.slow
+def test_a_box_is_filled_and_only_what_is_in_it_stays():
+    study = judging_study(1, seed=5, robot="panda", preset="fast", products="hard")
+    assert "difficult" not in study.settings
+    trial = filling_trial(study.settings, 0)
+    tried = [one for one in trial["attempts"] if one["planned"]]
+    assert len(trial["attempts"]) == 4
+    assert {one["placed"] for one in tried} <= {"yes", "no", "unknown"}
+    assert {one["product"].split("-")[0] for one in trial["attempts"]} <= {"bar", "flask", "carton"}
+    assert any(one["truth"]["held"] for one in tried)
 
 
 @pytest.mark.slow
