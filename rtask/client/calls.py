@@ -34,6 +34,7 @@ __all__ = [
     "RegisteredRobot",
     "ReportedOutcome",
     "ReportedRefusal",
+    "Resembled",
     "ResolvedRequest",
     "SceneGrasp",
     "SceneGrasps",
@@ -553,6 +554,14 @@ class ResolvedRequest(TypedDict):
     suggestions: list[str]
 
 
+class Resembled(TypedDict):
+    """A stored object that a new one may be."""
+
+    object: str
+    label: str
+    confidence: float
+
+
 InsertedObject = TypedDict(
     "InsertedObject",
     {
@@ -566,6 +575,7 @@ InsertedObject = TypedDict(
         "features": int,
         "commit": str,
         "same_print": NotRequired[list[str]],
+        "resembles": NotRequired[Resembled | None],
         "message": NotRequired[str],
     },
 )

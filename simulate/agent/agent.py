@@ -36,6 +36,8 @@ _CONFIDENT = 0.9
 _SIDES = ("right", "left")
 _RESEMBLES = 0.35
 """Half of what the graph accepts: enough to know again what this robot had put into a box."""
+_LIKELY = 0.5
+"""From here on, the graph asks for another view."""
 
 
 @dataclass(frozen=True)
@@ -336,7 +338,8 @@ class Agent:
         best = matches[0] if matches else None
         if best is None or best["confidence"] < _RESEMBLES:
             return None
-        return best if self._tracker.fell_out(best["object"], thing) else None
+        is_likely = best["confidence"] >= _LIKELY
+        return best if self._tracker.fell_out(best["object"], thing, is_likely) else None
 
     def _give_up(
         self,

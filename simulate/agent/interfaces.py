@@ -38,8 +38,15 @@ class Body(Protocol):
     def ignored(self) -> tuple[Ignored, ...]:
         """Regions of the table whose contents are ignored, such as the robot's boxes."""
 
-    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
-        """Turn the head and return a frame with base_from_camera (4, 4)."""
+    @property
+    def other_cameras(self) -> Sequence[str]:
+        """Names of further cameras that see the table, such as those over the boxes."""
+
+    def look(self, side: str, camera: str | None = None) -> tuple[Frame, NDArray[np.float64]]:
+        """Turn the head and return a frame with base_from_camera (4, 4).
+
+        ``camera`` names one of :attr:`other_cameras`; None = the one in the head.
+        """
 
     def plan(
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int

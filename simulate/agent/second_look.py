@@ -1,8 +1,13 @@
-"""Second look at an object, or for one that is out of sight, from another place than the first."""
+"""Second look at an object, or for one that is out of sight, from another place than the first.
+
+The head turns elsewhere; where the camera is fixed, another camera may see the object, such as the
+one over a box, from which things on the near half of that side are in view.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -27,7 +32,10 @@ class Eyes(Protocol):
     @property
     def ignored(self) -> tuple[Ignored, ...]: ...
 
-    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]: ...
+    @property
+    def other_cameras(self) -> Sequence[str]: ...
+
+    def look(self, side: str, camera: str | None = None) -> tuple[Frame, NDArray[np.float64]]: ...
 
 
 class View(NamedTuple):
@@ -39,7 +47,7 @@ class View(NamedTuple):
 
 
 def seen_from_aside(eyes: Eyes, thing: TrackedObject, side: str) -> dict[str, Any] | None:
-    """Return an object as an observation with the head turned elsewhere; None if that fails.
+    """Return an object as an observation from elsewhere; None if nothing else sees it whole.
 
     Parameters
     ----------
@@ -97,22 +105,32 @@ def _on_side(view: View, sign: int) -> list[Seen]:
 def _look_aside(
     eyes: Eyes, thing: TrackedObject, side: str
 ) -> tuple[Seen, Perceived, NDArray[np.float64]] | None:
-    """Return an object as it looks with the head turned elsewhere.
+    """Return an object as it looks with the head turned elsewhere, or from another camera.
 
-    The head turns back afterwards: what follows is planned in the view of that side.
+    A view that cuts the object off says less of it than the first one did, and is passed over. The
+    head turns back afterwards: what follows is planned in the view of that side.
 
     Returns
     -------
     tuple or None
-        The object, the view that shows it, and base_from_camera (4, 4). None where the camera is
-        fixed, or shows nothing at the object's place.
+        The object, the view that shows it, and base_from_camera (4, 4). None where nothing else
+        shows it.
     """
     _, before = eyes.look(side)
     found = None
-    for _, base_from_camera, view in _views_aside(eyes, side, before):
+    for _, base_from_camera, view in chain(
+        _views_aside(eyes, side, before), _views_of_others(eyes, side)
+    ):
         seen = Tracker.same(thing, view.objects)
-        if seen is not None:
+        if seen is not None and not seen.touches_border:
             found = seen, view, base_from_camera
             break
     eyes.look(side)
     return found
+
+
+def _views_of_others(eyes: Eyes, side: str) -> Iterator[View]:
+    """Yield the views of the cameras that do not turn with the head."""
+    for camera in eyes.other_cameras:
+        frame, base_from_camera = eyes.look(side, camera)
+        yield View(frame, base_from_camera, perceive(frame, base_from_camera, eyes.ignored))

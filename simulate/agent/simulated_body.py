@@ -80,6 +80,7 @@ class RobotAtTable:
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         joints = [len(chain.names) for chain in self.robot.chains.values()]
         self.takes_poses = min(joints) >= _FREE_JOINTS
+        self.other_cameras = tuple(self.robot.description.cameras)[1:]
         # The contents of its boxes are ignored, and anything in front of the table is the robot.
         behind = Ignored((-np.inf, self.world.workplace.table_near - 0.02), (-np.inf, np.inf))
         boxes = self.world.place_boxes.values()
@@ -89,9 +90,9 @@ class RobotAtTable:
         self._pictures = pictures
         self._taken = 0
 
-    def look(self, side: str) -> tuple[Frame, Floats]:
-        """Turn the head towards a side and take a noisy frame."""
-        return self.eyes.look(side)
+    def look(self, side: str, camera: str | None = None) -> tuple[Frame, Floats]:
+        """Turn the head towards a side and take a noisy frame, or take one with another camera."""
+        return self.eyes.look(side, camera)
 
     def plan(
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int

@@ -158,16 +158,18 @@ class Tracker:
         fits = len(missing) == len(lost) == 1 and size < np.linalg.norm(_size(lost[0].seen))
         return lost[0] if fits else None
 
-    def fell_out(self, object_iri: str, found: TrackedObject) -> bool:
+    def fell_out(self, object_iri: str, found: TrackedObject, is_likely: bool = False) -> bool:
         """Tell whether a thing may have been put into a box before: by its identity and its size.
 
-        It may lie another way up than it stood.
+        It may lie another way up than it stood. One that is likely to be it by its looks only has
+        to be no larger: what leans on the wall of the box is partly hidden by it.
         """
+        fits = _is_no_larger if is_likely else _differ_little
+        size = sorted(_size(found.seen))
         return any(
-            thing.gone and thing.object_iri == object_iri
-            and _differ_little(sorted(_size(thing.seen)), sorted(_size(found.seen)))
+            thing.gone and thing.object_iri == object_iri and fits(size, sorted(_size(thing.seen)))
             for thing in self.things
-        )  # fmt: skip
+        )
 
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""
@@ -189,6 +191,10 @@ def _size(seen: Seen) -> tuple[float, float, float]:
 def _alike(one: Seen, other: Seen) -> bool:
     """Tell whether two views show things of one size."""
     return _differ_little(_size(one), _size(other))
+
+
+def _is_no_larger(one: Sequence[float], other: Sequence[float]) -> bool:
+    return bool(np.all(np.array(one) < np.array(other) * (1 + _SAME_SIZE)))
 
 
 def _differ_little(one: Sequence[float], other: Sequence[float]) -> bool:

@@ -109,7 +109,9 @@ class Edit:
                 self.replace(quad, Quad(quad.subject, quad.predicate, new, quad.graph_name))
         for quad in self.match(None, RDF.reifies, None):
             said = quad.object
-            if isinstance(said, Triple) and old in (said.subject, said.object):
+            if quad in self.removed or not isinstance(said, Triple):
+                continue
+            if old in (said.subject, said.object):
                 self._rename_reified(quad, said, old, new, keep)
 
     def _rename_reified(

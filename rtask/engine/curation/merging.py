@@ -22,7 +22,7 @@ from rtask.engine.stored import view_features
 from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RDF, RDFS, RT
-from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_value
+from rtask.rdf.terms import Literal, NamedNode, Quad, Triple, iri, object_term, python_value
 from rtask.wire.message import Message
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
         )
         for node in (kept, other):
             withdraw_models(edit, node)
+        _withdraw_likeness(edit, kept, other)
         kinds = {q.object for q in kb.match(kept, RDF.type)} - {RT.ManipulableObject}
 
         def goes_along(quad: Quad) -> bool:
@@ -90,6 +91,16 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
             state_model(context, triples, kept, model)
         edit.state(triples, context.home_graph(author))
         return edit.commit(context, f"merge {tail(other)} into {tail(kept)}", author)
+
+
+def _withdraw_likeness(edit: Edit, kept: NamedNode, other: NamedNode) -> None:
+    """Withdraw that two objects are alike, which would come to be said of one."""
+    for one, like in ((kept, other), (other, kept)):
+        edit.remove(edit.match(one, RT.similarTo, like))
+        said = Triple(one, RT.similarTo, like)
+        for quad in edit.match(None, RDF.reifies, None):
+            if quad.object == said and isinstance(quad.subject, NamedNode):
+                edit.remove(edit.match(quad.subject))
 
 
 def withdraw_models(edit: Edit, thing: NamedNode) -> None:

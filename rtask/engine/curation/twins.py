@@ -2,16 +2,19 @@
 
 A product that was met twice without being recognised is stored as two objects, and is then told
 apart by nothing: its views are as much like the one as like the other, so that recognition answers
-"multiple".
+"multiple". Where an insertion noted which object the new one resembles (``rt:similarTo``), it is
+enough that a view of one of them is recognised as the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rtask.engine.stored import StoredView, stored_views
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, Quad
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -33,7 +36,7 @@ class Twins:
     first, second
         IRIs, the earlier one first.
     confidence
-        The lower of the best ones with which a view of either was recognised as the other.
+        The lower of the best ones with which views of either were recognised as the other.
     """
 
     first: str
@@ -45,6 +48,8 @@ def find_twins(
     kb: GraphCore, views_each: int = 4, min_confidence: float | None = None
 ) -> list[Twins]:
     """Return the pairs of objects of which each is recognised as the other, surest first.
+
+    Of two that are said to be alike, one is enough.
 
     Each object is left out of an index of its own for this, and some of its views are recognised
     against all others.
@@ -73,7 +78,18 @@ def find_twins(
         thing: _recognised_without(index, recogniser, views, views_each, min_confidence)
         for thing, views in objects.items()
     }
-    return _mutual(taken_for)
+    return _mutual(taken_for, _alike(kb))
+
+
+def _alike(kb: GraphCore) -> set[tuple[str, str]]:
+    """Return the pairs that were alike when the first was inserted, both ways."""
+    said = kb.match(None, RT.similarTo)
+    pairs = {(str(q.subject.value), str(q.object.value)) for q in said if _is_about_things(q)}
+    return pairs | {(other, one) for one, other in pairs}
+
+
+def _is_about_things(quad: Quad) -> bool:
+    return isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode)
 
 
 def _recognised_without(
@@ -97,19 +113,26 @@ def _recognised_without(
     return found
 
 
-def _mutual(taken_for: Mapping[str, Mapping[str, float]]) -> list[Twins]:
-    """Return the pairs in which each was taken for the other.
+def _mutual(
+    taken_for: Mapping[str, Mapping[str, float]], alike: Collection[tuple[str, str]] = ()
+) -> list[Twins]:
+    """Return the pairs in which each was taken for the other, or one of two that are alike was.
 
-    >>> _mutual({"a": {"b": 0.9}, "b": {"a": 0.8}, "c": {"a": 1.0}})
+    >>> taken = {"a": {"b": 0.9}, "b": {"a": 0.8}, "c": {"a": 0.7}}
+    >>> _mutual(taken)
     [Twins(first='a', second='b', confidence=0.8)]
+    >>> _mutual(taken, {("a", "c"), ("c", "a")})[1]
+    Twins(first='a', second='c', confidence=0.7)
     """
     order = {thing: k for k, thing in enumerate(taken_for)}
-    pairs = [
-        Twins(one, other, min(sure, taken_for[other][one]))
-        for one, others in taken_for.items()
-        for other, sure in others.items()
-        if order[one] < order[other] and one in taken_for[other]
-    ]
+    pairs = []
+    for one, others in taken_for.items():
+        for other, sure in others.items():
+            back = taken_for[other].get(one)
+            if back is None and (one, other) in alike:
+                pairs.append(Twins(*sorted((one, other), key=order.__getitem__), sure))
+            elif back is not None and order[one] < order[other]:
+                pairs.append(Twins(one, other, min(sure, back)))
     return sorted(pairs, key=lambda pair: -pair.confidence)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -73,6 +73,14 @@ class InsertObject(Message):
     """the observed objects"""
 
 
+class Resembled(Answer):
+    """A stored object that a new one may be."""
+
+    object: str
+    label: str
+    confidence: float
+
+
 class InsertedObject(Answer):
     """Result for one entry."""
 
@@ -87,8 +95,10 @@ class InsertedObject(Answer):
     commit: str
     same_print: list[str] = Field(default_factory=list)
     """IRIs of other objects that carry the print of this view: sight does not tell them apart"""
+    resembles: Resembled | None = None
+    """the stored object that a new one may be: another view decides; absent without one"""
     message: str = ""
-    """the same in words; empty without such objects"""
+    """both in words; empty without such objects"""
 
 
 class Inserted(Answer):
@@ -134,7 +144,11 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
         context.views.prepare([view for view, *_ in writer.views])
     stored = {view.value for view, *_ in writer.views}
     objects = [
-        InsertedObject(**entry, commit=commit, **_alike(context, entry["view"], stored))
+        InsertedObject(
+            **entry,
+            commit=commit,
+            **_others(context, entry, stored),
+        )
         for entry in entries
     ]
     return Inserted(stored=writer.stored, commit=commit, objects=objects)
@@ -232,10 +246,20 @@ class _Writer:
         grasp = self._grasp(one, thing, task_id, event, now)
         self.views.append((view, thing, class_iri, one.seen))
         features = len(one.seen.features)
-        return _entry(
+        entry = _entry(
             thing.value, class_iri, short_id, label, grasp.value if grasp else "", view.value,
             is_new, features,
         )  # fmt: skip
+        return {**entry, **self._resembled(one, thing)}
+
+    def _resembled(self, one: Prepared, thing: NamedNode) -> dict[str, Any]:
+        """State which object a new one may be, for the search for twins; return it."""
+        if one.resembles is None:
+            return {}
+        other, confidence = one.resembles
+        reifier = self.context.names.unique("statement")
+        self.triples.with_confidence(reifier, thing, RT.similarTo, iri(other.iri), confidence)
+        return {"resembles": Resembled(object=other.iri, label=other.label, confidence=confidence)}
 
     def _grown(self, one: Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
         """Add the model grown by this view; return the pose of the camera by the model."""
@@ -310,17 +334,23 @@ class _Writer:
         return thing, (class_iri or RT.ManipulableObject).value, short_id, name
 
 
-def _alike(context: Context, view: str, stored: Collection[str]) -> dict[str, Any]:
-    """Return what the answer says of other objects with the print of a view that was stored."""
+def _others(context: Context, entry: Mapping[str, Any], stored: Collection[str]) -> dict[str, Any]:
+    """Return what the answer says of objects that the one of a stored view is like."""
+    view, found, said = entry["view"], dict[str, Any](), list[str]()
     others = context.views.same_print(iri(view)) if view in stored else ()
-    if not others:
-        return {}
-    known = recall(context.kb, Question(objects=others)).objects
-    names = [known[one].label if one in known else one for one in others]
-    return {
-        "same_print": list(others),
-        "message": f"the same print as {', '.join(names)}: sight does not tell them apart",
-    }
+    if others:
+        known = recall(context.kb, Question(objects=others)).objects
+        names = [known[one].label if one in known else one for one in others]
+        said.append(f"the same print as {', '.join(names)}: sight does not tell them apart")
+        found["same_print"] = list(others)
+    resembled: Resembled | None = entry.get("resembles")
+    if resembled is not None:
+        said.append(
+            f"stored as new, but may be {resembled.label} ({resembled.confidence:.2f}): before an "
+            "insertion, ask recognise_for_grasp with a look from another side as well; `rtask "
+            "objects twins` compares the two"
+        )
+    return {**found, "message": "; ".join(said)} if said else {}
 
 
 def _entry(

@@ -80,7 +80,7 @@ def settle(
     """Remove the matches from a recognition that the graph contradicts.
 
     A match is removed if the object is not in the graph or its size differs. The answer stays
-    accepted only if its first match remains.
+    accepted, and another view may decide, only if its first match remains.
     """
     kept = tuple(
         match
@@ -89,7 +89,12 @@ def settle(
         and is_plausible(memory.objects[match.object_iri], seen, policy)
     )
     is_first = bool(kept) and kept[0] is recognition.matches[0]
-    return replace(recognition, accepted=recognition.accepted and is_first, matches=kept)
+    return replace(
+        recognition,
+        accepted=recognition.accepted and is_first,
+        matches=kept,
+        ask_again=recognition.ask_again and is_first,
+    )
 
 
 def verdict(recognition: Recognition, memory: Memory) -> str:

@@ -88,6 +88,9 @@ class Prepared:
         Vector of the view, if a network is in use.
     located
         Pose of the object in the frame that the request names, if it is certain.
+    resembles
+        The stored object that a new one may be, and how sure that is; None where it resembles none
+        enough for another view to decide.
     """
 
     item: NewObject
@@ -103,6 +106,7 @@ class Prepared:
     generation: int = 0
     vector: NDArray[np.float32] | None = None
     located: Located | None = None
+    resembles: tuple[KnownObject, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,10 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
             raise UnknownTermError(f"the graph has no object {item.object}")
     elif item.merge and recognition.accepted and (kinds or not item.class_description):
         known = memory.objects.get(recognition.matches[0].object_iri)
+    resembles = None
+    if known is None and item.merge and recognition.ask_again:
+        first = recognition.matches[0]
+        resembles = memory.objects[first.object_iri], float(first.confidence)
     placement, pose = locate(context.models, seen, recognition, known, memory)
     decision = context.decisions.get(item.task_id)
     grasp = _grasp(item, where)
@@ -174,7 +182,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     )  # fmt: skip
     return Prepared(
         item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation,
-        vector, place,
+        vector, place, resembles,
     )  # fmt: skip
 
 

@@ -84,6 +84,7 @@ class Body:
     ignored = ()
     preset = "faithful"
     takes_poses = False
+    other_cameras: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self.pushed: list[Any] = []
@@ -96,7 +97,7 @@ class Body:
     def gripper_ids(self) -> dict[str, str]:
         return {"right": "right_hand", "left": "left_hand"}
 
-    def look(self, side: str) -> tuple[Frame, np.ndarray]:
+    def look(self, side: str, camera: str | None = None) -> tuple[Frame, np.ndarray]:
         return Frame(np.zeros((12, 16), np.float32), CAMERA), np.eye(4)
 
     def plan(self, request, obstacles, seed):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from features.perception import Perceived
 from simulate.agent.decisions import Refusal, Thresholds
@@ -17,7 +19,7 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
     looked: list[str] = []
 
     class Turning(Body):
-        def look(self, side):
+        def look(self, side, camera=None):
             looked.append(side)
             pose = np.eye(4)
             pose[1, 3] = {"right": -0.03, "ahead": 0.0, "left": 0.03}[side]
@@ -53,6 +55,39 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
     assert all("looks" not in asked for asked in fixed.asked)
     assert fixed.responses == [("r:identity", "new_object")]
     assert encounter.placed
+
+
+@pytest.mark.parametrize(("is_cut", "looks"), [(False, 1), (True, 0)])
+def test_with_a_fixed_camera_the_robot_asks_again_with_another_one_that_sees_all_of_it(
+    run, is_cut: bool, looks: int
+) -> None:
+    used: list[str | None] = []
+
+    class Standing(Body):
+        def look(self, side, camera=None):
+            used.append(camera)
+            return super().look(side)
+
+    class Unsure(Server):
+        def recognise_for_grasp(self, **request):
+            self.confidence = 0.95 if "looks" in request else 0.6
+            answer = super().recognise_for_grasp(**request)
+            if request["unknown"] == "if_new" and not answer["recognition"]["accepted"]:
+                answer["decision"] = _too_low("identity", 0.6, 0.7)
+            return answer
+
+    body, server = Standing([(0.16, -0.1)], other_cameras=("box_right",)), Unsure()
+
+    def see(*_: Any) -> Perceived:
+        found = tuple(seen_at(x, y) for x, y in body.table)
+        if used[-1]:
+            found = tuple(replace(one, touches_border=is_cut) for one in found)
+        return Perceived("ok", 0.27, found)
+
+    (encounter,) = run(body, server, [(0.16, -0.1)] * 2, see=see)
+    assert encounter.recognised == ("o:7" if looks else "")
+    assert len(server.asked[1].get("looks", [])) == looks
+    assert used[used.index("box_right") + 1] is None  # what follows is planned in the first view
 
 
 def _too_low(lacking: str, confidence: float, threshold: float) -> dict[str, Any]:

@@ -145,3 +145,15 @@ def test_what_was_put_into_a_box_is_met_again_whichever_way_up_it_lies() -> None
     assert not tracker.fell_out("o:2", found)
     found.seen = _Seen(0.30, -0.20, _Shape(0.070, 0.026, 0.032))
     assert not tracker.fell_out("o:1", found)
+
+
+def test_what_leans_on_the_wall_of_its_box_and_is_likely_by_its_looks_is_met_again() -> None:
+    tracker = Tracker()
+    (thing,) = tracker.update([_Seen(0.40, -0.12, _Shape(0.094, 0.033, 0.050))])
+    thing.object_iri, thing.gone = "o:1", True
+    (found,) = tracker.update([_Seen(0.55, -0.19, _Shape(0.048, 0.027, 0.045))])
+    assert not tracker.fell_out("o:1", found)
+    assert tracker.fell_out("o:1", found, is_likely=True)
+    assert not tracker.fell_out("o:2", found, is_likely=True)
+    found.seen = _Seen(0.55, -0.19, _Shape(0.048, 0.044, 0.045))
+    assert not tracker.fell_out("o:1", found, is_likely=True)  # it is too thick

@@ -135,7 +135,7 @@ def test_what_is_hidden_from_one_side_is_looked_for_from_another(run) -> None:
     sees: list[str] = []
 
     class Turning(Body):
-        def look(self, side):
+        def look(self, side, camera=None):
             sees.append(side)
             pose = np.eye(4)
             pose[1, 3] = {"right": -0.03, "ahead": 0.0, "left": 0.03}[side]
