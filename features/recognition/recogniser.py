@@ -15,6 +15,7 @@ from features.recognition.comparison.confidence import print_score, without_cont
 from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
 from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.comparison.twins import Twins
 from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
@@ -120,6 +121,7 @@ class Recogniser:
         self.params = params or RecogniserParams()
         path = index.file_beside(_FACTS_FILE, lambda: self._facts.close())
         self._facts = StoreFacts(self.params.distance_cap, path)
+        self._twins = Twins(self._facts)
 
     def recognise(
         self,
@@ -145,7 +147,7 @@ class Recogniser:
         order = np.argsort(-confidence, kind="stable")
         outcome, accepted = decide(confidence[order], least, constants)
         printed = candidates[order[0]].printed if accepted else None
-        if printed is not None and self._facts.same_print(snapshot, printed.view):
+        if printed is not None and self._twins.of_view(snapshot, printed.view):
             # Of two objects with one print, the one that looks more alike does so by chance.
             outcome, accepted = "multiple", False
         matches = [
@@ -176,12 +178,12 @@ class Recogniser:
         self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
 
     def same_print(self, view_iri: str) -> tuple[str, ...]:
-        """Return the IRIs of other objects that carry the print of a stored view, sorted."""
+        """Return the IRIs of other objects that carry the print of a view's object, sorted."""
         snapshot = self.index.snapshot()
         alive = np.flatnonzero(snapshot.alive).tolist()
         views = [view for view in alive if snapshot.view_iris[view] == view_iri]
-        others = [one for view in views for one in self._facts.same_print(snapshot, view)]
-        return tuple(sorted({snapshot.object_iris[snapshot.object_of_view[k]] for k in others}))
+        others = {one for view in views for one in self._twins.of_object(snapshot, view)}
+        return tuple(sorted(snapshot.object_iris[number] for number in others))
 
     def forget_comparisons(self) -> None:
         """Delete what lies beside the index: its next recogniser compares stored views again."""

@@ -47,6 +47,14 @@ class ViewFacts:
     verified: int
     unlike: int = 0
 
+    @property
+    def believed(self) -> NDArray[np.bool_]:
+        """Return the cells (cells,) that the object's other views support; all where none can."""
+        if self.verified == 0:
+            return np.ones(len(self.support), bool)
+        believed: NDArray[np.bool_] = self.support > _SUPPORTED
+        return believed
+
 
 @dataclass(frozen=True)
 class Difference:

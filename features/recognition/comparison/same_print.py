@@ -1,33 +1,66 @@
 """One print on two objects, which sight therefore cannot tell apart.
 
 Some products are sold under two names in one package, and some are stored twice. A look-alike
-differs from the object somewhere; here nothing does, wherever both views show the object.
+differs from the object somewhere; here nothing does, wherever both show it. A pair of views may
+show only what two siblings share, so that of two objects all pairs have a say, place by place.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import UInt8Array
 from features.recognition.comparison.difference import Comparison
-from features.recognition.comparison.evidence import PrintEvidence
+from features.recognition.comparison.evidence import PrintEvidence, ViewFacts
 
-__all__ = ["MIN_SAME_PRINT", "is_same_print"]
+__all__ = ["MIN_SAME_PRINT", "Agreement", "agreement_of", "contradicted", "is_one_print"]
+
+Mask = NDArray[np.bool_]
 
 MIN_SAME_PRINT = 15
 """Matches from which a print may be called the same: an emblem gives fewer."""
 _MIN_AGREEING, _MAX_OTHER_COLOUR = 0.9, 0.05
+_MIN_SHOWN = 0.2
+"""Of the supported print, or of the object's side between the matches, that both views show."""
 _SAME, _OTHER = 15.0, 18.0
 """Lab units: cells of one colour differ by less, and more is another colour."""
-_CORRELATION = 0.45
+_CORRELATION, _UNLIKE = 0.45, 0.2
+"""Print correlates by more where it is the same, and by less where it is another."""
+_MAX_CONTRADICTED, _MAX_OF_ONE_VIEW = 0.09, 0.25
+"""Share of the cells of all views, and of any one view, that the other object contradicts."""
+_MIN_CELLS = 100
+"""One view with fewer cells to compare has no say of its own."""
 
 
-def is_same_print(evidence: PrintEvidence, comparison: Comparison) -> bool:
-    """Tell whether two views show the same print.
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Agreement of a view with a view of another object, seen in the first one's frame.
 
-    At least 0.9 of the cells must agree and fewer than 0.05 be of another colour, between the
-    matches and in all that both views show of the object. Where the stored view's object has other
-    views, that is where those support it; else all that lies under both masks.
+    Parameters
+    ----------
+    is_same
+        Nothing that both views show, which is a good part of the object, tells them apart.
+    shown, against : (bytes,) uint8
+        Cells of the first view's picture that both show, and those where the print or the colour
+        is clearly another one; one bit each.
+    """
+
+    is_same: bool
+    shown: UInt8Array
+    against: UInt8Array
+
+
+def agreement_of(evidence: PrintEvidence, comparison: Comparison, facts: ViewFacts) -> Agreement:
+    """Return how far two views that match in at least :data:`MIN_SAME_PRINT` places agree.
+
+    They show the same print where more than 0.9 of the cells agree and fewer than 0.05 are of
+    another colour, between the matches and in all that both show of the object. Where the stored
+    view's object has other views, that is where those support it; else all that lies under both
+    masks.
 
     Parameters
     ----------
@@ -35,15 +68,68 @@ def is_same_print(evidence: PrintEvidence, comparison: Comparison) -> bool:
         Of the comparison, with what is known of the stored view.
     comparison
         Of the two views.
+    facts
+        Of the stored view.
     """
-    if evidence.matches < MIN_SAME_PRINT or not _agrees(comparison, comparison.between):
+    shown, agrees = evidence.extent, _agrees(comparison, comparison.near)
+    if evidence.supported > 0:
+        shown = evidence.seen
+        agrees = evidence.agreeing > _MIN_AGREEING and evidence.other_colour < _MAX_OTHER_COLOUR
+    cells = comparison.near & (comparison.view_cell >= 0)
+    cells &= facts.believed[comparison.view_cell]
+    against = comparison.textured & (comparison.correlation < _UNLIKE)
+    against |= comparison.colour_gap > _OTHER
+    return Agreement(
+        shown >= _MIN_SHOWN and agrees and _agrees(comparison, comparison.between),
+        np.packbits(cells),
+        np.packbits(cells & against),
+    )
+
+
+def contradicted(believed: Mask, pairs: Sequence[Agreement]) -> tuple[int, int]:
+    """Return how many cells of a view another object contradicts, and of how many it shows.
+
+    A cell is contradicted where most of the views that show it say so: light, a bent side or a
+    hand spoil now this place and now that.
+
+    Parameters
+    ----------
+    believed : (cells,) bool
+        Cells of the view that count.
+    pairs
+        Agreement of the view with views of the other object.
+
+    Examples
+    --------
+    >>> every, left = np.packbits(np.ones(8, bool)), np.packbits(np.arange(8) < 4)
+    >>> pairs = [Agreement(False, every, left), Agreement(True, left, left & 0)]
+    >>> contradicted(np.ones(8, bool), [pairs[0]]), contradicted(np.ones(8, bool), pairs)
+    ((4, 8), (0, 8))
+    """
+    shown, against = (
+        np.sum([np.unpackbits(cells, count=len(believed)) for cells in sort], axis=0)
+        for sort in zip(*((pair.shown, pair.against) for pair in pairs), strict=True)
+    )
+    compared = believed & (shown > 0)
+    return int((compared & (2 * against > shown)).sum()), int(compared.sum())
+
+
+def is_one_print(views: Iterable[tuple[int, int]]) -> bool:
+    """Tell whether two objects carry one print, by what :func:`contradicted` says of their views.
+
+    Examples
+    --------
+    >>> is_one_print([(6, 200), (20, 150)]), is_one_print([(6, 900), (60, 200)])
+    (True, False)
+    """
+    counts = [(against, of) for against, of in views if of]
+    if any(against > _MAX_OF_ONE_VIEW * of for against, of in counts if of >= _MIN_CELLS):
         return False
-    if evidence.supported == 0:
-        return _agrees(comparison, comparison.near)
-    return evidence.agreeing > _MIN_AGREEING and evidence.other_colour < _MAX_OTHER_COLOUR
+    against, of = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
+    return of > 0 and against <= _MAX_CONTRADICTED * of
 
 
-def _agrees(comparison: Comparison, cells: NDArray[np.bool_]) -> bool:
+def _agrees(comparison: Comparison, cells: Mask) -> bool:
     if not cells.any():
         return False
     gap = comparison.colour_gap[cells]

@@ -10,10 +10,10 @@ with are the same ones.
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,10 @@ from features.recognition.comparison.difference import (
     compare_pictures,
     grid_shape,
 )
-from features.recognition.comparison.evidence import ViewFacts, print_evidence
+from features.recognition.comparison.evidence import ViewFacts
 from features.recognition.comparison.facts_file import FactsFile, Record
+from features.recognition.comparison.kept import Kept
 from features.recognition.comparison.known import Known
-from features.recognition.comparison.same_print import MIN_SAME_PRINT, is_same_print
 from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
 from features.recognition.comparison.votes import (
     Changes,
@@ -41,14 +41,13 @@ from features.recognition.index.snapshot import Snapshot, StoredView
 from features.recognition.views.picture import ViewPicture
 from features.recognition.views.view import EXTRACTOR
 
-__all__ = ["StoreFacts"]
-
-_Key = TypeVar("_Key")
-_Value = TypeVar("_Value")
+__all__ = ["Neighbours", "StoreFacts"]
 
 _MAX_OWN, _MAX_OTHERS = 8, 6
 """Views of the same object, and of others, that a view is compared with."""
 _MIN_VOTES = 6
+_MAX_VOTED, _MAX_MORE, _MAX_ALIKE = 200, 12, 6
+"""Views that are looked through for more neighbours; how many are taken by votes, and by looks."""
 _MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
 """Views of which something is kept in memory: without a file, and beside one."""
 _MAX_UNWRITTEN = 32
@@ -56,25 +55,12 @@ _RULES = f"1 {EXTRACTOR} {_MAX_OWN} {_MAX_OTHERS} {_MIN_VOTES} {ComparisonParams
 """What is kept follows from these; the first number counts changes of how it follows."""
 
 
-class _Kept(Generic[_Key, _Value]):
-    """The values that were used last; safe to share between threads."""
+@dataclass(frozen=True)
+class Neighbours:
+    """Views that a view may agree with: of its own object, and of others by falling votes."""
 
-    def __init__(self, limit: int) -> None:
-        self._values: OrderedDict[_Key, _Value] = OrderedDict()
-        self._limit, self._lock = limit, threading.Lock()
-
-    def get(self, key: _Key) -> _Value | None:
-        with self._lock:
-            if key in self._values:
-                self._values.move_to_end(key)
-            return self._values.get(key)
-
-    def put(self, key: _Key, value: _Value) -> _Value:
-        with self._lock:
-            self._values[key] = value
-            while len(self._values) > self._limit:
-                self._values.popitem(last=False)
-        return value
+    own: tuple[int, ...]
+    others: tuple[int, ...]
 
 
 class StoreFacts:
@@ -92,11 +78,10 @@ class StoreFacts:
         self._cap = distance_cap
         self._file = None if path is None else FactsFile(path, f"{_RULES} {distance_cap}")
         self._changes = Changes(self._file)
-        self._known: _Kept[int, Known] = _Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
-        self._pictures: _Kept[int, tuple[ViewPicture | None]] = _Kept(_MAX_PICTURES)
-        self._facts: _Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
-        self._facts = _Kept(_MAX_AT_HAND)
-        self._same: _Kept[tuple[int, int], tuple[ViewFacts, bool]] = _Kept(_MAX_AT_HAND)
+        self._known: Kept[int, Known] = Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
+        self._pictures: Kept[int, tuple[ViewPicture | None]] = Kept(_MAX_PICTURES)
+        self._facts: Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
+        self._facts = Kept(_MAX_AT_HAND)
         self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
         self._filed = np.array([v.id for v in self._file.views] if self._file else [], np.int64)
         self._filed_place = len(self._changes.since(0))
@@ -133,18 +118,25 @@ class StoreFacts:
                     self._current(snapshot, int(moment.view_of[number]))
         self._write()
 
-    def same_print(self, snapshot: Snapshot, view: int) -> list[int]:
-        """Return the views of other objects that show the same print as a view."""
-        if self.picture(snapshot, view) is None:
-            return []
+    def neighbours(self, snapshot: Snapshot, view: int) -> Neighbours:
+        """Return the views that a view with a picture may agree with.
+
+        Of others, there are those that it is compared with, then more that were voted for, then
+        those of the objects that look most alike: where many views of a family match, or better
+        pictures do, one that shows the very same gets few votes.
+        """
         _, known = self._current(snapshot, view)
-        view_of = self._changes.at(snapshot).view_of
-        alike = [
-            int(view_of[number])
-            for number in known.others
-            if (pair := known.pairs[number]) is not None and len(pair.rows) >= MIN_SAME_PRINT
-        ]
-        return [other for other in alike if self._is_same_print(snapshot, view, other)]
+        moment = self._changes.at(snapshot)
+        own, others = (
+            [int(moment.view_of[number]) for number in numbers]
+            for numbers in (known.own, known.others)
+        )
+        voted = self._proposed(moment, view, known.votes, _MAX_VOTED)
+        alike = np.where(snapshot.alive, snapshot.appearance(snapshot.look(view)), -1)
+        alike[snapshot.object_of_view == snapshot.object_of_view[view]] = -1
+        others += _few_of_each(voted, snapshot, 2, _MAX_MORE)
+        others += _few_of_each(_first_by(alike, snapshot, _MAX_VOTED, 0), snapshot, 1, _MAX_ALIKE)
+        return Neighbours(tuple(own), tuple(dict.fromkeys(others)))
 
     def close(self) -> None:
         """Write what is not yet in the file, and close it."""
@@ -244,35 +236,14 @@ class StoreFacts:
             [known.pairs[number] for number in known.others],
         )
 
-    def _proposed(self, moment: Moment, view: int, votes: Votes) -> list[int]:
+    def _proposed(
+        self, moment: Moment, view: int, votes: Votes, most: int = _MAX_OTHERS
+    ) -> list[int]:
         """Return the views of other objects that a view's descriptors vote for."""
         snapshot = moment.snapshot
         counted = votes.counted(moment, self._cap)
         counted[snapshot.object_of_view == snapshot.object_of_view[view]] = 0
-        return _first_by(counted, snapshot, _MAX_OTHERS, _MIN_VOTES)
-
-    def _is_same_print(self, snapshot: Snapshot, view: int, other: int) -> bool:
-        """Tell it as of now: what supports the other view may have changed."""
-        key = int(snapshot.serials[view]), int(snapshot.serials[other])
-        facts = self.of(snapshot, other)
-        held = self._same.get(key)
-        if held is None or held[0] is not facts:
-            held = self._same.put(key, (facts, self._shows_same(snapshot, view, other, facts)))
-        return held[1]
-
-    def _shows_same(self, snapshot: Snapshot, view: int, other: int, facts: ViewFacts) -> bool:
-        first, second = snapshot.stored_view(view), snapshot.stored_view(other)
-        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
-        side_px = float(snapshot.measures(np.array([view]))[0, 0])
-        found = align_views(first, second, side_px)
-        if here is None or there is None or found is None:
-            return False
-        places = first.keypoints[found.query_rows, :2]
-        comparison = compare_pictures(here, there, found.query_from_view, places)
-        height, width = here.mask.shape
-        mask_px = np.array([0, 0, width, height], np.float32)
-        evidence = print_evidence(found, comparison, second.keypoints, mask_px, facts)
-        return is_same_print(evidence, comparison)
+        return _first_by(counted, snapshot, most, _MIN_VOTES)
 
     def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
@@ -307,6 +278,17 @@ def _first_by(
         chosen = chosen[worth[chosen] >= limit]
     ranked = sorted(chosen.tolist(), key=lambda k: (-worth[k], snapshot.view_iris[k]))
     return ranked[:count]
+
+
+def _few_of_each(views: list[int], snapshot: Snapshot, of_one: int, most: int) -> list[int]:
+    """Return the first so many of the views of each object, and so many in all."""
+    chosen, taken = list[int](), Counter[int]()
+    for view in views:
+        number = int(snapshot.object_of_view[view])
+        taken[number] += 1
+        if taken[number] <= of_one:
+            chosen.append(view)
+    return chosen[:most]
 
 
 def _decoded(stored: StoredView) -> ViewPicture | None:

@@ -78,6 +78,7 @@ def test_a_mask_of_the_full_photograph_fits_the_reduced_one():
         frame_of_photo(read_photo(jpeg(image)), labels, label=9)
 
 
+@pytest.mark.usefixtures("compiled_kernels")
 def test_a_box_picks_the_segment_inside_it():
     depth = np.full((480, 640), 0.8, np.float32)
     depth[100:180, 100:180] = 0.74

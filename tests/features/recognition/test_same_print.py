@@ -60,3 +60,31 @@ def test_twins_that_become_one_object_are_recognised_again(twins, see, print_ima
     twins.index.relabel("dim", "a", "c")
     assert twins.same_print("sharp") == ()
     assert twins.recognise(see(print_image(1), 0.1, seed=5)).accepts("a")
+
+
+def test_what_two_siblings_share_makes_no_twins_of_them_but_is_not_decided(see, print_image):
+    sibling = print_image(1).copy()
+    sibling[:, 240:] = print_image(3)[:, 240:]
+    index = RecognitionIndex()
+    for name, print_ in (("a", print_image(1)), ("b", sibling)):
+        index.add(f"{name} whole", name, "c", see(print_, 0.1, seed=1))
+        index.add(f"{name} turned", name, "c", see(print_, 0.4, seed=2))
+        index.add(f"{name} shared", name, "c", see(print_[:, :240], 0.1, seed=3))
+    recogniser = Recogniser(index)
+    assert recogniser.same_print("a shared") == recogniser.same_print("b shared") == ()
+    assert recogniser.recognise(see(print_image(1), 0.2, seed=4)).accepts("a")
+    shared = recogniser.recognise(see(print_image(1)[:, :240], 0.0, seed=5))
+    assert not shared.accepted
+
+
+def test_a_twin_is_told_among_many_views_of_siblings_that_match_better(see, print_image):
+    index = RecognitionIndex()
+    index.add("sharp", "a", "c", see(print_image(1), 0.1, seed=1))
+    index.add("dim", "twin", "c", see(print_image(1), 0.5, seed=2, blur=2.5))
+    for k in range(4):
+        sibling = print_image(1).copy()
+        sibling[120 * (k % 3) : 120 * (k % 3) + 120, 320:] = print_image(5 + k)[:120, :160]
+        for turn in range(3):
+            view = see(sibling, 0.1 + 0.02 * turn, seed=10 * k + turn + 3)
+            index.add(f"sibling {k}, view {turn}", f"sibling {k}", "c", view)
+    assert Recogniser(index).same_print("sharp") == ("twin",)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import pytest
 
 from features.geometry import Frame
 from features.recognition.views.stored import stored_features
 
 
+@pytest.mark.usefixtures("compiled_kernels")
 def test_a_view_with_depth_leaves_all_four_sorts(photo) -> None:
     from features.geometry import Intrinsics
 

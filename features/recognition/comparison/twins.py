@@ -1,0 +1,112 @@
+"""Stored views that show the print of another object, and objects that carry one print."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from features.recognition.comparison.alignment import align_views
+from features.recognition.comparison.difference import compare_pictures
+from features.recognition.comparison.evidence import ViewFacts, print_evidence
+from features.recognition.comparison.kept import Kept
+from features.recognition.comparison.same_print import (
+    MIN_SAME_PRINT,
+    Agreement,
+    agreement_of,
+    contradicted,
+    is_one_print,
+)
+from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.index.snapshot import Snapshot
+
+__all__ = ["Twins"]
+
+_MAX_VIEWS = 8
+"""Views of each of two objects of which all pairs are compared."""
+_MAX_KEPT = 4_000
+
+
+class Twins:
+    """Agreement of stored views with those of other objects, as of now; safe to share.
+
+    Parameters
+    ----------
+    facts
+        Of the stored views: what supports a view decides where it is compared.
+    """
+
+    def __init__(self, facts: StoreFacts) -> None:
+        self._facts = facts
+        self._kept: Kept[tuple[int, int], tuple[ViewFacts | None, Agreement | None]]
+        self._kept = Kept(_MAX_KEPT)
+
+    def of_view(self, snapshot: Snapshot, view: int) -> list[int]:
+        """Return the objects that cannot be told from a view's object where the view shows it."""
+        return [
+            int(snapshot.object_of_view[other])
+            for other in self._same(snapshot, view)
+            if is_one_print(
+                [self._contradicted(snapshot, view, self._with_siblings(snapshot, other))]
+            )
+        ]
+
+    def of_object(self, snapshot: Snapshot, view: int) -> list[int]:
+        """Return the objects that carry the print of a view's object, by all pairs of views.
+
+        Of either object those views are taken that look most like the two that show it.
+        """
+        return [
+            int(snapshot.object_of_view[other])
+            for other in self._same(snapshot, view)
+            if is_one_print(
+                self._contradicted(snapshot, here, self._with_siblings(snapshot, other))
+                for here in self._with_siblings(snapshot, view)
+            )
+        ]
+
+    def _same(self, snapshot: Snapshot, view: int) -> list[int]:
+        """Return a view of each other object that shows nothing but the print of a view."""
+        if self._facts.picture(snapshot, view) is None:
+            return []
+        found: dict[int, int] = {}
+        for other in self._facts.neighbours(snapshot, view).others:
+            pair = self._agreement(snapshot, view, other)
+            if pair is not None and pair.is_same:
+                found.setdefault(int(snapshot.object_of_view[other]), other)
+        return list(found.values())
+
+    def _with_siblings(self, snapshot: Snapshot, view: int) -> list[int]:
+        return [view, *self._facts.neighbours(snapshot, view).own][:_MAX_VIEWS]
+
+    def _contradicted(self, snapshot: Snapshot, view: int, others: list[int]) -> tuple[int, int]:
+        if self._facts.picture(snapshot, view) is None:
+            return 0, 0
+        pairs = [self._agreement(snapshot, view, other) for other in others]
+        matching = [pair for pair in pairs if pair is not None]
+        if not matching:
+            return 0, 0
+        return contradicted(self._facts.of(snapshot, view).believed, matching)
+
+    def _agreement(self, snapshot: Snapshot, view: int, other: int) -> Agreement | None:
+        """Return how far two views agree, None where they match in too few places."""
+        key = int(snapshot.serials[view]), int(snapshot.serials[other])
+        held = self._kept.get(key)
+        if held is None or (held[0] is not None and held[0] is not self._facts.of(snapshot, other)):
+            held = self._kept.put(key, self._compared(snapshot, view, other))
+        return held[1]
+
+    def _compared(
+        self, snapshot: Snapshot, view: int, other: int
+    ) -> tuple[ViewFacts | None, Agreement | None]:
+        first, second = snapshot.stored_view(view), snapshot.stored_view(other)
+        here, there = (self._facts.picture(snapshot, one) for one in (view, other))
+        side_px = float(snapshot.measures(np.array([view]))[0, 0])
+        found = None if here is None or there is None else align_views(first, second, side_px)
+        if here is None or there is None or found is None or len(found) < MIN_SAME_PRINT:
+            return None, None
+        places = first.keypoints[found.query_rows, :2]
+        comparison = compare_pictures(here, there, found.query_from_view, places)
+        height, width = here.mask.shape
+        mask_px = np.array([0, 0, width, height], np.float32)
+        facts = self._facts.of(snapshot, other)
+        evidence = print_evidence(found, comparison, second.keypoints, mask_px, facts)
+        return facts, agreement_of(evidence, comparison, facts)
