@@ -27,7 +27,7 @@ from grasp.spatial.suction import (
 )
 from grasp.spatial.suction_cup import SuctionCup
 from rtask.cli import cli
-from simulate.grasping.floating.cup import execute_suction
+from simulate.grasping.floating.cup import FloatingCup, execute_suction
 from simulate.grasping.floating.execution import Conditions, settle, spawn_parts
 from simulate.study.quality.objects import GraspObject
 from simulate.world.objects import Friction
@@ -247,3 +247,25 @@ def test_physics_holds_what_the_vacuum_bears(
         assert (done.held, done.carried) == (held, carried)
         world.remove(body)
         assert world.client.getNumBodies() == before
+
+
+def test_a_vacuum_holds_what_moves_and_never_a_table() -> None:
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
+    down[:3, 3] = 0.34, 0.0, 0.0
+    with World("fast") as world:
+        world.add_table(0.0)
+        cup = FloatingCup(world, SuctionCup("cup"), down)
+        cup.approach()
+        assert not cup.vacuum.seal()
+        cup.remove()
+        block = world.client.createCollisionShape(
+            world.client.GEOM_BOX, halfExtents=[0.03, 0.03, 0.02]
+        )
+        body = world.client.createMultiBody(0.1, block, -1, (0.34, 0.0, 0.02))
+        down[2, 3] = 0.041
+        cup = FloatingCup(world, SuctionCup("cup"), down)
+        cup.approach()
+        assert cup.vacuum.seal()
+        assert cup.touches(body) == (True,)
+        cup.vacuum.release()
+        assert cup.vacuum.held == -1
