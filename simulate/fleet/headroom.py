@@ -20,6 +20,8 @@ from simulate.study.intervals import bootstrap
 __all__ = ["headroom_won", "headroom_words"]
 
 _CONDITIONS = ("shared", "not shared")
+_MIN_ROOMS = 8
+"""Products with headroom from which on hardly any resample holds none (3 in 10,000)."""
 
 
 def headroom_won(results: Sequence[Mapping[str, Any]], condition: str) -> dict[str, Any]:
@@ -38,6 +40,7 @@ def headroom_won(results: Sequence[Mapping[str, Any]], condition: str) -> dict[s
         ``first_try``, the shares of first tries that held of the first and the last robot, and
         ``best``, that of the best grasps, over ``n`` common products that both robots tried; and
         ``won`` with its interval over products (``interval95``), None where no robot ever failed.
+        There is no interval where so few products leave headroom that resamples often hold none.
     """
     rows = np.array(
         [row for result in results for row in _first_tries(result, condition)], dtype=np.float64
@@ -45,17 +48,18 @@ def headroom_won(results: Sequence[Mapping[str, Any]], condition: str) -> dict[s
     first, last, best = rows.T
 
     def won(i: NDArray[np.intp]) -> float:
-        # A resample may hold no product with headroom.
-        return float((last[i] - first[i]).sum() / max((best[i] - first[i]).sum(), 1e-9))
+        room = (best[i] - first[i]).sum()
+        return float((last[i] - first[i]).sum() / room) if room else 0.0
 
     everything = np.arange(len(rows))
-    has_room = bool((best - first).sum() > 0)
+    rooms = int((best - first).sum())
+    has_interval = rooms >= _MIN_ROOMS
     return {
         "n": len(rows),
         "first_try": [round(float(v.mean()), 4) for v in (first, last)] if len(rows) else None,
         "best": round(float(best.mean()), 4) if len(rows) else None,
-        "won": round(won(everything), 4) if has_room else None,
-        "interval95": [round(v, 4) for v in bootstrap(won, len(rows))] if has_room else None,
+        "won": round(won(everything), 4) if rooms else None,
+        "interval95": [round(v, 4) for v in bootstrap(won, len(rows))] if has_interval else None,
     }
 
 
@@ -85,14 +89,20 @@ def headroom_words(found: Mapping[str, Any]) -> str:
     >>> headroom_words({"n": 8, "first_try": [0.5, 0.875], "best": 1.0, "won": 0.75,
     ...                 "interval95": [0.25, 1.0]})
     'at least 0.75 [0.25, 1.00]; first tries 0.50 -> 0.88 of 1.00 that can be held, 8 products'
+    >>> headroom_words({"n": 12, "first_try": [0.75, 0.75], "best": 1.0, "won": 0.0,
+    ...                 "interval95": None})
+    'at least 0.00, too few for an interval; first tries 0.75 -> 0.75 of 1.00 that can be held, \
+12 products'
     >>> headroom_words({"n": 0, "first_try": None, "best": None, "won": None, "interval95": None})
     '-'
     """
     if found["won"] is None:
         return "-"
     first, last = found["first_try"]
-    low, high = found["interval95"]
+    interval = ", too few for an interval"
+    if found["interval95"] is not None:
+        interval = " [{:.2f}, {:.2f}]".format(*found["interval95"])
     return (
-        f"at least {found['won']:.2f} [{low:.2f}, {high:.2f}]; first tries {first:.2f} -> "
+        f"at least {found['won']:.2f}{interval}; first tries {first:.2f} -> "
         f"{last:.2f} of {found['best']:.2f} that can be held, {found['n']} products"
     )

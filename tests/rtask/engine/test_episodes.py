@@ -195,7 +195,25 @@ def test_questions_about_what_happened_are_answered(told, kb, tmp_path):
     assert {row["robot"] for row in answers["eq14"]} <= {"nao-1", "nao-2"}
     assert [row["held"] for row in answers["eq17"]] == [False, True]
     assert [row["task"] for row in answers["eq20"]] == ["pick", "pick"]
+    assert [(row["robot"], row["observed"] is None) for row in answers["eq07"]] == [
+        ("nao-2", False)
+    ]
     shown = CliRunner().invoke(command, ["ask", "--json"])
     assert len(json.loads(shown.stdout)) == len(files)
     with pytest.raises(UsageError, match="1 to 24"):
         CliRunner().invoke(command, ["ask", "25"], catch_exceptions=False)
+
+
+@pytest.mark.slow
+def test_a_recognition_is_told_also_where_the_view_was_not_kept(told, bench, robots, kb):
+    robot = robots("nao-3")
+    answer = robot.recognise(bench.sight(bench.CAN, bench.Eye(noise_seed=3)))
+    robot.call(
+        "report_outcome", task_id=answer["task_id"], object=told, grasp=answer["grasps"][0],
+        outcome=bench.held(), gripper_id="right_hand",
+    )  # fmt: skip
+    (query,) = [file for file in ontology.episode_queries() if file.stem == "eq07"]
+    rows = kb.select(query.read_text("utf-8")).to_dicts()
+    (row,) = [row for row in rows if row["robot"] == "nao-3"]
+    assert row["confidence"] >= 0.7
+    assert row["observed"] is None

@@ -157,3 +157,12 @@ def test_headroom_lies_between_first_tries_of_robot_1_and_what_any_robot_can_hol
     assert headroom_won([fleet], "not shared")["won"] == pytest.approx(1 / 3, abs=1e-4)
     assert headroom_won([_pair({"can-1": [1, 1, 1]})], "shared")["won"] is None
     assert headroom_won([], "shared")["n"] == 0
+
+
+def test_the_share_of_the_headroom_has_an_interval_where_enough_products_leave_any() -> None:
+    fleet = _pair({"bar-1": [1, 1, 1], "bar-2": [3, 1, 2]})
+    assert headroom_won([fleet] * 3, "shared")["won"] == 1.0
+    assert headroom_won([fleet] * 3, "shared")["interval95"] is None
+    assert headroom_won([fleet] * 8, "shared")["interval95"] == [1.0, 1.0]
+    low, high = headroom_won([fleet] * 8, "not shared")["interval95"]
+    assert -1.0 <= low <= high <= 1.0
