@@ -19,6 +19,7 @@ import numpy as np
 
 from grasp.learning.agents import Dyna, QLearning, RMax, Sarsa, run_episodes
 from grasp.learning.agents.texplore import Texplore, TexploreSettings
+from grasp.learning.agents.texplore.tree import ForestSettings
 from grasp.learning.environments import MountainCar, Taxi, TwoRooms
 
 _ROOMS, _TAXI, _CAR = TwoRooms.bins(), Taxi.bins(), MountainCar.bins()
@@ -39,10 +40,11 @@ class Row:
 _PUBLISHED = (
     (1, 10, -25.9, 16.9), (11, 20, -14.7, 1.9), (21, 50, -13.4, 0.8), (51, 60, -12.6, 1.3),
 )  # fmt: skip
+_UNSMOOTHED = TexploreSettings(forest=ForestSettings(smoothing=0.0))
 _ROWS = (
     Row("two rooms, TEXPLORE", TwoRooms, lambda s: Texplore(_ROOMS, 4, seed=s), 20, _PUBLISHED),
-    Row("two rooms, TEXPLORE, novelty 2", TwoRooms,
-        lambda s: Texplore(_ROOMS, 4, TexploreSettings(novelty=2.0), seed=s), 20, _PUBLISHED),
+    Row("two rooms, TEXPLORE, unsmoothed", TwoRooms,
+        lambda s: Texplore(_ROOMS, 4, _UNSMOOTHED, seed=s), 20, _PUBLISHED),
     Row("two rooms, Dyna", TwoRooms, lambda s: Dyna(_ROOMS, 4, seed=s), 20,
         ((1, 10, -44.5, 6.4), (11, 20, -15.9, 2.3), (21, 50, -14.3, 1.3), (51, 60, -14.2, 1.8))),
     Row("two rooms, R-MAX", TwoRooms, lambda s: RMax(_ROOMS, 4, seed=s), 20,

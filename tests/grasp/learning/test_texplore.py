@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from grasp.learning.agents.texplore.tree import Forest, ForestSettings, gain_rat
 from grasp.learning.environments import Bins, TwoRooms
 from grasp.learning.transition import Transition
 
-_SURE = ForestSettings(share=1.0, skip=0.0)
+_SURE = ForestSettings(share=1.0, skip=0.0, smoothing=0.0)
 
 
 def test_gain_ratio_by_hand() -> None:
@@ -36,6 +37,21 @@ def test_a_rule_is_learned_exactly() -> None:
     for (row, action), change in rule.items():
         shares = forest.predict(np.array([row, action], dtype=float))
         assert shares[forest.outputs.index(change)] == 1.0
+
+
+def test_two_unlucky_steps_make_no_wall() -> None:
+    def chance_of_a_step(smoothing: float) -> float:
+        forest = Forest(1, replace(_SURE, smoothing=smoothing), 1e-3, seed=1)
+        for _ in range(4):
+            forest.add(np.array([0.0]), 1.0)
+        for _ in range(2):
+            forest.add(np.array([1.0]), 0.0)
+        return float(forest.predict(np.array([1.0]))[forest.outputs.index(1.0)])
+
+    assert chance_of_a_step(0.0) == 0.0
+    # The root, where 4 of 5 moved, counts for half an experience. The last one was expected, so
+    # that the tree still holds what it was built from, with one experience in the leaf.
+    assert chance_of_a_step(0.5) == pytest.approx(0.5 * (4 / 5) / 1.5)
 
 
 def test_without_chance_all_trees_are_one() -> None:
@@ -82,7 +98,7 @@ def test_the_generator_is_uniform_and_repeats() -> None:
 def test_rollouts_on_a_chain_find_its_values() -> None:
     """Three states in a row, forward costs 1, the last step costs nothing and ends."""
     bins = Bins((0,), (2,), (2,))
-    agent = Texplore(bins, 2, TexploreSettings(gamma=0.9, rollouts=3_000), seed=0)
+    agent = Texplore(bins, 2, TexploreSettings(gamma=0.9, rollouts=3_000, forest=_SURE), seed=0)
     for _ in range(10):
         for state in range(3):
             here = np.array([state])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,21 @@ def test_where_all_are_truthful_nobody_is_named() -> None:
         found = judge_honesty(fleet(seed, "truthful", 50))
         assert not any(one.contradicts for one in found.values())
         assert min(one.truthful for one in found.values()) > 0.5
+
+
+@pytest.mark.parametrize("kept", [0.8, 0.7])
+def test_a_worn_hand_that_tells_the_truth_is_believed(kept: float) -> None:
+    weights = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        said = []
+        for one in fleet(seed, "truthful", 50):
+            is_lost = one.robot in ("r0", "r1") and rng.random() >= kept
+            said.append(replace(one, held=0) if is_lost else one)
+        found = judge_honesty(said)
+        assert not any(one.contradicts for one in found.values())
+        weights += [found[name].weight for name in ("r0", "r1")]
+    assert np.mean(weights) > 0.95
 
 
 def test_who_cannot_be_compared_is_not_doubted() -> None:
