@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.stored import StoredView, stored_views
 from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import NamedNode, Quad
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -83,13 +83,12 @@ def find_twins(
 
 def _alike(kb: GraphCore) -> set[tuple[str, str]]:
     """Return the pairs that were alike when the first was inserted, both ways."""
-    said = kb.match(None, RT.similarTo)
-    pairs = {(str(q.subject.value), str(q.object.value)) for q in said if _is_about_things(q)}
+    pairs = {
+        (quad.subject.value, quad.object.value)
+        for quad in kb.match(None, RT.similarTo)
+        if isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode)
+    }
     return pairs | {(other, one) for one, other in pairs}
-
-
-def _is_about_things(quad: Quad) -> bool:
-    return isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode)
 
 
 def _recognised_without(
@@ -130,7 +129,8 @@ def _mutual(
         for other, sure in others.items():
             back = taken_for[other].get(one)
             if back is None and (one, other) in alike:
-                pairs.append(Twins(*sorted((one, other), key=order.__getitem__), sure))
+                first, second = sorted((one, other), key=order.__getitem__)
+                pairs.append(Twins(first, second, sure))
             elif back is not None and order[one] < order[other]:
                 pairs.append(Twins(one, other, min(sure, back)))
     return sorted(pairs, key=lambda pair: -pair.confidence)
