@@ -84,9 +84,9 @@ def find_twins(
 def _alike(kb: GraphCore) -> set[tuple[str, str]]:
     """Return the pairs that were alike when the first was inserted, both ways."""
     pairs = {
-        (q.subject.value, q.object.value)
-        for q in kb.match(None, RT.similarTo)
-        if isinstance(q.subject, NamedNode) and isinstance(q.object, NamedNode)
+        (quad.subject.value, quad.object.value)
+        for quad in kb.match(None, RT.similarTo)
+        if isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode)
     }
     return pairs | {(other, one) for one, other in pairs}
 
