@@ -40,11 +40,11 @@ class Row:
 _PUBLISHED = (
     (1, 10, -25.9, 16.9), (11, 20, -14.7, 1.9), (21, 50, -13.4, 0.8), (51, 60, -12.6, 1.3),
 )  # fmt: skip
-_UNSMOOTHED = TexploreSettings(forest=ForestSettings(smoothing=0.0))
+_SMOOTHED = TexploreSettings(forest=ForestSettings(smoothing=0.5))
 _ROWS = (
     Row("two rooms, TEXPLORE", TwoRooms, lambda s: Texplore(_ROOMS, 4, seed=s), 20, _PUBLISHED),
-    Row("two rooms, TEXPLORE, unsmoothed", TwoRooms,
-        lambda s: Texplore(_ROOMS, 4, _UNSMOOTHED, seed=s), 20, _PUBLISHED),
+    Row("two rooms, TEXPLORE, smoothed", TwoRooms,
+        lambda s: Texplore(_ROOMS, 4, _SMOOTHED, seed=s), 20, _PUBLISHED),
     Row("two rooms, Dyna", TwoRooms, lambda s: Dyna(_ROOMS, 4, seed=s), 20,
         ((1, 10, -44.5, 6.4), (11, 20, -15.9, 2.3), (21, 50, -14.3, 1.3), (51, 60, -14.2, 1.8))),
     Row("two rooms, R-MAX", TwoRooms, lambda s: RMax(_ROOMS, 4, seed=s), 20,
@@ -60,6 +60,9 @@ _ROWS = (
         ((1, 10, -98.3, _NONE), (11, 20, -12.5, _NONE), (51, 100, -8.4, _NONE))),
     Row("still two rooms, TEXPLORE", lambda: TwoRooms(False),
         lambda s: Texplore(_ROOMS, 4, seed=s), 5,
+        ((1, 10, -13.1, _NONE), (11, 20, -9.6, _NONE), (21, 40, -10.2, _NONE))),
+    Row("still two rooms, TEXPLORE, smoothed", lambda: TwoRooms(False),
+        lambda s: Texplore(_ROOMS, 4, _SMOOTHED, seed=s), 5,
         ((1, 10, -13.1, _NONE), (11, 20, -9.6, _NONE), (21, 40, -10.2, _NONE))),
     Row("still two rooms, Q-learning", lambda: TwoRooms(False),
         lambda s: QLearning(_ROOMS, 4, seed=s), 5,

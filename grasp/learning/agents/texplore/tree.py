@@ -39,14 +39,15 @@ class ForestSettings:
     smoothing
         Experiences for which the node above counts at each node, when a tree predicts; 0 = as
         published. Leaves with few experiences are else too sure: two unlucky steps through a door
-        make it a wall (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003).
+        make it a wall (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003). But a
+        leaf is not counted again while nothing surprises it, and hope in it may last.
     """
 
     trees: int = 5
     share: float = 0.55
     skip: float = 0.2
     surprise: float = 0.75
-    smoothing: float = 0.5
+    smoothing: float = 0.0
 
     def __post_init__(self) -> None:
         if (
