@@ -20,7 +20,7 @@ PRINT_TERMS: dict[str, int] = {
     "matches": 1, "extent": 1, "stable": 1, "stable_share": 1, "low_quartile": 1, "median": 1,
     "colour_contradiction": -1, "colour_gap": -1, "error": -1, "stable_lead": 1, "lead": 1,
     "supported": 1, "agreeing": 1, "blank": -1, "other_colour": -1, "correlation": 1, "seen": 1,
-    "difference": -1, "look_lead": 1, "unlike": 1,
+    "difference": -1, "look_lead": 1, "unlike": 1, "clear": 1,
 }  # fmt: skip
 """Terms of the logistic function and the sign of the weight of each."""
 
@@ -47,31 +47,50 @@ def print_terms(e: PrintEvidence) -> NDArray[np.float64]:
             s, s * (e.agreeing - 0.5), s * e.blank, s * e.other_colour,
             s * (e.correlation - 0.4), s * (e.seen - 0.5), largest, e.look_lead,
             # Of a thing that was seen all round few stored views can agree with this stored one.
-            np.log2(1 + min(e.unlike, 3)),
+            np.log2(1 + min(e.unlike, 3)), _clear(e),
         ]
     )  # fmt: skip
 
 
+def _clear(e: PrintEvidence) -> float:
+    """Return 0 to 1: whether everything agrees at once, and with no other object as much.
+
+    In a sum much of one thing makes up for little of another: many matches for a print between
+    them that correlates poorly. A sibling has much of most things, and lacks one.
+    """
+    margins = (
+        (np.log2(1 + e.matches) - 3.5) / 0.5,  # 10 matches to 15
+        (e.extent - 0.2) / 0.08,
+        (e.low_quartile - 0.4) / 0.25,
+        (e.median - 0.7) / 0.15,
+        (0.08 - e.colour_contradiction) / 0.05,
+        (0.15 - e.supported * e.other_colour) / 0.1,
+        e.lead,  # twice the matches of the next object
+        (e.stable_lead + 0.05) / 0.1,
+    )
+    return float(np.clip(min(margins), 0.0, 1.0))
+
+
 # Offset first, then the weights in the order of the terms.
 _ONE = (
-    -6.34, 0.0, 14.2, 0.0, 0.0, 0.473, 1.84, -1.63,
-    0.0, 0.0, 6.73, 0.603, 0.0, 0.0, 0.0, 0.0,
-    0.0, 0.0, -8.0, 4.18, 0.0,
+    -6.16, 0.0, 13.3, 0.0, 0.0, 0.265, 1.91, -1.1,
+    0.0, 0.0, 5.83, 0.593, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, -8.0, 4.46, 0.0, 2.59,
 )  # fmt: skip
 _ROUND = (
-    -0.00997, 0.0, 3.0, 0.0, 0.168, 0.0, 0.0, -0.693,
-    -0.0783, 0.0, 2.85, 0.611, 0.0, 0.0, 0.0, 0.0,
-    0.0, 0.0, -8.0, 2.93, 0.0,
+    -0.0284, 0.0, 3.0, 0.0, 0.0701, 0.0, 0.0, -0.684,
+    -0.0761, 0.0, 2.81, 0.612, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, -8.0, 2.89, 0.0, 0.494,
 )  # fmt: skip
 _TWO = (
-    -6.52, 0.637, 3.0, 0.0, 0.0, 0.259, 1.13, -2.65,
-    -0.1, 0.0, 4.4, 0.461, 1.5, 0.0403, -0.418, 0.0,
-    0.216, 3.84, -8.0, 1.2, 0.753,
+    -6.45, 0.603, 3.0, 0.0, 0.0, 0.214, 1.13, -2.58,
+    -0.0916, 0.0, 4.32, 0.432, 1.59, 0.0, -0.432, 0.0,
+    0.137, 3.78, -8.0, 0.987, 0.769, 1.16,
 )  # fmt: skip
 _FOUR = (
-    -8.75, 0.0694, 5.3, 0.169, 0.0, 1.72, 1.29, -3.81,
-    -0.519, -0.256, 3.62, 0.393, 3.89, 2.1, 0.0, 0.0,
-    0.0, 5.26, -8.0, 0.0, 1.53,
+    -8.62, 0.00641, 4.96, 0.154, 0.0, 1.61, 1.58, -3.44,
+    -0.461, -0.266, 3.48, 0.376, 3.95, 1.66, 0.0, 0.0,
+    0.0, 5.23, -8.0, 0.0, 1.5, 1.63,
 )  # fmt: skip
 
 

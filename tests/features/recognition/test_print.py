@@ -315,6 +315,31 @@ def test_with_the_only_view_of_an_object_colours_must_agree_more_closely() -> No
     assert print_score(replace(alone, colour_contradiction=0.0, median=0.3)) <= 0
 
 
+_PLAINLY_THE_SAME = PrintEvidence(
+    20, 0.28, 3.0, 0.65, 0.86, 0.0, 0.9, 15, 0.05, stable_lead=0.05, lead=2.0, look_lead=-0.03
+)
+
+
+def test_with_one_view_print_that_agrees_in_every_respect_is_accepted() -> None:
+    sure = 1 / (1 + np.exp(-print_score(_PLAINLY_THE_SAME)))
+    assert sure > 0.8
+
+
+@pytest.mark.parametrize(
+    "lacking",
+    [
+        {"matches": 10},
+        {"extent": 0.2},
+        {"low_quartile": 0.4},
+        {"median": 0.7},
+        {"lead": 0.0},  # another object agrees as much
+        {"stable_lead": -0.05},  # and its print is private to it
+    ],
+)
+def test_one_thing_that_does_not_agree_is_enough_for_doubt(lacking: dict[str, float]) -> None:
+    assert print_score(replace(_PLAINLY_THE_SAME, **lacking)) < 0.85  # odds at a confidence of .7
+
+
 def test_a_thing_as_narrow_as_a_pen_is_compared_too() -> None:
     # A crash of native code would take the server, and here the test run, with it.
     done = subprocess.run([sys.executable, "-c", _NARROW], capture_output=True, text=True)

