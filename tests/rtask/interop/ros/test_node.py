@@ -150,14 +150,18 @@ def test_what_is_no_longer_seen_leaves_the_scene_of_moveit(robot, taught, grippe
     robot("show", stamp=103.0, tf_stamp=103.0)
     known = robot("see", goal={"gripper_id": gripper}, since=103.0)["result"]["objects"]
     robot("listen", topic="/rtask/planning_scene", type="moveit_msgs/PlanningScene")
-    robot("hear", topic="/rtask/planning_scene")  # the latched one
     robot("see", goal={"gripper_id": "no-such-hand"}, since=103.0)
-    scene = robot("hear", topic="/rtask/planning_scene", count=2)
-    told = [(one["id"], one["operation"]) for one in scene["world"]["collision_objects"]]
-    assert sorted(told) == sorted([
+    expected = sorted([
         *((one["object"], 1) for one in known),
         ("rtask/unknown-1", 0), ("rtask/unknown-2", 0), ("rtask/table", 0),
     ])  # fmt: skip
+    told: list[tuple[str, int]] = []
+    for count in (1, 2, 3):  # scenes follow results: the latched one may be of an earlier look
+        scene = robot("hear", topic="/rtask/planning_scene", count=count)
+        told = sorted((one["id"], one["operation"]) for one in scene["world"]["collision_objects"])
+        if told == expected:
+            break
+    assert told == expected
 
 
 def test_the_camera_is_never_taken_from_another_time(robot, gripper):
