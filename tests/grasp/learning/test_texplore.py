@@ -49,9 +49,9 @@ def test_two_unlucky_steps_make_no_wall() -> None:
         return float(forest.predict(np.array([1.0]))[forest.outputs.index(1.0)])
 
     assert chance_of_a_step(0.0) == 0.0
-    # The root, where 4 of 5 moved, counts for half an experience. The last one was expected, so
-    # that the tree still holds what it was built from, with one experience in the leaf.
-    assert chance_of_a_step(0.5) == pytest.approx(0.5 * (4 / 5) / 1.5)
+    # The root, where 4 of 6 moved, counts for half an experience beside the two of the leaf. The
+    # last one was expected, and is counted all the same.
+    assert chance_of_a_step(0.5) == pytest.approx(0.5 * (4 / 6) / 2.5)
 
 
 def test_without_chance_all_trees_are_one() -> None:

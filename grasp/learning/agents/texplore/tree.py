@@ -39,8 +39,8 @@ class ForestSettings:
     smoothing
         Experiences for which the node above counts at each node, when a tree predicts; 0 = as
         published. Leaves with few experiences are else too sure: two unlucky steps through a door
-        make it a wall (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003). But a
-        leaf is not counted again while nothing surprises it, and hope in it may last.
+        make it a wall (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003). What does
+        not surprise a tree is then counted along its branch too, or hope in a wall would last.
     """
 
     trees: int = 5
@@ -62,8 +62,8 @@ class ForestSettings:
 class Forest:
     """An ensemble of trees that predicts the distribution of one output.
 
-    A leaf holds the counts of the last time its tree was built: a tree is rebuilt only when an
-    experience surprises it. A node that would split as before keeps its other branch.
+    A tree is rebuilt only when an experience surprises it; as published, its leaves hold the counts
+    of then. A node that would split as before keeps its other branch.
 
     Parameters
     ----------
@@ -109,6 +109,10 @@ class Forest:
         for tree in self._lucky_trees():
             self._give(tree, index)
             if self.used[tree] and self._expected(tree, index) >= self.settings.surprise:
+                if self.settings.smoothing:
+                    count_along(self.x[index], self.y[index], self.nodes[tree], self.limits[tree],
+                                self.counts[tree])  # fmt: skip
+                    changed = True
                 continue
             self._rebuild(tree, index)
             changed = True
@@ -218,6 +222,16 @@ def leaf_of(x: FloatArray, nodes: Ints, limits: FloatArray) -> int:
     while nodes[node, 0] != _LEAF:
         node = _child_of(x, node, nodes, limits)
     return node
+
+
+@numba.njit(cache=True, nogil=True)
+def count_along(x: FloatArray, y: int, nodes: Ints, limits: FloatArray, counts: FloatArray) -> None:
+    """Count an experience at each node of a tree that it comes by, from the root to its leaf."""
+    node = 0
+    while nodes[node, 0] != _LEAF:
+        counts[node, y] += 1
+        node = _child_of(x, node, nodes, limits)
+    counts[node, y] += 1
 
 
 @numba.njit(cache=True, nogil=True)
