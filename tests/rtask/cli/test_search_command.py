@@ -23,7 +23,8 @@ def test_search_prints_what_fits(tmp_path: Path) -> None:
     assert (done.exit_code, done.output) == (0, "urn:cup  Red cup@en\n")
     done = CliRunner().invoke(cli, ["search", "pen", "--json", *options])
     assert json.loads(done.output)[0]["iri"] == "urn:pen"
-    assert CliRunner().invoke(cli, ["search", "pen", "--lang", "de", *options]).output == "nothing found\n"
+    german = CliRunner().invoke(cli, ["search", "pen", "--lang", "de", *options])
+    assert german.output == "nothing found\n"
 
 
 @pytest.mark.slow
