@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 import ontology
 import rtask
 from rtask.cli import main
+
+Run = Callable[..., tuple[int, str, str]]
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +37,7 @@ INSERT DATA {{
 
 
 @pytest.fixture
-def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]):  # type: ignore[no-untyped-def]
+def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
     folder = tmp_path / "kb"
     with rtask.open(folder, base="urn:lab/") as kb:
         kb.update(FACTS, "nao-1")
@@ -48,7 +51,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]):  # type: ignore[no-
     return call
 
 
-def test_a_wish_is_answered_with_the_proof_or_with_reasons(run) -> None:  # type: ignore[no-untyped-def]
+def test_a_wish_is_answered_with_the_proof_or_with_reasons(run: Run) -> None:
     wish = ("ask", "something", "to", "drink", "from", "--robot", "nao-1")
     code, out, _ = run(*wish, "--object", "urn:lab/object/1")
     assert code == 0
@@ -59,13 +62,13 @@ def test_a_wish_is_answered_with_the_proof_or_with_reasons(run) -> None:  # type
     assert "not_seen: something to drink from: nothing of that is seen" in err
 
 
-def test_a_wish_needs_a_hand(run) -> None:  # type: ignore[no-untyped-def]
+def test_a_wish_needs_a_hand(run: Run) -> None:
     code, _, err = run("ask", "a", "cup")
     assert code == 2
     assert "--agent ROBOT, or --gripper NAME" in err
 
 
-def test_people_judge_by_the_command_line(run) -> None:  # type: ignore[no-untyped-def]
+def test_people_judge_by_the_command_line(run: Run) -> None:
     assert "counts: held" in run("feedback")[1]
     correct = ("feedback", "urn:task:1", "--correct", "held=false,reason=slip_lift")
     code, out, _ = run(*correct, "--by", "ann")
@@ -76,7 +79,7 @@ def test_people_judge_by_the_command_line(run) -> None:  # type: ignore[no-untyp
     assert "counts: disputed" in run("feedback")[1]
 
 
-def test_a_failed_attempt_is_listed_in_words_and_by_its_code_for_programs(run) -> None:  # type: ignore[no-untyped-def]
+def test_a_failed_attempt_is_listed_in_words_and_by_its_code_for_programs(run: Run) -> None:
     failed = FACTS.replace("/1>", "/2>").replace("urn:task:1", "urn:task:2")
     failed = failed.replace("success true", "success false").replace("reason_ok", "reason_ik")
     assert run("update", failed)[0] == 0
@@ -85,7 +88,7 @@ def test_a_failed_attempt_is_listed_in_words_and_by_its_code_for_programs(run) -
     assert sorted(codes) == ["ik", "ok"]
 
 
-def test_what_cannot_be_meant_is_refused(run) -> None:  # type: ignore[no-untyped-def]
+def test_what_cannot_be_meant_is_refused(run: Run) -> None:
     code, _, err = run("feedback", "urn:task:2", "--confirm")
     assert code != 0
     assert "unknown task_id 'urn:task:2'; did you mean 'urn:task:1'?" in err
