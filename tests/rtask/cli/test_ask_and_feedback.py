@@ -46,7 +46,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
         with pytest.raises(SystemExit) as caught:
             main([*arguments, "--data", str(folder)])
         out, err = capsys.readouterr()
-        return caught.value.code or 0, out, err
+        return int(caught.value.code or 0), out, err
 
     return call
 
