@@ -152,7 +152,13 @@ def asked_of_fingers(
 
 
 @njit(cache=True, nogil=True)
-def _balanced(places, normals, friction, usable, ways):  # type: ignore[no-untyped-def]
+def _balanced(
+    places: FloatArray,
+    normals: FloatArray,
+    friction: FloatArray,
+    usable: NDArray[np.bool_],
+    ways: FloatArray,
+) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
     """Return whether forces balance (n,), and their normal and tangential parts (n, 3) per drive.
 
     A force in a plane cone is a sum of its two edges with weights of at least 0: six columns, and
@@ -202,7 +208,7 @@ def _balanced(places, normals, friction, usable, ways):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def _solved(columns, chosen, rows):  # type: ignore[no-untyped-def]
+def _solved(columns: FloatArray, chosen: NDArray[np.int64], rows: FloatArray) -> bool:
     """Solve for the weights of four columns, into the last of ``rows`` (4, 5); tell if possible."""
     for i in range(4):
         for j in range(4):

@@ -13,6 +13,17 @@ from simulate.agent.decisions import Refusal, Thresholds
 from tests.simulate.agent.doubles import ASKED_PLACES, Body, Server, seen_at
 
 
+class Unsure(Server):
+    """A server that is sure only with a second look."""
+
+    def recognise_for_grasp(self, **request):
+        self.confidence = 0.95 if "looks" in request else 0.6
+        answer = super().recognise_for_grasp(**request)
+        if request["unknown"] == "if_new" and not answer["recognition"]["accepted"]:
+            answer["decision"] = _too_low("identity", 0.6, 0.7)
+        return answer
+
+
 def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks_again(
     run,
 ) -> None:
@@ -24,14 +35,6 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
             pose = np.eye(4)
             pose[1, 3] = {"right": -0.03, "ahead": 0.0, "left": 0.03}[side]
             return super().look(side)[0], pose
-
-    class Unsure(Server):
-        def recognise_for_grasp(self, **request):
-            self.confidence = 0.95 if "looks" in request else 0.6
-            answer = super().recognise_for_grasp(**request)
-            if request["unknown"] == "if_new" and not answer["recognition"]["accepted"]:
-                answer["decision"] = _too_low("identity", 0.6, 0.7)
-            return answer
 
     body, server = Turning([(0.16, -0.1)]), Unsure()
 
@@ -67,14 +70,6 @@ def test_with_a_fixed_camera_the_robot_asks_again_with_another_one_that_sees_all
         def look(self, side, camera=None):
             used.append(camera)
             return super().look(side)
-
-    class Unsure(Server):
-        def recognise_for_grasp(self, **request):
-            self.confidence = 0.95 if "looks" in request else 0.6
-            answer = super().recognise_for_grasp(**request)
-            if request["unknown"] == "if_new" and not answer["recognition"]["accepted"]:
-                answer["decision"] = _too_low("identity", 0.6, 0.7)
-            return answer
 
     body, server = Standing([(0.16, -0.1)], other_cameras=("box_right",)), Unsure()
 
