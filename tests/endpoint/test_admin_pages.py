@@ -194,3 +194,13 @@ def test_on_loopback_without_tokens_nobody_is_an_operator() -> None:
         assert answer.status_code == 401
         assert "rtask token" in answer.get_json()["detail"]
         app.extensions["rtask"].close()
+
+
+def test_a_page_that_needs_a_token_offers_to_sign_in() -> None:
+    with closing(TokenStore(None)) as tokens, rtask.open(":memory:", ontologies=False) as kb:
+        application = new_application(kb, NoEngine(), tokens, Config())
+        browser = create_app(application).test_client()
+        answer = browser.get("/admin/tokens?x=1", headers={"Accept": "text/html"})
+        application.close()
+    assert answer.status_code == 401
+    assert 'href="/login?next=%2Fadmin%2Ftokens%3Fx%3D1"' in answer.text

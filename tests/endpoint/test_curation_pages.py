@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 import pytest
 from flask.testing import FlaskClient
 
 import ontology
-import rtask
-from endpoint.access.tokens import TokenStore
-from endpoint.settings import Config
-from endpoint.wsgi import create_app
-from rtask.engine import Engine
-from tests.servers import new_application
+from tests.endpoint.sites import HOST, Site
 
 pytestmark = pytest.mark.slow
 
-HOST = "http://robots.lab:8765"
-OWN = {"Origin": HOST}
 HTML = {"Accept": "text/html"}
 HOSTILE = "<img src=x onerror=alert(1)>"
 FACTS = f"""
@@ -39,37 +31,10 @@ INSERT DATA {{
 }}"""
 
 
-class Site:
-    """A guarded server with three objects: a mug, an unnamed box, a can."""
-
-    def __init__(self, tokens: TokenStore) -> None:
-        self.tokens = {
-            "ann": tokens.create("teacher", agent="ann")[0],
-            "nao-1": tokens.create("robot", agent="nao-1")[0],
-            "boss": tokens.create("admin")[0],
-        }
-        self.kb = rtask.open(":memory:", base="urn:lab/")
-        self.kb.update(FACTS, "nao-1")
-        self.engine = Engine(self.kb)
-        self.app = create_app(
-            new_application(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
-        )
-
-    def signed_in(self, name: str) -> FlaskClient:
-        browser = self.app.test_client()
-        token = {"token": self.tokens[name]}
-        assert browser.post("/login", data=token, base_url=HOST, headers=OWN).status_code == 303
-        return browser
-
-
 @pytest.fixture
 def site() -> Iterator[Site]:
-    with closing(TokenStore(None)) as tokens:
-        made = Site(tokens)
-        yield made
-        made.app.extensions["rtask"].close()
-        made.engine.close()
-        made.kb.close()
+    with Site.opened(FACTS) as opened:
+        yield opened
 
 
 def page(browser: FlaskClient, address: str, status: int = 200) -> str:

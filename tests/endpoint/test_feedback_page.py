@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 import pytest
 from flask.testing import FlaskClient
 
 import ontology
-import rtask
-from endpoint.access.tokens import TokenStore
-from endpoint.rosbridge.services import NoEngine
-from endpoint.settings import Config
-from endpoint.wsgi import create_app
-from rtask.engine import Engine
 from rtask.engine.words import REASONS
-from tests.servers import new_application
+from tests.endpoint.sites import HOST, Site
 
 pytestmark = pytest.mark.slow
 
-HOST = "http://robots.lab:8765"
-OWN = {"Origin": HOST}
 FACTS = f"""
 PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
 PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
@@ -43,38 +34,10 @@ INSERT DATA {{
 }}"""
 
 
-class Site:
-    """A guarded server with one attempt in its graph."""
-
-    def __init__(self, tokens: TokenStore) -> None:
-        self.tokens = {
-            "ann": tokens.create("teacher", agent="ann")[0],
-            "bob": tokens.create("teacher", agent="bob")[0],
-            "nao-1": tokens.create("robot", agent="nao-1")[0],
-            "boss": tokens.create("admin")[0],
-        }
-        self.kb = rtask.open(":memory:", base="urn:lab/")
-        self.kb.update(FACTS, "nao-1")
-        self.engine = Engine(self.kb)
-        self.app = create_app(
-            new_application(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
-        )
-
-    def signed_in(self, name: str) -> FlaskClient:
-        browser = self.app.test_client()
-        token = {"token": self.tokens[name]}
-        assert browser.post("/login", data=token, base_url=HOST, headers=OWN).status_code == 303
-        return browser
-
-
 @pytest.fixture
 def site() -> Iterator[Site]:
-    with closing(TokenStore(None)) as tokens:
-        made = Site(tokens)
-        yield made
-        made.app.extensions["rtask"].close()
-        made.engine.close()
-        made.kb.close()
+    with Site.opened(FACTS) as opened:
+        yield opened
 
 
 def page(browser: FlaskClient) -> str:
@@ -199,16 +162,6 @@ def test_attempts_are_filtered_before_they_are_counted(site: Site, show: str, fo
     elsewhere = ann.get("/feedback.json?robot=urn:lab/robot/nao-2", base_url=HOST).get_json()
     assert elsewhere["attempts"] == []
     assert ann.get("/feedback.json?show=lost", base_url=HOST).status_code == 400
-
-
-def test_a_page_that_needs_a_token_offers_to_sign_in() -> None:
-    with closing(TokenStore(None)) as tokens, rtask.open(":memory:", ontologies=False) as kb:
-        application = new_application(kb, NoEngine(), tokens, Config())
-        browser = create_app(application).test_client()
-        answer = browser.get("/admin/tokens?x=1", headers={"Accept": "text/html"})
-        application.close()
-    assert answer.status_code == 401
-    assert 'href="/login?next=%2Fadmin%2Ftokens%3Fx%3D1"' in answer.text
 
 
 def test_an_attempt_that_does_not_exist_gets_a_problem_page(site: Site) -> None:

@@ -17,7 +17,6 @@ from rtask.errors import (
     QuerySyntaxError,
     TooLargeError,
     UsageError,
-    VersionConflictError,
 )
 from rtask.kb.commit import commit as commit_module
 from rtask.kb.commit.access import Access
@@ -37,30 +36,6 @@ _PREFIX = prologue({name: ontology.PREFIXES[name] for name in ("rt", "prov", "rd
 def kb() -> Iterator[KnowledgeBase]:
     with rtask.open(":memory:", base="urn:lab/", ontologies=False, reason=False) as opened:
         yield opened
-
-
-def test_a_transaction_is_one_commit(kb: KnowledgeBase) -> None:
-    with kb.transaction(agent="nao-1", note="first sight") as tx:
-        tx.add("urn:mug", "urn:mass", 0.3)
-        tx.update("INSERT { ?s <urn:heavy> true } WHERE { ?s <urn:mass> ?m FILTER(?m > 0.2) }")
-        tx.remove("urn:mug", "urn:mass", 0.3)
-    assert (tx.commit.seq, tx.commit.added, tx.commit.removed) == (1, 1, 0)
-    [quad] = kb.match("urn:mug")
-    assert quad.graph_name == kb.graphs.agent("nao-1")
-    assert quad.predicate == iri("urn:heavy")
-
-
-def test_an_exception_rolls_the_transaction_back(kb: KnowledgeBase) -> None:
-    def write() -> None:
-        with kb.transaction() as tx:
-            tx.add("urn:mug", "urn:mass", 0.3)
-            raise RuntimeError("the robot fell over")
-
-    with pytest.raises(RuntimeError, match="fell over"):
-        write()
-    assert kb.match("urn:mug") == []
-    assert kb.seq == 0
-    kb.update("INSERT DATA { <urn:mug> <urn:mass> 1 }")  # the lock is free again
 
 
 def test_each_commit_leaves_its_activity(kb: KnowledgeBase) -> None:
@@ -172,13 +147,6 @@ def test_people_and_robots_are_named_apart(kb: KnowledgeBase) -> None:
     kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", access=Access("nao-1", "anonymous"))
     owners = kb.select(_PREFIX + "SELECT ?o { ?g rt:graphOwner ?o } ORDER BY ?o").to_dicts()
     assert owners == [{"o": "urn:lab/person/ann"}, {"o": "urn:lab/robot/nao-1"}]
-
-
-def test_a_stale_version_is_refused(kb: KnowledgeBase) -> None:
-    kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", if_version=0)
-    with pytest.raises(VersionConflictError, match="expected version 0, found 1"):
-        kb.update("INSERT DATA { <urn:a> <urn:p> 2 }", if_version=0)
-    assert len(kb.match("urn:a")) == 1
 
 
 def test_writes_inside_a_transaction_go_through_it(kb: KnowledgeBase) -> None:

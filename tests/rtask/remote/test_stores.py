@@ -173,7 +173,7 @@ def test_rights_hold(kb: KnowledgeBase) -> None:
 
 def test_a_version_can_be_required(kb: KnowledgeBase) -> None:
     kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", if_version=0)
-    with pytest.raises(VersionConflictError):
+    with pytest.raises(VersionConflictError, match="expected version 0, found 1"):
         kb.update("INSERT DATA { <urn:a> <urn:p> 2 }", if_version=0)
     assert texts(kb, "<urn:a> <urn:p> ?x") == [str(literal(1))]
 

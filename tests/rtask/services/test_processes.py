@@ -16,7 +16,6 @@ from rtask.errors import (
     DeadlineError,
     ForbiddenError,
     ServiceError,
-    ServiceFailedError,
     UsageError,
     WorkerDiedError,
 )
@@ -25,6 +24,7 @@ from rtask.services import Service, ServiceHost, data_resource, method
 from rtask.services.call import Invocation
 from rtask.services.definition import define
 from rtask.services.registry import load
+from tests.rtask.services.elsewhere import CallsElsewhere
 from tests.rtask.services.lab import ApartNotebook, Fragile, Notebook, Writer
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -36,26 +36,10 @@ def host() -> Iterator[ServiceHost]:
         yield opened
 
 
-def test_values_travel_to_another_process_and_back(host):
-    pose = np.eye(4)
-    pose[:3, 3] = 1.0, 2.0, 3.0
-    task = host.prepare(Invocation("lab/Fragile", "turn", {"pose": pose, "image": b"\0\1"}))
-    seen: list[tuple[float, str]] = []
-    task.call.on_progress(lambda *progress: seen.append(progress))
-    host.start(task)
-    answer = task.result()
-    np.testing.assert_array_equal(answer["pose"], pose)
-    assert answer["image"] == b"\0\1"
-    assert answer["pid"] != os.getpid()
-    assert seen == [(0.5, "half")]
+class TestCallsInProcesses(CallsElsewhere):
+    """Calls whose process is on this machine."""
 
-
-def test_a_worker_that_is_killed_in_a_pure_call_is_replaced_and_the_call_given_again(
-    host, tmp_path: Path
-):
-    answer = host.call("lab/Fragile", "die_once", {"marker": str(tmp_path / "died")})
-    assert (tmp_path / "died").exists()
-    assert answer["result"] not in (0, os.getpid())
+    service = "lab/Fragile"
 
 
 def test_a_worker_that_is_killed_while_writing_is_an_error_and_is_not_repeated(
@@ -94,11 +78,6 @@ def test_what_hangs_is_killed_when_it_is_cancelled(host):
     threading.Timer(0.3, task.cancel).start()
     with pytest.raises((CancelledError, WorkerDiedError)):
         task.result()
-
-
-def test_an_error_in_the_process_has_its_class_and_words(host):
-    with pytest.raises(ServiceFailedError, match="KeyError: 'nothing'"):
-        host.call("lab/Fragile", "crash")
 
 
 def test_a_service_from_a_file_runs_in_processes(tmp_path: Path):

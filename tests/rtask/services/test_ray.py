@@ -6,7 +6,6 @@ All but the last test need the package ``ray``; they start a cluster of their ow
 from __future__ import annotations
 
 import importlib
-import os
 import threading
 import warnings
 from collections.abc import Iterator
@@ -19,7 +18,6 @@ import pytest
 from rtask.errors import (
     CancelledError,
     DeadlineError,
-    ServiceFailedError,
     StartupFailedError,
     UsageError,
     WorkerDiedError,
@@ -28,6 +26,7 @@ from rtask.services import Service, ServiceHost, data_resource, method
 from rtask.services.call import Invocation
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import define
+from tests.rtask.services.elsewhere import CallsElsewhere
 from tests.rtask.services.lab import Fragile, Notebook, Writer
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -70,31 +69,10 @@ def host() -> Iterator[ServiceHost]:
             ray.shutdown()
 
 
-def test_values_and_progress_travel_to_the_cluster_and_back(host):
-    pose = np.eye(4)
-    pose[:3, 3] = 1.0, 2.0, 3.0
-    task = host.prepare(Invocation("lab/FarFragile", "turn", {"pose": pose, "image": b"\0\1"}))
-    seen: list[tuple[float, str]] = []
-    task.call.on_progress(lambda *progress: seen.append(progress))
-    host.start(task)
-    answer = task.result()
-    np.testing.assert_array_equal(answer["pose"], pose)
-    assert answer["image"] == b"\0\1"
-    assert answer["pid"] != os.getpid()
-    assert seen == [(0.5, "half")]
+class TestCallsOnTheCluster(CallsElsewhere):
+    """Calls whose process is an actor of Ray."""
 
-
-def test_an_actor_that_dies_in_a_pure_call_is_replaced_and_the_call_given_again(
-    host, tmp_path: Path
-):
-    answer = host.call("lab/FarFragile", "die_once", {"marker": str(tmp_path / "died")})
-    assert (tmp_path / "died").exists()
-    assert answer["result"] not in (0, os.getpid())
-
-
-def test_an_error_has_its_class_and_words(host):
-    with pytest.raises(ServiceFailedError, match="KeyError: 'nothing'"):
-        host.call("lab/FarFragile", "crash")
+    service = "lab/FarFragile"
 
 
 def test_what_hangs_is_killed_when_it_is_late_or_cancelled(host):
