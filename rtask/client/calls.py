@@ -194,8 +194,12 @@ class OutcomeReport(TypedDict, total=False):
     """height reached; default: not known (m)"""
     slip: float
     """distance that the object slipped in the hand; default: not known (m)"""
+    started: float | Mapping[str, int]
+    """when the attempt started; default: duration_s before its end, unless it was simulated (s)"""
+    ended: float | Mapping[str, int]
+    """when the attempt ended, by the same clock; default: now (s)"""
     duration_s: float
-    """of the attempt; default: not known (s)"""
+    """of the attempt; by the clock of the simulation if there is one; default: not known (s)"""
     links_touching: int
     """number of hand links in contact at the end; default: not known"""
     contact_force: float
@@ -1185,7 +1189,7 @@ class Calls(ABC):
         operator
             name of the person who confirmed it; default: nobody
         stamp
-            when the attempt ended; default: now (s)
+            when the attempt ended, unless its outcome tells; default: now (s)
         """
         answer: ReportedOutcome = self._operate("report_outcome", locals())
         return answer

@@ -233,12 +233,13 @@ class Agent:
                 "doing": f"grasping object {thing.number}",
             },
         )
-        started = time.perf_counter()
+        began, started = time.time(), time.perf_counter()
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
+        span = began, began + seconds["move"]
         if not record.kept:
             self._crowd.fail(thing, grasp)
-        outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
+        outcome = outcome_message(record, number, answer, grasp, seconds, pictures, span)
         if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp
             self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         self._runs += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import time
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -86,11 +87,12 @@ def pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, f
 def observation_message(
     seen: Seen, view: Perceived, base_from_camera: NDArray[np.float64], frame_id: str
 ) -> dict[str, Any]:
-    """Return an object of a view as an observation in the base frame of that name."""
+    """Return an object of a view that was just taken as an observation in the named base frame."""
     return {
         "data": to_wire(encode_frame(seen.crop)),
         "sensor_pose": pose_message(base_from_camera),
         "frame_id": frame_id,
+        "stamp": time.time(),
         "support_height": view.table_height,
     }
 
@@ -102,8 +104,15 @@ def outcome_message(
     grasp: dict[str, Any],
     seconds: dict[str, float],
     pictures: list[tuple[str, bytes]],
+    span: tuple[float, float],
 ) -> dict[str, Any]:
-    """Return the outcome message of a physical attempt."""
+    """Return the outcome message of a physical attempt.
+
+    Parameters
+    ----------
+    span
+        When it started and ended, s since the epoch. Simulated seconds pass at another rate.
+    """
     placed: dict[str, Any] = {}
     if record.judged_placed.answer != "unknown":
         placed["placed"] = record.placed
@@ -111,15 +120,18 @@ def outcome_message(
             placed["place"] = record.place
     elif record.place:  # let go there, but not seen there
         placed["place"] = record.place
+    lost = record.held and (not record.kept or record.judged_placed.answer == "no")
     motion = {} if record.motion is None else {"motion": _motion_message(record.motion)}
     return {
         "success": record.kept,
         **placed,
-        "reason": record.place_reason if record.held and not record.kept else record.reason,
+        "reason": record.place_reason if lost else record.reason,
         "comment": record.evidence,
         "jaw_gap": record.jaw_gap_m,
         "lifted_m": record.lifted_m,
         "slip": record.slip_m,
+        "started": span[0],
+        "ended": span[1],
         "duration_s": record.duration_s,
         "links_touching": record.links_touching,
         "contact_force": record.contact_force_n,

@@ -37,6 +37,20 @@ def test_question_has_its_answer(path: Path, sample_closed) -> None:  # type: ig
     assert sorted(sample_closed.rows(text)) == expected
 
 
+def test_a_hidden_cause_of_no_known_kind_is_told_as_a_zone() -> None:
+    store = ox.Store()
+    store.load(
+        b"""@prefix : <https://w3id.org/rtask-kg/kb/sample/> .
+        @prefix rt: <https://w3id.org/rtask-kg/ns#> . @prefix prov: <http://www.w3.org/ns/prov#> .
+        :mug rt:hasHiddenCause :c . :c a rt:GraspZone ; rt:zoneStart -0.04e0 ; rt:zoneEnd 0.01e0 ;
+          rt:causeProbability 0.5e0 ; prov:wasDerivedFrom :attempt .""",
+        ox.RdfFormat.TURTLE,
+    )
+    (query,) = [path for path in QUERIES if path.stem == "cq23"]
+    (row,) = store.query(query.read_text())  # type: ignore[union-attr, misc]
+    assert (row["what"].value, row["attempts"].value) == ("zone", "1")  # type: ignore[index]
+
+
 def test_two_engines_derive_the_same_about_the_sample(closed_by_engine, closed_by_owlrl) -> None:  # type: ignore[no-untyped-def]
     """Apart from what only owlrl writes down: sameAs itself, owl:Thing, nameless classes."""
     owl = ontology.PREFIXES["owl"]

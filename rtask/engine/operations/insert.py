@@ -232,12 +232,14 @@ class _Writer:
                   self._grown(one, thing)),
         )  # fmt: skip
         if one.located is not None:
-            is_over = one.outcome is not None and may_have_moved(one.outcome)
+            moved = None
+            if one.outcome is not None and may_have_moved(one.outcome):
+                _, moved = one.outcome.span(now)
             robot = one.gripper.robot if one.gripper else self.agent
             self.withdrawn += state_seen(
                 context, self.triples,
                 Sighting(thing, one.located, robot, self.agent, self.graph, time, event,
-                         moved=now if is_over else None),
+                         moved=moved),
             )  # fmt: skip
         embeddings = context.views.embeddings
         if embeddings is not None and one.vector is not None:

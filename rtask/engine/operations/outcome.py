@@ -60,7 +60,7 @@ class ReportOutcome(Message):
     operator: Text | None = None
     """name of the person who confirmed it; default: nobody"""
     stamp: Stamp | None = None
-    """when the attempt ended; default: now"""
+    """when the attempt ended, unless its outcome tells; default: now"""
 
 
 class ReportedOutcome(Answer):
@@ -101,7 +101,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 outcome=outcome,
                 task=request.task,
                 task_id=task_id or context.names.unique("task").value,
-                ended=_ended(request.stamp),
+                now=_ended(request.stamp),
                 graph=context.home_graph(author),
                 decision=decision,
             ),

@@ -49,6 +49,8 @@ class Attempt:
         Stored, or added in the same commit.
     task
         IRI and class of the task it was for.
+    started
+        None if it is not known.
     times
         Durations by the names of :data:`TIMES`, s.
     """
@@ -61,6 +63,7 @@ class Attempt:
     task_class: NamedNode
     task_name: str
     request_id: str
+    started: dt.datetime | None
     ended: dt.datetime
     outcome: Outcome
     received: Received
@@ -170,7 +173,6 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.through: one.attempt,
         },
     )
-    started = one.ended - dt.timedelta(seconds=float(report.duration_s or 0.0))
     preset = report.preset
     triples.node(
         one.attempt,
@@ -193,7 +195,7 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.policyVersion: context.policy.version if belief else None,
             RT.approachTilt: report.approach_tilt,
             RT.seed: one.seed if report.seed is None else report.seed,
-            PROV.startedAtTime: started,
+            PROV.startedAtTime: one.started,
             PROV.endedAtTime: one.ended,
             **{TIMES[k]: float(v) for k, v in sorted(one.times.items()) if v is not None},
         },

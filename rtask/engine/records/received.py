@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,7 @@ from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Message, read
-from rtask.wire.types import Array, Flag, Image, Number, Text, Texts, Unit, Whole
+from rtask.wire.types import Array, Flag, Image, Number, Stamp, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.decisions import Decision
@@ -117,8 +118,12 @@ class OutcomeReport(Message):
     """height reached; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
     """distance that the object slipped in the hand; default: not known"""
+    started: Stamp | None = None
+    """when the attempt started; default: duration_s before its end, unless it was simulated"""
+    ended: Stamp | None = None
+    """when the attempt ended, by the same clock; default: now"""
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """of the attempt; default: not known"""
+    """of the attempt; by the clock of the simulation if there is one; default: not known"""
     links_touching: Annotated[Whole, Ge(0)] | None = None
     """number of hand links in contact at the end; default: not known"""
     contact_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
@@ -371,6 +376,37 @@ class Outcome:
     def is_fast(self) -> bool:
         """Whether it was simulated with the coarse physics preset."""
         return bool(self.report.preset == "fast")
+
+    def span(self, now: dt.datetime) -> tuple[dt.datetime | None, dt.datetime]:
+        """Return when the attempt started, if that is known, and when it ended.
+
+        The seconds of a simulation pass faster or slower than those of the clock by which the
+        attempt ended, so that they do not tell when it started.
+
+        Parameters
+        ----------
+        now
+            The end of an attempt whose report does not tell it.
+
+        Raises
+        ------
+        UsageError
+            It started after it ended.
+        """
+        report, is_simulated = self.report, self.report.preset in ("faithful", "fast")
+        ended = now if report.ended is None else dt.datetime.fromtimestamp(report.ended, dt.UTC)
+        if report.started is None:
+            if report.duration_s is None or is_simulated:
+                return None, ended
+            return ended - dt.timedelta(seconds=float(report.duration_s)), ended
+        started = dt.datetime.fromtimestamp(report.started, dt.UTC)
+        if started > ended:
+            raise UsageError(
+                f"outcome.started: {started.isoformat()} is after the end of the attempt, "
+                f"{ended.isoformat()}; give both by one clock",
+                field="outcome.started",
+            )
+        return started, ended
 
     @classmethod
     def of(cls, report: OutcomeReport, known: frozenset[str], path: str) -> Outcome:

@@ -65,6 +65,8 @@ class Entry:
 
     Parameters
     ----------
+    now
+        The end of an attempt whose outcome does not tell it.
     graph
         Graph that it is written to.
     """
@@ -75,7 +77,7 @@ class Entry:
     outcome: Outcome
     task: str
     task_id: str
-    ended: dt.datetime
+    now: dt.datetime
     graph: NamedNode
     decision: Decision | None = None
     event: NamedNode | None = None
@@ -176,6 +178,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     if entry.decision is not None and entry.decision.recognition is not None:
         recognition = state_recognition(context, triples, entry.decision.recognition, entry.event)
     task_class, task_name = find_task(entry.task)
+    started, ended = entry.outcome.span(entry.now)
     attempt = Attempt(
         attempt=context.names.unique("attempt"),
         thing=entry.thing,
@@ -185,7 +188,8 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         task_class=task_class,
         task_name=task_name,
         request_id=entry.task_id,
-        ended=entry.ended,
+        started=started,
+        ended=ended,
         outcome=entry.outcome,
         received=entry.received,
         recognition=recognition,
@@ -196,7 +200,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     state_task_tree(context, triples, attempt)
     gripper, held = entry.gripper, entry.outcome.held
     withdrawn: Withdrawn = state_moved(
-        context, triples, entry.thing, gripper, entry.outcome, entry.ended, entry.graph
+        context, triples, entry.thing, gripper, entry.outcome, ended, entry.graph
     )
     if entry.outcome.reason in UNJUDGED:
         return Recorded(grasp, withdrawn)
@@ -260,4 +264,6 @@ def _times(entry: Entry) -> Mapping[str, float]:
         decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
     times = entry.outcome.report.times
     told = {} if times is None else times.model_dump(exclude_none=True)
+    if entry.outcome.report.duration_s is not None:
+        decided["execution_s"] = entry.outcome.report.duration_s
     return {**decided, **told}

@@ -181,10 +181,12 @@ def _write(
     kb: GraphCore, episodes: Iterable[Episode], sink: _Sink, progress: Progress | None
 ) -> Written:
     written, blobs_done = Written(), set[str]()
+    busy: dict[tuple[str, tuple[str, ...]], int] = {}
     in_order = sorted(episodes, key=lambda one: (one.ended, one.attempt))
     for episode in in_order:
         ended = int(episode.ended.timestamp() * _NS)
-        started = int(episode.started.timestamp() * _NS) if episode.started else ended
+        motion = Motion.from_bytes(kb.blobs.read(episode.motion)) if episode.motion else None
+        started = _start(episode, motion, ended, busy)
         quads = statements_of(kb, episode)
         told = {**episode.to_json(), "statements": len(quads)}
         for name in blobs_of(quads):
@@ -206,9 +208,8 @@ def _write(
             }
             sink.write(topic, "sensor_msgs/msg/CompressedImage", fields, ended)
             written.pictures += 1
-        if episode.motion:
-            _write_motion(sink, _topic(episode), Motion.from_bytes(kb.blobs.read(episode.motion)),
-                          started)  # fmt: skip
+        if motion is not None:
+            _write_motion(sink, _topic(episode), motion, (started, ended))
             written.motions += 1
         text = serialize(quads, format=RdfFormat.N_QUADS)
         assert text is not None
@@ -222,16 +223,48 @@ def _write(
     return written
 
 
+def _start(
+    episode: Episode,
+    motion: Motion | None,
+    ended_ns: int,
+    busy: dict[tuple[str, tuple[str, ...]], int],
+) -> int:
+    """Return when an episode started, ns, but not before the last one of the same joints ended.
+
+    Parameters
+    ----------
+    busy
+        Ends of the last episodes by robot and joints, ns; that of this one is added.
+    """
+    if motion is None:
+        return int(episode.started.timestamp() * _NS) if episode.started else ended_ns
+    if episode.started is None:
+        started = ended_ns - round(float(motion.times[-1]) * _NS)
+    else:
+        started = int(episode.started.timestamp() * _NS)
+    joints = (episode.robot, motion.joints)
+    started = min(max(started, busy.get(joints, 0)), ended_ns)
+    busy[joints] = ended_ns
+    return started
+
+
 def _topic(episode: Episode) -> str:
     """Return a robot's name as a name of ROS: letters, digits and underscores."""
     name = episode.robot_name or episode.robot.rpartition("/")[2]
     return "".join(c if c.isascii() and c.isalnum() else "_" for c in name) or "robot"
 
 
-def _write_motion(sink: _Sink, space: str, motion: Motion, started_ns: int) -> None:
+def _write_motion(sink: _Sink, space: str, motion: Motion, span_ns: tuple[int, int]) -> None:
+    """Write the joints between start and end of their attempt.
+
+    Simulated seconds that do not fit, because the simulation ran faster than the clock, are
+    shortened alike, so that the motions of two attempts never mix.
+    """
+    length_s, (started_ns, ended_ns) = float(motion.times[-1]), span_ns
+    rate = min(1.0, (ended_ns - started_ns) / _NS / length_s) if length_s else 1.0
     for name, rows in (("joint_states", motion.positions), ("joint_commands", motion.commands)):
         for time, row in zip(motion.times, rows, strict=True):
-            moment = started_ns + round(float(time) * _NS)
+            moment = started_ns + round(rate * float(time) * _NS)
             none = np.zeros(0)
             fields = {"header": ("header", moment, ""), "name": list(motion.joints),
                       "position": row, "velocity": none, "effort": none}  # fmt: skip

@@ -256,7 +256,7 @@ class Activity(Thing):
     decoding_time
         The time to decode the compressed cloud or image. [SEC]
     execution_time
-        The time to move. [SEC]
+        The time to move; by the clock of the simulation if there is one. [SEC]
     extraction_time
         The time to compute descriptors. [SEC]
     generation_time

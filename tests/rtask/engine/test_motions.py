@@ -42,7 +42,7 @@ def told(bench, robots):
     seen = bench.sight(bench.CAN)
     reports = (
         ("nao-1", bench.missed(motion=motion(4), images=[{"phase": "lift", "data": bench.png(1)}])),
-        ("nao-2", bench.held(motion=motion(6), comment="opening .7 -> .6")),
+        ("nao-2", bench.held(motion=motion(6), comment="opening .7 -> .6", preset="real")),
         ("nao-3", bench.held()),
     )
     for name, outcome in reports:
@@ -118,6 +118,30 @@ def test_a_recording_shows_the_joints_at_their_times(told, kb, tmp_path):
         [0.0, 0.1, 0.2, 0.3, 0.4, 0.5],
         abs=1e-4,  # seconds since 1970 in a double
     )
+
+
+def test_motions_of_a_simulation_that_outran_the_clock_do_not_mix(bench, robots, kb, tmp_path):
+    robot, seen = robots("nao-1"), bench.sight(bench.CAN)
+    for number in (1, 2, 3):  # 0.5 s of simulation in 0.1 s each; when the third began is not known
+        start = {} if number == 3 else {"started": 1e9 + 0.2 * number}
+        told = bench.missed(motion=motion(6), attempt_number=number, ended=1e9 + 0.2 * number + 0.1)
+        answer = robot.recognise(seen)
+        robot.insert(
+            seen, grasp=answer["grasps"][0], outcome={**told, **start}, task_id=answer["task_id"]
+        )
+    write_episodes(kb, episodes_of(kb), tmp_path / "all.mcap")
+    with AnyReader([tmp_path / "all.mcap"]) as reader:
+        times = [
+            time - 10**18
+            for connection, time, _ in reader.messages()
+            if connection.topic == "/nao_1/joint_states"
+        ]
+    # The third takes the time since the second ended. Doubles hold such times to 0.2 us.
+    expected = [0.2 + 0.02 * k for k in range(6)] + [0.4 + 0.02 * k for k in range(6)]
+    expected += [0.5 + 0.04 * k for k in range(6)]
+    assert [time / 1e9 for time in times] == pytest.approx(expected, abs=1e-5)
+    kept = [Motion.from_bytes(kb.blobs.read(one.motion)).times[-1] for one in episodes_of(kb)]
+    assert kept == [0.5] * 3  # simulated seconds stay as they were told
 
 
 def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, kb, tmp_path):

@@ -62,7 +62,7 @@ def report(nao, box, **outcome):
 def test_an_inserted_object_is_where_it_was_seen(nao, box, kb):
     answer = where(kb, box)
     assert [answer["x"], answer["y"], answer["z"]] == pytest.approx([0.16, -0.06, 0.27], abs=5e-3)
-    assert (answer["frame"], answer["by"], answer["hand"]) == ("base_footprint", "nao-1", None)
+    assert (answer["frame"], answer["by"], answer["holder"]) == ("base_footprint", "nao-1", None)
     assert answer["confidence"] == 1.0
 
 
@@ -134,10 +134,18 @@ def test_a_held_thing_is_in_the_hand_until_it_is_seen_again(nao, box, kb, bench)
     report(nao, box, success=True, reason="ok")
     hand = next(quad.object for quad in kb.match(iri(box), RT.locatedOn))
     answer = where(kb, box)
-    assert (answer["hand"], answer["by"], answer["x"]) == (str(hand.value), "nao-1", None)
+    assert (answer["holder"], answer["by"], answer["x"]) == (str(hand.value), "nao-1", None)
     nao.recognise(bench.sight(bench.BOX))
     assert kb.match(iri(box), RT.locatedOn) == []
     assert where(kb, box)["x"] == pytest.approx(0.16, abs=5e-3)
+
+
+def test_a_thing_seen_in_the_box_where_it_was_put_is_there(nao, box, kb, bench):
+    nao.recognise(bench.sight(bench.BOX))
+    report(nao, box, success=True, placed=True, reason="ok", place="right box")
+    (place,) = (quad.object for quad in kb.match(iri(box), RT.locatedOn))
+    answer = where(kb, box)
+    assert (answer["holder"], answer["by"], answer["x"]) == (str(place.value), "nao-1", None)
 
 
 def test_a_thing_let_go_without_being_seen_there_is_not_in_the_hand_any_more(nao, box, kb, bench):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from simulate.agent.encounter import Attempt, Encounter
@@ -80,11 +82,30 @@ def test_an_attempt_in_a_world_that_broke_down_is_not_told(run) -> None:
     assert [r["outcome"]["reason"] for r in server.inserted] == ["ok"]
 
 
+def test_an_agent_tells_when_it_looked_and_when_its_attempts_began_and_ended(run) -> None:
+    class Moving(Body):
+        def execute(self, plan):
+            time.sleep(0.02)  # its simulated time is six seconds
+            return super().execute(plan)
+
+    spot, server = (0.15, -0.1), Server()
+    before = time.time()
+    run(Moving([spot], [Record("missed", held=False, placed=False)]), server, [spot] * 2)
+    told = [(one["stamp"], *(one["outcome"][k] for k in ("started", "ended")))
+            for one in server.inserted]  # fmt: skip
+    order = [before, *told[0], *told[1], time.time()]
+    assert len(told) == 2
+    assert order == sorted(order)
+    assert all(ended - started >= 0.02 for _, started, ended in told)
+    assert all(one["outcome"]["duration_s"] == 6.0 for one in server.inserted)
+
+
 def test_a_thing_that_was_lost_on_the_way_is_reported_as_a_failed_grasp() -> None:
     lost = Record(placed=False, judged_placed=Judgement("no"), place_reason="slip_transport")
     told = outcome_message(
-        lost, 1, {"grasps": [{}], "times": {}}, {"rank": 1}, {"ask": 0.1, "plan": 0.1}, []
-    )
+        lost, 1, {"grasps": [{}], "times": {}}, {"rank": 1}, {"ask": 0.1, "plan": 0.1}, [],
+        (100.0, 102.0),
+    )  # fmt: skip
     assert (told["success"], told["placed"], told["reason"]) == (False, False, "slip_transport")
     assert "motion" not in told
     encounter = Encounter(1, "right", (0.1, 0.1), (0.1, 0.03, 0.03))
