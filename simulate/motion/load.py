@@ -63,7 +63,7 @@ class Load:
 
     @property
     def reach(self) -> float:
-        """Farthest that any of it is from the closing axis, m: it hangs no lower, however turned."""
+        """Farthest that any of it is from the closing axis, m; it hangs no lower when it turns."""
         corners = self._in_tool(_CORNERS * self.size)
         return float(np.hypot(corners[:, 1], corners[:, 2]).max())
 
