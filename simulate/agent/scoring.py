@@ -75,8 +75,10 @@ class ObjectState:
 def held_reason(before: ObjectState, lifted: ObjectState, held: ObjectState) -> str:
     """Return ``ok`` if an object was lifted and stayed in the hand, otherwise what went wrong.
 
-    Held = the origin rose by more than 2 cm, is still there after the hold, at least two links of
-    the hand touch it, and the table does not.
+    Held = the hand alone carries it, at the beginning and at the end of the hold: the origin rose
+    by more than 2 cm, at least two links of the hand touch it, and the table does not. What keeps
+    an end on the table is not held: the table carries a part of it, so that the grasp has not
+    shown that it bears the whole, and on its way the thing may be torn out of the hand.
 
     Parameters
     ----------

@@ -61,6 +61,12 @@ class Load:
         corners = self._in_tool(_CORNERS * self.size)
         return float((corners @ base_from_tool[2, :3]).min() + base_from_tool[2, 3])
 
+    @property
+    def reach(self) -> float:
+        """Farthest that any of it is from the closing axis, m; it hangs no lower when it turns."""
+        corners = self._in_tool(_CORNERS * self.size)
+        return float(np.hypot(corners[:, 1], corners[:, 2]).max())
+
     def spheres(self) -> tuple[Floats, Floats]:
         """Return spheres that cover it: centres (k, 3), tool frame, and radii (k,), m."""
         radius = max(float(self.size.min()), _THINNEST_M) / 2
@@ -89,10 +95,8 @@ class Load:
         float or None
             None if too little of it is seen, or no turn explains what is seen.
         """
-        corners = self._in_tool(_CORNERS * self.size)
-        reach = float(np.hypot(corners[:, 1], corners[:, 2]).max()) + _NOISE_M
         between = np.abs(points[:, 0]) < gap / 2 - _BESIDE_JAW_M
-        between &= np.hypot(points[:, 1], points[:, 2]) < reach
+        between &= np.hypot(points[:, 1], points[:, 2]) < self.reach + _NOISE_M
         seen = points[between & (points[:, 2] > -_MAX_DEPTH_M)]
         if len(seen) < _MIN_POINTS:
             return None

@@ -3,8 +3,9 @@
     python tests/benchmarks/bench_finger_margin.py [--tables 30] [--seed 0]
 
 A Panda plans one grasp from above of each of six things on a table, the other five in the way,
-both ways with the same seed, and carries each plan out in a world of its own: held, and whether
-it moved another thing by over 1 cm. Where the plans are the same, so is what comes of them.
+both ways with the same seed. Where the plans differ, each is carried out in a world of its own:
+held, and whether it moved another thing by over 1 cm. Where they are the same, so is what comes of
+them, and nothing is carried out.
 The margin plays no part in grasps in full poses, such as those of piles.
 """
 
@@ -52,18 +53,28 @@ def request(one: Placement, table: float) -> GraspRequest:
     )  # fmt: skip
 
 
-def attempt(
-    table: Sequence[Placement], wanted: int, metres: float
-) -> tuple[PlannedGrasp | str, tuple[bool, int]]:
-    """Plan one grasp on a fresh table; return the plan, and what carrying it out came to."""
+def plans(table: Sequence[Placement], metres: float) -> list[PlannedGrasp | str]:
+    """Return a plan for each thing of a table, or the reason code why there is none."""
     with Workcell("panda", "fast") as cell, margin(metres):
+        height = cell.world.table_height
+        boxes = [_box(one, height) for one in table]
+        return [
+            cell.executor.plan(request(one, height), boxes[:k] + boxes[k + 1 :], seed=k)
+            for k, one in enumerate(table)
+        ]
+
+
+def outcome(table: Sequence[Placement], wanted: int, plan: PlannedGrasp | str) -> tuple[bool, int]:
+    """Carry a plan out on a fresh table; return whether the thing held, and how many others moved.
+
+    Without a plan, neither happens.
+    """
+    if isinstance(plan, str):
+        return False, 0
+    with Workcell("panda", "fast") as cell:
         world = cell.world
         bodies = [world.spawn(one.spec, (one.x, one.y), one.yaw) for one in table]
         world.step(0.2)
-        around = [_box(one, world.table_height) for k, one in enumerate(table) if k != wanted]
-        plan = cell.executor.plan(request(table[wanted], world.table_height), around, seed=wanted)
-        if isinstance(plan, str):
-            return plan, (False, 0)
         before = [world.object_pose(body).position for body in bodies]
         held: list[bool] = []
 
@@ -78,7 +89,16 @@ def attempt(
             for k, (body, was) in enumerate(zip(bodies, before, strict=True))
             if k != wanted
         )
-        return plan, (bool(held and held[0]), moved)
+        return bool(held and held[0]), moved
+
+
+def _is_same(one: PlannedGrasp | str, other: PlannedGrasp | str) -> bool:
+    if isinstance(one, str) or isinstance(other, str):
+        return isinstance(one, str) and isinstance(other, str)
+    return all(
+        np.array_equal(getattr(one, part).positions, getattr(other, part).positions)
+        for part in ("free", "approach", "lift")
+    )
 
 
 def _box(one: Placement, table: float) -> Obstacle:
@@ -96,21 +116,31 @@ def main() -> None:
     parser.add_argument("--tables", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    rows = []
+    gains, planned, differing = [], np.zeros(2, int), 0
     for number in range(options.tables):
         rng = stream(options.seed, number)
         with Workcell("panda", "fast") as cell:
             table = arrange(_things(rng), rng, workplace=cell.description.workplace)
-        for wanted in range(len(table)):
-            found = [attempt(table, wanted, metres) for metres in (0.0, 0.006)]
-            rows.append([(not isinstance(plan, str), *outcome) for plan, outcome in found])
-        shares = np.array(rows, dtype=float).mean(axis=0)
-        print(number + 1, "tables: planned, held, others moved:", shares.round(3).tolist())
-    gains = np.array(rows, dtype=float)
-    gains = gains[:, 1] - gains[:, 0]
+        both = list(zip(plans(table, 0.0), plans(table, 0.006), strict=True))
+        for wanted, pair in enumerate(both):
+            able = [not isinstance(plan, str) for plan in pair]
+            planned += able
+            gain = np.zeros(3)
+            if not _is_same(*pair):
+                differing += 1
+                without, with_it = (
+                    np.array([able[k], *outcome(table, wanted, plan)], float)
+                    for k, plan in enumerate(pair)
+                )
+                print(f"table {number}, {_KINDS[wanted]}: planned, held, others moved",
+                      without.tolist(), "->", with_it.tolist(), flush=True)  # fmt: skip
+                gain = with_it - without
+            gains.append(gain)
+    print(f"{len(gains)} grasps, {differing} differ; planned without and with {planned.tolist()}")
+    values = np.array(gains)
     for k, name in enumerate(("planned", "held", "others moved")):
-        low, high = bootstrap(lambda i, k=k: float(gains[i, k].mean()), len(gains))
-        print(f"{name}: with less without {gains[:, k].mean():+.3f} [{low:+.3f}, {high:+.3f}]")
+        low, high = bootstrap(lambda i, k=k: float(values[i, k].mean()), len(values))
+        print(f"{name}: with less without {values[:, k].mean():+.3f} [{low:+.3f}, {high:+.3f}]")
 
 
 if __name__ == "__main__":

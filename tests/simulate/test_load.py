@@ -32,6 +32,15 @@ def seen_from_one_side(load: Load, rng: np.random.Generator, count: int = 400) -
     return np.asarray(local @ rotation.T + origin)
 
 
+@pytest.mark.parametrize("angle_deg", [-90, -50, 0, 35, 90])
+def test_no_end_hangs_lower_than_the_load_reaches(angle_deg: int) -> None:
+    load = bar(0.03)
+    assert load.reach == pytest.approx(np.hypot(0.06 + 0.03, 0.015), abs=1e-6)
+    assert load.turned(np.radians(angle_deg)).bottom(_DOWN) >= -load.reach
+    lowest = min(load.turned(float(a)).bottom(_DOWN) for a in np.radians(np.arange(-90, 91)))
+    assert lowest == pytest.approx(-load.reach, abs=1e-3)
+
+
 @pytest.mark.parametrize("angle_deg", [-60, -45, -12, 0, 20, 50, 80])
 @pytest.mark.parametrize("held_at", [-0.04, 0.0, 0.03])
 def test_a_turn_in_the_hand_is_seen_from_one_side(angle_deg: int, held_at: float) -> None:

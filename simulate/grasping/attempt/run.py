@@ -26,7 +26,7 @@ from simulate.grasping.judgement import (
     judge_placed,
     new_cells,
 )
-from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place, plan_rise
+from simulate.grasping.placing import PlacePlan, PlaceSpot, held_load, plan_place, plan_rise
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.trajectory import Trajectory, reverse
@@ -41,7 +41,9 @@ _OFF_OPENING = 0.25
 _DO_NOT_TURN = ("suction_cup", "three_fingers")
 """Hands in which nothing turns about a closing axis."""
 _HIGHER_M = 0.060
-"""By which a hand is lifted further if an end of what it holds is still low."""
+"""By which a hand is lifted further, at least."""
+_CLEAR_M = 0.010
+"""Room wanted between the table and an end that hangs straight down."""
 
 
 class AttemptRun:
@@ -152,15 +154,29 @@ class AttemptRun:
         return self.reason
 
     def _lift_further(self) -> None:
-        """Lift what still has an end near the table higher, once: it may have turned in the hand.
+        """Lift the hand higher, once, if an end of what it holds is, or might be, on the table.
 
-        What is heavy goes on turning while it is held.
+        An end that hangs may be hidden by the hand or by the thing itself, and what is heavy goes
+        on turning while it is held. So the hand rises until no end would reach the table, however
+        the thing turned; whatever is low even so was seen.
         """
-        if self._raised is None and self.drive.grips and self._judge_clear().answer == "no":
+        if self._raised is not None or not self.drive.grips:
+            return
+        missing = self._missing_height()
+        if missing > 0 or self._judge_clear().answer == "no":
+            height = max(missing, _HIGHER_M)
             space = self._station.space_of(self.plan.stance)
             top = self.plan.lift.positions[-1]
-            self._raised = plan_rise(space, self.plan, top, _HIGHER_M)
+            self._raised = plan_rise(space, self.plan, top, height)
             self.drive.follow(self._raised)
+
+    def _missing_height(self) -> float:
+        """Return by how much the hand is too low for an end that hangs, m; 0 if nothing turns."""
+        if self.plan.request.outline is None or self.drive.hand.grip in _DO_NOT_TURN:
+            return 0.0
+        load = held_load(self.plan, self._station.space_of(self.plan.stance).chains[self.arm])
+        over_table = self.robot.tool_pose(self.arm)[2, 3] - self.plan.request.table_height
+        return max(load.reach + _CLEAR_M - float(over_table), 0.0)
 
     def _judge_grasp(self) -> str:
         """Judge by fingers and tool whether an object is held; return the reason code."""
