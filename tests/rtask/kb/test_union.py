@@ -38,6 +38,29 @@ def test_a_triple_of_two_graphs_is_counted_once_unless_the_union_is_a_view(
         assert kb.verify() == []
 
 
+@pytest.mark.parametrize("total", [6, 200])
+def test_what_goes_stays_in_the_union_and_in_what_follows_while_another_graph_holds_it(
+    total: int,
+) -> None:
+    def told(numbers: range) -> str:
+        return f"DATA {{ <urn:a> <urn:p> {' , '.join(map(str, numbers))} }}"
+
+    with _open(":memory:") as kb:
+        kb.update(
+            "PREFIX s: <http://www.w3.org/2000/01/rdf-schema#> "
+            "INSERT DATA { <urn:p> s:subPropertyOf <urn:q> }",
+            "ann",
+        )
+        kb.update(f"INSERT {told(range(total))}", "nao-1")
+        kb.update(f"INSERT {told(range(2))}", "nao-2")
+        kb.update(f"DELETE {told(range(5))}", "nao-1")
+        left = sorted([0, 1, *range(5, total)])
+        for name in ("p", "q"):
+            rows = kb.select(f"SELECT ?o {{ <urn:a> <urn:{name}> ?o }}")
+            assert sorted(int(row.value("o")) for row in rows) == left  # type: ignore[call-overload]
+        assert kb.verify() == []
+
+
 def test_the_union_is_chosen_once(tmp_path: Path) -> None:
     _open(tmp_path / "a", "view").close()
     with _open(tmp_path / "a") as kb:
