@@ -9,6 +9,8 @@ import pytest
 
 from grasp.messages import matrix_from_message
 from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import RT
 
 pytestmark = pytest.mark.slow
 
@@ -230,3 +232,32 @@ def test_a_wider_lip_is_not_offered_a_place_where_a_smaller_one_sealed(
     assert {g["source"] for g in wide.recognise(bench.sight(box))["grasps"]} == {"candidate"}
     narrow = robot_with(bench, engine, "three", {**HANDS["suction"], "lip_radius": 0.008})
     assert narrow.recognise(bench.sight(box))["grasps"][0]["source"] == "memory"
+
+
+def test_merging_and_splitting_take_the_contacts_along(bench: Any, engine: Any, box: Any) -> None:
+    robot = robot_with(bench, engine, "one", HANDS["three_fingers"])
+    kept = robot.insert(bench.sight(box))["objects"][0]
+    # Seen a quarter turn on, so that its frame is another.
+    seen = bench.sight(box.at(0.15, -0.05, 0.3 + 3.0))
+    best = robot.recognise(seen)["grasps"][0]
+    best["id"] = ""
+    other = robot.insert(seen, grasp=best, outcome=bench.held(), merge=False)["objects"][0]
+
+    def local(thing: str) -> np.ndarray:
+        """Return the contacts as the hand has them."""
+        (one,) = robot.call("recall_grasps", object=thing)["grasps"]
+        pose = matrix_from_message(one["grasp_pose"]["pose"])
+        rows = touches(one)
+        return np.hstack([(rows[:, :3] - pose[:3, 3]) @ pose[:3, :3], rows[:, 3:] @ pose[:3, :3]])
+
+    wanted = local(other["object"])
+    teacher = Access("ann", "teacher")
+    merge = {"operation": "merge", "object": other["object"], "into": kept["object"]}
+    engine.call("curate_object", merge, teacher)
+    np.testing.assert_allclose(local(kept["object"]), wanted, atol=5e-6)
+    split = {"operation": "split", "object": kept["object"], "views": [other["view"]]}
+    new = engine.call("curate_object", split, teacher).as_json()["object"]
+    np.testing.assert_allclose(local(new), wanted, atol=5e-6)
+    engine.call("curate_object", {"operation": "forget", "object": new, "purge": True}, teacher)
+    assert not engine.kb.match(None, RT.hasContact)
+    assert not engine.kb.match(None, RT.contactNormal)
