@@ -113,11 +113,6 @@ def test_the_way_home_goes_around_what_was_put_down(cell: Workcell) -> None:
         cell.world.remove(body)
 
 
-def test_the_graph_is_told_in_one_line_that_it_gets_no_such_hand(cell: Workcell) -> None:
-    with pytest.raises(RobotError, match="is not registered: the graph keeps grasps of jaws alone"):
-        cell.robot.describe("robot")
-
-
 def test_a_vacuum_lets_go_of_what_is_too_heavy() -> None:
     """A lip of 8 mm radius bears 12 N; the box weighs 20 N."""
     with Workcell(describe("panda", hand="suction:0.008"), preset="fast") as cell:
