@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["EndEffector", "ParallelGripper", "nao_hand", "panda_hand", "parallel_jaw"]
+__all__ = [
+    "ContactKind", "EndEffector", "ParallelGripper", "nao_hand", "panda_hand", "parallel_jaw",
+]  # fmt: skip
+
+ContactKind = Literal["jaws", "suction", "three_fingers"]
+"""Contacts by which a hand holds: two that oppose each other, a sealed lip, or three about an axis.
+A grasp by contacts of one kind says nothing to hands of another."""
 
 _PALM_CLEARANCE_M = 0.005
 
@@ -21,6 +27,10 @@ class EndEffector(Protocol):
         """On its robot."""
 
     @property
+    def contact_kind(self) -> ContactKind:
+        """Contacts by which it holds."""
+
+    @property
     def gripper_type(self) -> str:
         """Grasps carry over between end effectors of one type."""
 
@@ -29,8 +39,20 @@ class EndEffector(Protocol):
         """Whether half a turn about the approach makes no difference."""
 
     @property
+    def min_opening(self) -> float:
+        """Smallest width that it holds, m."""
+
+    @property
     def max_opening(self) -> float:
         """Before closing at most, m."""
+
+    @property
+    def finger_width(self) -> float:
+        """Of what touches the object, across, m."""
+
+    @property
+    def max_payload(self) -> float:
+        """Largest mass that it lifts, kg."""
 
     @property
     def max_effort(self) -> float:
@@ -51,6 +73,9 @@ class EndEffector(Protocol):
     @property
     def parent_from_gripper(self) -> NDArray[np.float64] | None:
         """Tool centre point in the link that carries the end effector (4, 4)."""
+
+    def fits(self, width_m: float, margin_m: float = 0.002) -> bool:
+        """Tell whether a width between contacts can be held, with ``margin_m`` to spare."""
 
     def boxes(self, opening_m: float, sweep_m: float = 0.0) -> NDArray[np.float64]:
         """Return the parts as boxes (n, 2, 3), m, in the gripper frame."""
@@ -155,6 +180,11 @@ class ParallelGripper:
         table = np.array(self.joint_table, dtype=np.float64).reshape(-1, 2)
         if len(table) == 1 or np.any(np.diff(table, axis=0) <= 0):
             raise ValueError(f"gripper {self.name!r}: both columns of joint_table must rise")
+
+    @property
+    def contact_kind(self) -> ContactKind:
+        """``jaws``."""
+        return "jaws"
 
     @property
     def thickness(self) -> float:

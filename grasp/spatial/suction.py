@@ -18,7 +18,6 @@ from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
-from grasp.spatial.each_thing import plan_each_thing
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
@@ -28,8 +27,7 @@ from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.suction_cup import SuctionCup
 
 __all__ = [
-    "asked_of_vacuum", "lip_places", "plan_suction", "plan_suction_on_cloud",
-    "plan_suction_on_scene", "sealed", "seals_at",
+    "asked_of_vacuum", "lip_places", "plan_suction", "plan_suction_on_cloud", "sealed", "seals_at",
 ]  # fmt: skip
 
 _LIP, _INNER = 16, 8
@@ -278,36 +276,6 @@ def plan_suction_on_cloud(
     around = Surroundings(support, neighbours)
     found = plan_suction(replace(surface, com=body.com), cup, around, options)
     return replace(found, notes=(*notes, *found.notes))
-
-
-def plan_suction_on_scene(
-    points: FloatArray,
-    labels: NDArray[np.integer],
-    cup: SuctionCup,
-    support: Support,
-    viewpoints: FloatArray | None = None,
-    options: SpatialOptions | None = None,
-) -> Proposals:
-    """Plan places at which a cup takes any thing of a scene, with the others around it.
-
-    Parameters
-    ----------
-    points, labels
-        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
-    support, viewpoints, options
-        As of :func:`plan_suction_on_cloud`.
-
-    Returns
-    -------
-    Proposals
-        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
-    """
-    options = options or SpatialOptions()
-
-    def plan(own: FloatArray, others: FloatArray | None) -> Proposals:
-        return plan_suction_on_cloud(own, cup, support, viewpoints, options, others)
-
-    return plan_each_thing(points, labels, support.up, options.most, plan)
 
 
 def _facing(points: FloatArray, normals: FloatArray, up: FloatArray) -> FloatArray:

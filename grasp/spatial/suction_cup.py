@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
+from grasp.spatial.gripper import ContactKind
 
 __all__ = ["SuctionCup"]
 
@@ -72,6 +73,7 @@ class SuctionCup:
 
     symmetric = True
     max_effort = 0.0
+    min_opening = 0.0
 
     def __post_init__(self) -> None:
         numbers = {
@@ -81,6 +83,16 @@ class SuctionCup:
         for name, value in numbers.items():
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"suction cup {self.name!r}: {name} is positive, got {value}")
+
+    @property
+    def contact_kind(self) -> ContactKind:
+        """``suction``."""
+        return "suction"
+
+    @property
+    def finger_width(self) -> float:
+        """Diameter of the lip, m."""
+        return 2 * self.radius
 
     @property
     def give(self) -> float:
@@ -96,6 +108,10 @@ class SuctionCup:
     def max_opening(self) -> float:
         """Compliance, m: the opening of a cup without vacuum, as messages state it."""
         return self.give
+
+    def fits(self, width_m: float, margin_m: float = 0.002) -> bool:
+        """Return True: a cup closes on nothing, so that no width is too large for it."""
+        return True
 
     def boxes(self, opening_m: float = 0.0, sweep_m: float = 0.0) -> FloatArray:
         """Return the stem and, where there is one, the wrist as boxes (1 or 2, 2, 3), m.

@@ -16,6 +16,7 @@ __all__ = [
     "Feedback",
     "GivenVerdict",
     "GraspConfidence",
+    "GraspContact",
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
@@ -57,16 +58,22 @@ class EndEffector(TypedDict, total=False):
     """name, unique on the robot"""
     gripper_type: Required[str]
     """grasps carry over between grippers of one type"""
-    kind: Literal["Hand", "ParallelJawGripper"]
+    kind: Literal["Hand", "ParallelJawGripper", "SuctionCup", "ThreeFingerHand"]
     """class of end effector; default: Hand"""
     min_opening: float
     """smallest width that it can hold (m); default: 0.0"""
-    max_opening: Required[float]
-    """largest width that it can hold (m)"""
+    max_opening: float
+    """largest width that it can hold; a suction cup has none, all others need it (m)"""
     jaw_width: float
-    """width of a jaw face; default: 0.0124 (m)"""
+    """width of a jaw face or finger; default: 0.0124 (m)"""
     finger_length: float
-    """reach of the fingers; default: 0.05 (m)"""
+    """reach of the fingers, or length of a cup's stem; default: 0.05 (m)"""
+    lip_radius: float
+    """of the lip of a suction cup, which needs it (m)"""
+    lip_compliance: float
+    """difference in depth at which a lip still seals; default: 0.4 of its radius (m)"""
+    pressure: float
+    """of a suction cup, below that of the air; default: 60,000 (Pa)"""
     max_force: float
     """largest closing force; default: not known (N)"""
     max_payload: Required[float]
@@ -313,6 +320,18 @@ class GraspStatistics(TypedDict):
     lower_95: float
 
 
+class GraspContact(TypedDict):
+    """A place at which a lip seals or a finger pushes, in the frame of the grasp's pose."""
+
+    x: float
+    y: float
+    z: float
+    nx: float
+    ny: float
+    nz: float
+    seal_radius: float | None
+
+
 class OfferedGrasp(TypedDict):
     """A grasp to try: a moveit_msgs/Grasp with its belief and the reasons for its rank."""
 
@@ -341,6 +360,7 @@ class OfferedGrasp(TypedDict):
     statistics: GraspStatistics
     explanation: dict[str, Any]
     in_object: dict[str, Any]
+    contacts: list[GraspContact]
 
 
 SimilarObject = TypedDict(
@@ -421,6 +441,8 @@ class RecalledGrasp(TypedDict):
     allowed_touch_objects: list[str]
     kind: str
     gripper_type: str
+    contact_kind: str
+    contacts: list[GraspContact]
     x: float
     y: float
     z: float
@@ -492,6 +514,7 @@ class SceneGrasp(TypedDict):
     moves: float
     antipodal: str
     completed: bool
+    contacts: list[GraspContact]
 
 
 class SceneGrasps(TypedDict):
@@ -883,7 +906,7 @@ class Calls(ABC):
         mass
             mass of the object to lift; default: as stored (kg)
         friction
-            coefficient between pads and object; default: that of the gripper
+            coefficient between pads or lip and object; default: that of the gripper
         position_std
             standard deviation of the object's position (m); default: 0.004
         rotation_std

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from grasp.learning.bandit import Choice
-from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.candidate import Contacts, GraspCandidate
 from grasp.spatial.planar import PlanarGrasp
 from rtask.engine.names import tail
 from rtask.engine.remembered import Remembered
@@ -44,6 +44,10 @@ class Option:
         The learner's assessment, added by :func:`choose`.
     sources
         Objects whose outcomes are evidence for it.
+    quaternion
+        Orientation (x, y, z, w) of a grasp in space in the object's frame, else None.
+    contacts
+        Of a cup or of three fingers in the gripper frame; None for jaws.
     """
 
     id: str
@@ -52,23 +56,20 @@ class Option:
     remembered: Remembered | None = None
     choice: Choice | None = None
     sources: tuple[str, ...] = ()
+    quaternion: tuple[float, float, float, float] | None = None
+    contacts: Contacts | None = None
 
     @property
     def quality(self) -> float:
-        """Quality by geometry, 0..1; for a grasp in space the confidence of its planning."""
+        """Quality by geometry, 0..1; for a grasp in space the score of its planning."""
         if isinstance(self.grasp, GraspCandidate):
-            return self.grasp.scores["confidence"]
+            return self.grasp.score
         return self.grasp.quality
 
     @property
     def opening(self) -> float:
         """Opening between the jaws before closing, m."""
         return self.grasp.width if self.grasp.opening is None else self.grasp.opening
-
-    @property
-    def quaternion(self) -> tuple[float, float, float, float] | None:
-        """Orientation (x, y, z, w) of a grasp in space in the object's frame, else None."""
-        return None if self.remembered is None else self.remembered.quaternion
 
     @property
     def explanation(self) -> dict[str, Any]:

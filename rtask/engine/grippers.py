@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector, ParallelGripper
+from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.errors import UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
     from rtask.kb.core import GraphCore
 
-__all__ = ["GripperCatalogue", "KnownGripper"]
+__all__ = ["GripperCatalogue", "KnownGripper", "hand_of", "jaws_modelled", "with_friction"]
 
 log = logging.getLogger(__name__)
 
@@ -28,7 +31,7 @@ class KnownGripper:
     iri: NamedNode
     robot: NamedNode
     robot_name: str
-    gripper: ParallelGripper
+    gripper: EndEffector
     kind: str
     camera: NamedNode | None = None
     max_force: float | None = None
@@ -46,7 +49,8 @@ class GripperCatalogue:
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about robots."""
         telling = {RT.hasEndEffector, RT.hasSensor, RT.gripperType, RT.minOpening, RT.maxOpening,
-                   RT.jawWidth, RT.fingerLength, RT.maxPayload, RT.maxForce}  # fmt: skip
+                   RT.jawWidth, RT.fingerLength, RT.maxPayload, RT.maxForce, RT.lipRadius,
+                   RT.lipCompliance, RT.vacuumPressure}  # fmt: skip
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
             with self._lock:
                 self._known = None
@@ -102,17 +106,80 @@ def _listed(known: list[KnownGripper]) -> str:
     return ", ".join(sorted({g.gripper.name for g in known})) or "none yet"
 
 
+_SIZES = {
+    "min_opening": "minOpening", "max_opening": "maxOpening", "jaw_width": "jawWidth",
+    "finger_length": "fingerLength", "max_payload": "maxPayload", "max_force": "maxForce",
+    "lip_radius": "lipRadius", "lip_compliance": "lipCompliance", "pressure": "vacuumPressure",
+}  # fmt: skip
+"""Property of the graph for each size of a hand, as :func:`hand_of` takes them."""
+
+_KINDS = "rt:Hand, rt:ParallelJawGripper, rt:SuctionCup, rt:ThreeFingerHand"
+_COLUMNS = " ".join(f"?{name}" for name in _SIZES)
 _GRIPPERS = f"""{PREFIXES}
-SELECT ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload ?force
-  (MIN(?sensor) AS ?camera) WHERE {{
+SELECT ?part ?robot ?robot_name ?name ?type ?kind {_COLUMNS} (MIN(?sensor) AS ?camera) WHERE {{
   ?robot rt:hasEndEffector ?part ; rt:name ?robot_name .
-  ?part rt:name ?name ; rt:gripperType ?type ; rt:maxOpening ?high
-  OPTIONAL {{ ?part a ?kind FILTER(?kind IN (rt:Hand, rt:ParallelJawGripper)) }}
-  OPTIONAL {{ ?part rt:minOpening ?low }} OPTIONAL {{ ?part rt:jawWidth ?jaw }}
-  OPTIONAL {{ ?part rt:fingerLength ?finger }} OPTIONAL {{ ?part rt:maxPayload ?payload }}
-  OPTIONAL {{ ?part rt:maxForce ?force }}
+  ?part rt:name ?name ; rt:gripperType ?type
+  OPTIONAL {{ ?part a ?kind FILTER(?kind IN ({_KINDS})) }}
+  {" ".join(f"OPTIONAL {{ ?part rt:{term} ?{name} }}" for name, term in _SIZES.items())}
   OPTIONAL {{ ?robot rt:hasSensor ?sensor }}
-}} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload ?force"""
+}} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind {_COLUMNS}"""
+
+
+def hand_of(name: str, gripper_type: str, kind: str, sizes: Mapping[str, float]) -> EndEffector:
+    """Return an end effector from what a robot states about it.
+
+    Parameters
+    ----------
+    kind
+        Its class in the ontology: ``Hand``, ``ParallelJawGripper``, ``SuctionCup`` or
+        ``ThreeFingerHand``.
+    sizes
+        By the names of a registration, m, N, kg and Pa; those left out are as usual.
+
+    Raises
+    ------
+    ValueError
+        The sizes are missing or contradict each other.
+
+    Examples
+    --------
+    >>> hand_of("vacuum", "cup_30", "SuctionCup", {"lip_radius": 0.015}).contact_kind
+    'suction'
+    """
+    if kind == "SuctionCup":
+        named = _named(
+            sizes, radius="lip_radius", compliance="lip_compliance", pressure="pressure",
+            max_payload="max_payload", length="finger_length",
+        )  # fmt: skip
+        if "radius" not in named:
+            raise ValueError(f"suction cup {name!r}: lip_radius is missing")
+        return SuctionCup(name, gripper_type=gripper_type, **named)
+    named = _named(sizes, min_opening="min_opening", max_opening="max_opening",
+                   finger_width="jaw_width", finger_length="finger_length",
+                   max_payload="max_payload")  # fmt: skip
+    if "max_opening" not in named:
+        raise ValueError(f"gripper {name!r}: max_opening is missing")
+    if kind == "ThreeFingerHand":
+        if "max_force" in sizes:
+            named["max_force"] = sizes["max_force"] / 3
+        return ThreeFingerHand(name, gripper_type=gripper_type, **named)
+    named.setdefault("min_opening", 0.0)
+    return ParallelGripper(name, gripper_type, symmetric=kind != "Hand", **named)
+
+
+def _named(sizes: Mapping[str, float], **fields: str) -> dict[str, Any]:
+    return {field: sizes[name] for field, name in fields.items() if name in sizes}
+
+
+def jaws_modelled(hand: EndEffector) -> EndEffector:
+    """Return a hand with the whole shape of its type, where that is known of jaws."""
+    return hand.modelled() if isinstance(hand, ParallelGripper) else hand
+
+
+def with_friction(hand: EndEffector, friction: float) -> EndEffector:
+    """Return a hand with another Coulomb coefficient."""
+    assert isinstance(hand, ParallelGripper | SuctionCup | ThreeFingerHand)
+    return replace(hand, friction=friction)
 
 
 def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
@@ -123,25 +190,16 @@ def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
         if not isinstance(part, NamedNode) or not isinstance(robot, NamedNode):
             continue
         kind = local_name(str(given.get("kind", "Hand")))
+        sizes = {name: float(str(given[name])) for name in _SIZES if name in given}
         try:
-            gripper = ParallelGripper(
-                name=str(given["name"]),
-                gripper_type=str(given["type"]),
-                min_opening=float(str(given.get("low", 0.0))),
-                max_opening=float(str(given["high"])),
-                symmetric=kind != "Hand",
-                finger_width=float(str(given.get("jaw", ParallelGripper.finger_width))),
-                finger_length=float(str(given.get("finger", ParallelGripper.finger_length))),
-                max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
-            )
+            gripper = hand_of(str(given["name"]), str(given["type"]), kind, sizes)
         except ValueError as error:
             # One invalid gripper must not prevent the others from being used.
             log.warning("%s is left out: %s", part.value, error)
             continue
         known = KnownGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
-            camera if isinstance(camera, NamedNode) else None,
-            float(str(given["force"])) if "force" in given else None,
+            camera if isinstance(camera, NamedNode) else None, sizes.get("max_force"),
         )  # fmt: skip
         found.setdefault(part.value, known)
     return [found[key] for key in sorted(found)]

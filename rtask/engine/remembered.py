@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.spatial.candidate import Contacts
 from grasp.spatial.frames import matrix_from_pose, pose_from_planar
+from grasp.spatial.gripper import ContactKind
 
 __all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial"]
 
@@ -52,6 +54,8 @@ class Remembered:
         Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
     width
         Between the contacts, m; None if unknown.
+    contacts
+        Of a cup or of three fingers, in the frame of its object; None for jaws.
     """
 
     grasp: str
@@ -69,6 +73,12 @@ class Remembered:
     prior: float | None = None
     quaternion: tuple[float, float, float, float] | None = None
     width: float | None = None
+    contacts: Contacts | None = None
+
+    @property
+    def contact_kind(self) -> ContactKind:
+        """Kind of hand that can carry it out."""
+        return "jaws" if self.contacts is None else self.contacts.kind
 
     @property
     def object_from_gripper(self) -> NDArray[np.float64]:

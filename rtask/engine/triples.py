@@ -96,6 +96,26 @@ class Triples:
             self._stated.append((subject, getattr(RT, "q" + name), exact))
         return subject
 
+    def position(
+        self, subject: NamedNode, frame: NamedNode, place: NDArray[np.float64]
+    ) -> NamedNode:
+        """Add the frame and the coordinates (3,), m, of an ``rt:Position``."""
+        self.add(subject, RT.inFrame, frame)
+        for name, number in zip("xyz", place, strict=True):
+            self.add(subject, getattr(RT, name), float(number))
+        return subject
+
+    def direction(
+        self, subject: NamedNode, frame: NamedNode, vector: NDArray[np.float64]
+    ) -> NamedNode:
+        """Add an ``rt:Direction``: a unit vector (3,) in a frame."""
+        self.node(subject, [RT.Direction], {RT.inFrame: frame})
+        for name, number in zip("XYZ", vector, strict=True):
+            # As of quaternions, the norm must be 1 within 1e-6.
+            exact = round(float(number), _QUATERNION_DIGITS) + 0.0
+            self._stated.append((subject, getattr(RT, "dir" + name), exact))
+        return subject
+
     def blob(self, blob: Blob) -> NamedNode:
         """Add the description of stored bytes."""
         for subject, predicate, value in blob.statements():

@@ -20,12 +20,11 @@ from scipy.spatial import cKDTree
 from features.codec import encode_frame, to_wire
 from features.geometry import FloatArray, Frame
 from features.perception import Perceived, Seen
-from grasp.messages import matrix_from_message
-from simulate.agent.messages import pose_message
+from simulate.agent.messages import pose_message, tool_pose
 from simulate.agent.tracking import TrackedObject
 from simulate.robots.description import Floats
 
-__all__ = ["Crowd", "tool_pose", "touching"]
+__all__ = ["Crowd", "touching"]
 
 _TOUCHING_M = 0.012
 _SAME_M = 0.03
@@ -160,10 +159,13 @@ class Crowd:
     def fail(self, thing: TrackedObject, grasp: Mapping[str, Any]) -> None:
         """Remember a planned grasp that did not hold, so that it is not tried again."""
         if grasp.get("source") == "scene":
-            self._failed.setdefault(thing.number, []).append(tool_pose(grasp))
+            pose = tool_pose(grasp)
+            assert pose is not None
+            self._failed.setdefault(thing.number, []).append(pose)
 
     def _has_failed(self, number: int, grasp: Mapping[str, Any]) -> bool:
         pose = tool_pose(grasp)
+        assert pose is not None
         return any(
             np.linalg.norm(pose[:3, 3] - other[:3, 3]) < _REPEATED_M
             and abs(float(pose[:3, 0] @ other[:3, 0])) > _REPEATED_COS
@@ -178,11 +180,6 @@ def touching(objects: Sequence[Seen]) -> list[Seen]:
         if not {i, j} <= found and _touch(one.points, other.points):
             found |= {i, j}
     return [objects[k] for k in sorted(found)]
-
-
-def tool_pose(grasp: Mapping[str, Any]) -> Floats:
-    """Return the pose (4, 4) of the tool centre point of a planned grasp."""
-    return np.asarray(matrix_from_message(grasp["tool_pose"]["pose"]), dtype=np.float64)
 
 
 def _touch(a: FloatArray, b: FloatArray) -> bool:

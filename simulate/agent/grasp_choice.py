@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from features.perception import Perceived
 from simulate.agent.interfaces import Body
-from simulate.agent.messages import distinct, grasp_request
+from simulate.agent.messages import distinct, grasp_request, tool_pose
 from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import PlannedGrasp
 from simulate.world.seeds import mix_seed
@@ -71,7 +71,7 @@ def choose_grasp(
     best: GraspChoice | None = None
     reason = "no_grasp"
     for stances, (rank, grasp) in product(_STANCES, grasps):
-        if stances == "other" and "tool_pose" in grasp:
+        if stances == "other" and tool_pose(grasp) is not None:
             continue
         request = grasp_request(thing, grasp, view.table_height, stances)
         planned = body.plan(request, obstacles, seed=mix_seed(seed, rank))

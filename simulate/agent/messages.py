@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from grasp.messages import matrix_from_message
 from rtask.interop.episodes.motion import Motion
 from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import GraspRecord, GraspRequest
+from simulate.robots.description import Floats
 
 __all__ = [
     "distinct",
@@ -24,6 +25,7 @@ __all__ = [
     "observation_message",
     "outcome_message",
     "pose_message",
+    "tool_pose",
 ]
 
 
@@ -31,8 +33,8 @@ def grasp_request(
     thing: TrackedObject, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
 ) -> GraspRequest:
     """Return the request to the planner for a grasp of an answer; one in space keeps its pose."""
-    if "tool_pose" in grasp:
-        pose = np.asarray(matrix_from_message(grasp["tool_pose"]["pose"]), dtype=np.float64)
+    pose = tool_pose(grasp)
+    if pose is not None:
         points = thing.seen.points.astype(np.float64)
         return GraspRequest.at_pose(pose, grasp["width"], grasp["opening"], points, table)
     shape = thing.seen.shape
@@ -59,6 +61,19 @@ def grasp_request(
     )
 
 
+def tool_pose(grasp: Mapping[str, Any]) -> Floats | None:
+    """Return the pose (4, 4) of the tool centre point of a grasp in space; None for a planar one.
+
+    The grasps of an answer have no other link to refer to, so that their pose is that of the tool.
+    """
+    told = grasp.get("tool_pose")
+    if told is None and grasp.get("kind") == "spatial":
+        told = grasp["grasp_pose"]
+    if told is None:
+        return None
+    return np.asarray(matrix_from_message(told["pose"]), dtype=np.float64)
+
+
 def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
     """Return grasps with their ranks, without those that differ in height or opening only.
 
@@ -68,7 +83,7 @@ def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]
     seen: set[tuple[float, ...]] = set()
     for rank, grasp in enumerate(grasps):
         aim = tuple(round(float(grasp[name]), 4) for name in ("x", "y", "theta"))
-        if aim not in seen or "tool_pose" in grasp:
+        if aim not in seen or tool_pose(grasp) is not None:
             seen.add(aim)
             kept.append((rank, grasp))
     return kept

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grasp.spatial.candidate import GraspCandidate, Proposals
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector, ParallelGripper
 from rtask.engine.perception.clutter import ClutterView, view_clutter
-from rtask.errors import RobotError
 from simulate.grasping.executor import Executor
 from simulate.grasping.hand_rules import ParallelJaws
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
@@ -40,16 +39,11 @@ def look_at_clutter(executor: Executor) -> ClutterView | None:
     )  # fmt: skip
 
 
-def hand_of(arm: Arm) -> ParallelGripper:
-    """Return the gripper of an arm with its whole shape, about the arm's tool centre point.
-
-    Raises
-    ------
-    RobotError
-        The arm has no jaws.
-    """
-    if arm.grip in ("suction_cup", "three_fingers"):
-        raise RobotError(f"a pile is cleared by jaws, and {arm.end_effector!r} has none")
+def hand_of(arm: Arm) -> EndEffector:
+    """Return the hand of an arm with its whole shape, about the arm's tool centre point."""
+    other = arm.cup or arm.three
+    if other is not None:
+        return other
     told = ParallelGripper(
         arm.end_effector, arm.gripper_type, 0.0, arm.mouth, max_payload=arm.max_payload
     )

@@ -109,9 +109,11 @@ def _planned(
             table_height=view.table_height, arm=arm, stances="own",
         )  # fmt: skip
         velocity = chain.velocity
+        # A closed cup is one that draws air, and would take what it is to push.
+        opening = 0.0 if space.robot.arm(arm).cup is None else 1.0
         return PlannedGrasp(
-            request=request, arm=arm, opening=0.0, closing_angle=request.theta % np.pi, tilt=0.0,
-            tool_height=height - view.table_height, posture=posture, free=free,
+            request=request, arm=arm, opening=opening, closing_angle=request.theta % np.pi,
+            tilt=0.0, tool_height=height - view.table_height, posture=posture, free=free,
             approach=time_path(down[::-1], SPEED["approach"] * velocity),
             lift=time_path(push, SPEED["lift"] * velocity, CARRYING_ACCELERATION),
             obstacles=(field,), ik_solutions=1, planning_s=0.0, seed=seed,

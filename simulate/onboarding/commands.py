@@ -159,11 +159,6 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
     if grasps < 0:
         raise UsageError(f"--grasps must not be negative, got {grasps}")
     described = describe(name)
-    if grasps and any(a.grip in ("suction_cup", "three_fingers") for a in described.arms.values()):
-        raise UsageError(
-            f"--grasps: the graph keeps grasps of jaws alone, and {name} has another hand; "
-            f"check its body with --grasps 0"
-        )
     rows: Sequence[Any] = []
     with banner_on_stderr():
         findings = list(check_robot_body(described, seed))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.errors import RobotError
 
 __all__ = [
@@ -202,6 +203,8 @@ class Arm:
         ``parallel_jaws`` and ``three_fingers`` straight down, ``suction_cup`` onto what it takes.
     cup
         The cup where it grasps by suction; it has no fingers then.
+    three
+        The hand where it grasps with three fingers about an axis.
     kind
         Class of end effector in the ontology.
     gripper_type
@@ -239,11 +242,12 @@ class Arm:
     grip: Literal["diagonal_mouth", "parallel_jaws", "suction_cup", "three_fingers"] = (
         "diagonal_mouth"
     )
-    kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
+    kind: Literal["Hand", "ParallelJawGripper", "SuctionCup", "ThreeFingerHand"] = "Hand"
     aliases: tuple[str, ...] = ()
     finger_closed: tuple[float, ...] = ()
     finger_open: tuple[float, ...] = ()
     cup: SuctionCup | None = None
+    three: ThreeFingerHand | None = None
 
     def opening_share(self, opening_m: float) -> float:
         """Return an opening, m, as a share 0 .. 1 of the widest; a cup is always open."""

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from grasp.spatial.contact_plan import OtherHand
 from grasp.spatial.gripper_files import end_effector_named
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
@@ -26,8 +27,6 @@ FINGERS = ("made_finger_1_joint", "made_finger_2_joint", "made_finger_3_joint")
 STAND_OFF_M = 0.006
 """From a cup's lip to the tool centre point, m: it comes to a stop so far before what it is to
 take, and moves on until it seals."""
-
-OtherHand = SuctionCup | ThreeFingerHand
 
 _CUP_KG, _PALM_KG, _FINGER_KG = 0.15, 0.5, 0.1
 _DESCRIBED = (".json", ".toml")
@@ -59,7 +58,7 @@ def other_hand(text: str) -> OtherHand | None:
         found = end_effector_named(text)
     except (OSError, ValueError) as error:
         raise RobotError(f"gripper {text!r}: {error}") from error
-    if not isinstance(found, SuctionCup | ThreeFingerHand):
+    if not isinstance(found, OtherHand):
         raise RobotError(
             f"gripper {text!r} describes jaws without links; an arm takes jaw:STROKE or a URDF file"
         )
@@ -88,17 +87,19 @@ def arm_with(arm: Arm, hand: OtherHand, wrist_from_mount: Floats) -> Arm:
         arm,
         tcp=(x, y, z), approach=_axis(turn[:, 2]), closing=_axis(turn[:, 0]),
         end_effector=hand.name, aliases=(), fingers=fingers, gripper_type=hand.gripper_type,
-        max_payload=hand.max_payload, kind="Hand", finger_speed=_SPEED_M_S,
+        max_payload=hand.max_payload, finger_speed=_SPEED_M_S,
     )  # fmt: skip
     if isinstance(hand, SuctionCup):
         return replace(
-            made, grip="suction_cup", cup=hand, mouth=_WIDEST_M, finger_range=1.0,
+            made, kind="SuctionCup", grip="suction_cup", cup=hand, mouth=_WIDEST_M,
+            finger_range=1.0,
             finger_closed=(), finger_open=(), finger_width=2 * hand.radius,
             finger_length=hand.length, max_force=hand.force, close_effort=0.0, open_effort=0.0,
         )  # fmt: skip
     closed, opened = hand.min_opening / 2, hand.max_opening / 2
     return replace(
-        made, grip="three_fingers", mouth=hand.max_opening, finger_range=opened,
+        made, kind="ThreeFingerHand", grip="three_fingers", three=hand,
+        mouth=hand.max_opening, finger_range=opened,
         finger_closed=(closed,) * 3, finger_open=(opened,) * 3, finger_width=hand.finger_width,
         finger_length=hand.finger_length, max_force=3 * hand.max_force,
         close_effort=3 * hand.max_force, open_effort=3 * hand.max_force,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.errors import RobotError
 from simulate.robots.attaching import attach, gripper_of, hold_still
 from simulate.robots.description import (
@@ -38,9 +39,10 @@ __all__ = [
     "settings_of",
 ]
 
-_ARM_FIELDS = {field.name: field for field in fields(Arm) if field.name != "cup"}
+_ARM_FIELDS = {field.name: field for field in fields(Arm) if field.name not in ("cup", "three")}
 _SIZED = ("jaw", "suction", "three")
 """Grippers that one length describes, m."""
+_SIZES = {"suction_cup": "suction = RADIUS", "three_fingers": "three = OPENING"}
 _PLACE_FIELDS = {field.name for field in fields(Workplace)}
 
 
@@ -179,14 +181,16 @@ def _gripper_from(path: Path, table: Mapping[str, Any]) -> str | None:
 def _arm(path: Path, name: str, table: Mapping[str, Any], hand: OtherHand | None) -> Arm:
     _known(path, f"arms.{name}", table, _ARM_FIELDS)
     arm = Arm(**{"name": name, **{key: _frozen(value) for key, value in table.items()}})
-    if arm.grip != "suction_cup":
-        return arm
-    if not isinstance(hand, SuctionCup):
+    if arm.grip == "suction_cup" and isinstance(hand, SuctionCup):
+        return replace(arm, cup=hand)
+    if arm.grip == "three_fingers" and isinstance(hand, ThreeFingerHand):
+        return replace(arm, three=hand)
+    if arm.grip in _SIZES:
         raise RobotError(
-            f"{path}: arms.{name}: a suction_cup needs its size: suction = RADIUS (m), or file = "
+            f"{path}: arms.{name}: a {arm.grip} needs its size: {_SIZES[arm.grip]} (m), or file = "
             f"FILE, under [gripper]"
         )
-    return replace(arm, cup=hand)
+    return arm
 
 
 def _camera(path: Path, name: str, table: Mapping[str, Any]) -> CameraMount:

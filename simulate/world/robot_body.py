@@ -417,20 +417,8 @@ class RobotBody:
     # -- introduction -----------------------------------------------------------------------
 
     def describe(self, name: str) -> dict[str, Any]:
-        """Return the registration of the robot as JSON data: hands, cameras, frames.
-
-        Raises
-        ------
-        RobotError
-            A hand is neither jaws nor like them: the graph keeps no grasps for it.
-        """
+        """Return the registration of the robot as JSON data: hands, cameras, frames."""
         robot = self.description
-        for arm in self.arms.values():
-            if arm.grip in ("suction_cup", "three_fingers"):
-                raise RobotError(
-                    f"{arm.end_effector!r} of {robot.name!r} is not registered: the graph keeps "
-                    f"grasps of jaws alone; the act service and an Executor use it without"
-                )
         return {
             "name": name,
             "model": robot.model,
@@ -448,18 +436,28 @@ class RobotBody:
 
 
 def _hand_message(arm: Arm) -> dict[str, Any]:
-    return {
+    common = {
         "name": arm.end_effector,
         "gripper_type": arm.gripper_type,
         "kind": arm.kind,
-        "min_opening": 0.0,
-        "max_opening": arm.mouth,
-        "jaw_width": arm.finger_width,
         "finger_length": arm.finger_length,
         "max_force": arm.max_force,
         "max_payload": arm.max_payload,
         "parent_link": arm.wrist,
         "planning_group": arm.name,
+    }
+    if arm.cup is not None:
+        return {
+            **common,
+            "lip_radius": arm.cup.radius,
+            "lip_compliance": arm.cup.give,
+            "pressure": arm.cup.pressure,
+        }
+    return {
+        **common,
+        "min_opening": 0.0,
+        "max_opening": arm.mouth,
+        "jaw_width": arm.finger_width,
     }
 
 

@@ -298,6 +298,15 @@ FAULTS = [
     ("f1", "PhysicsFeedback", drop(":f1 rt:verdict")),
     ("f1", "PhysicsFeedback", add(":f1 rt:holdTime -1.0e0")),
     ("v", "JointValue", add(":v a rt:JointValue ; rt:angle 0.5e0")),
+    ("cup", "SuctionCup", add(':cup a rt:SuctionCup ; rt:gripperType "cup"')),
+    ("sg", "SuctionGrasp", add(":sg a rt:SuctionGrasp")),
+    ("sg", "SuctionGrasp", add(":sg a rt:SuctionGrasp ; rt:hasContact :gc")),
+    (
+        "fg",
+        "ThreeFingerGrasp",
+        add(":fg a rt:ThreeFingerGrasp ; rt:contactWidth 0.05e0 ; rt:hasContact :gc"),
+    ),
+    ("gc", "GraspContact", add(":gc a rt:GraspContact ; rt:contactIndex 0")),
     ("t", "GripperTranslation", add(":t a rt:GripperTranslation")),
     (
         "t",

@@ -31,7 +31,8 @@ def scored_under_errors(
 ) -> GraspCandidate:
     """Return a candidate with its confidence, its 95 % bound, and the chance to bear each load.
 
-    A pose that closes bears a load with the chance 1 / (1 + a^4), a = what is asked of it.
+    A pose that closes bears a load with the chance 1 / (1 + a^4), a = what is asked of it;
+    ``holding`` is the mean over the loads.
 
     Parameters
     ----------
@@ -49,4 +50,5 @@ def scored_under_errors(
     }
     for name, asked in loads.items():
         scores[name] = float(np.where(good, 1 / (1 + np.minimum(asked, _MOST) ** _SLOPE), 0).mean())
+    scores["holding"] = float(np.mean([scores[name] for name in loads]))
     return replace(candidate, scores={**candidate.scores, **scores})

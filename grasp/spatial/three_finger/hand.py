@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
+from grasp.spatial.gripper import ContactKind
 
 __all__ = ["WAYS", "ThreeFingerHand"]
 
@@ -110,6 +111,15 @@ class ThreeFingerHand:
                 f"three-finger hand {self.name!r}: 0 <= fingertip < finger_length m is wanted, got "
                 f"{self.fingertip} and {self.finger_length}"
             )
+
+    @property
+    def contact_kind(self) -> ContactKind:
+        """``three_fingers``."""
+        return "three_fingers"
+
+    def fits(self, width_m: float, margin_m: float = 0.002) -> bool:
+        """Tell whether the circle of a width can be closed on, with ``margin_m`` to spare."""
+        return self.min_opening <= width_m <= self.max_opening - margin_m
 
     @property
     def reach(self) -> float:

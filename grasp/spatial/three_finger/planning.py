@@ -17,7 +17,6 @@ from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
-from grasp.spatial.each_thing import plan_each_thing
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.scoring.holding import CARRY_G, LIFT_G, assumed_mass
@@ -30,7 +29,6 @@ from grasp.spatial.three_finger.hand import ThreeFingerHand
 __all__ = [
     "plan_three_finger",
     "plan_three_finger_on_cloud",
-    "plan_three_finger_on_scene",
 ]
 
 _STARTS, _TURNS, _DEPTHS = 24, 8, 5
@@ -169,36 +167,6 @@ def plan_three_finger_on_cloud(
     surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
     found = plan_three_finger(surface, hand, Surroundings(support, neighbours), options)
     return replace(found, notes=(*cloud.notes, *found.notes))
-
-
-def plan_three_finger_on_scene(
-    points: FloatArray,
-    labels: NDArray[np.integer],
-    hand: ThreeFingerHand,
-    support: Support,
-    viewpoints: FloatArray | None = None,
-    options: SpatialOptions | None = None,
-) -> Proposals:
-    """Plan grasps of any thing of a scene, with the others around it.
-
-    Parameters
-    ----------
-    points, labels
-        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
-    support, viewpoints, options
-        As of :func:`plan_three_finger_on_cloud`.
-
-    Returns
-    -------
-    Proposals
-        As of :func:`~grasp.spatial.each_thing.plan_each_thing`.
-    """
-    options = options or SpatialOptions()
-
-    def plan(own: FloatArray, others: FloatArray | None) -> Proposals:
-        return plan_three_finger_on_cloud(own, hand, support, viewpoints, options, others)
-
-    return plan_each_thing(points, labels, support.up, options.most, plan)
 
 
 def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,82 +11,55 @@ if TYPE_CHECKING:
 
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.collision import Support
+    from grasp.spatial.contact_plan import OtherHand
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction_cup import SuctionCup
-    from grasp.spatial.three_finger.hand import ThreeFingerHand
     from rtask.engine.perception.clutter import ClutterView
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
 
-__all__ = ["plan_with_cup", "plan_with_three_fingers", "scene_view", "things_in"]
+__all__ = ["plan_with_contacts", "scene_view", "things_in"]
 
 
-def plan_with_cup(
+def plan_with_contacts(
     shape: Shape,
     known: ObjectShape | None,
-    cup: SuctionCup,
+    hand: OtherHand,
     wanted: SpatialOptions,
     options: dict[str, Any],
 ) -> Proposals:
-    """Plan where a suction cup takes a mesh, what a cloud shows, or any thing of a scene."""
+    """Plan where a hand takes a mesh, what a cloud shows, or any thing of a scene."""
     from grasp.spatial.collision import Surroundings
+    from grasp.spatial.contact_plan import plan_contacts, plan_contacts_on_cloud
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction import plan_suction, plan_suction_on_cloud, plan_suction_on_scene
 
-    _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "a suction cup")
+    what = "a suction cup" if hand.contact_kind == "suction" else "three fingers"
+    _refuse_for(options, ("grasps", "save_grasps", "classifier"), what)
     if options["scene"]:
-        return _on_scene(shape, options, plan_suction_on_scene, cup, wanted)
+        return _on_scene(shape, options, hand, wanted)
     support, viewpoints = _standing(shape, known, options)
     if isinstance(shape, Mesh):
-        return plan_suction(shape, cup, Surroundings(support), wanted)
-    return plan_suction_on_cloud(shape, cup, support, viewpoints, wanted)
-
-
-def plan_with_three_fingers(
-    shape: Shape,
-    known: ObjectShape | None,
-    hand: ThreeFingerHand,
-    wanted: SpatialOptions,
-    options: dict[str, Any],
-) -> Proposals:
-    """Plan where three fingers close on a mesh, what a cloud shows, or any thing of a scene."""
-    from grasp.spatial.collision import Surroundings
-    from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.three_finger.planning import (
-        plan_three_finger,
-        plan_three_finger_on_cloud,
-        plan_three_finger_on_scene,
-    )
-
-    _refuse_for(options, ("grasps", "save_grasps", "store", "classifier"), "three fingers")
-    if options["scene"]:
-        return _on_scene(shape, options, plan_three_finger_on_scene, hand, wanted)
-    support, viewpoints = _standing(shape, known, options)
-    if isinstance(shape, Mesh):
-        return plan_three_finger(shape, hand, Surroundings(support), wanted)
-    return plan_three_finger_on_cloud(shape, hand, support, viewpoints, wanted)
+        return plan_contacts(shape, hand, Surroundings(support), wanted)
+    return plan_contacts_on_cloud(shape, hand, support, viewpoints, wanted)
 
 
 def _on_scene(
-    shape: Shape,
-    options: dict[str, Any],
-    plan: Callable[..., Proposals],
-    hand: SuctionCup | ThreeFingerHand,
-    wanted: SpatialOptions,
+    shape: Shape, options: dict[str, Any], hand: OtherHand, wanted: SpatialOptions
 ) -> Proposals:
     """Plan on all things that a cloud shows on its table."""
     import numpy as np
 
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.collision import Support
+    from grasp.spatial.contact_plan import plan_contacts_on_scene
 
     view = scene_view(shape, options)
     if isinstance(view, str):
         return Proposals(reason=view)
     eyes = np.array([options["viewpoint"]])
-    found = plan(view.points, view.labels, hand, Support(view.table_height), eyes, wanted)
+    support = Support(view.table_height)
+    found = plan_contacts_on_scene(view.points, view.labels, hand, support, eyes, wanted)
     return replace(found, notes=(things_in(view), *found.notes))
 
 

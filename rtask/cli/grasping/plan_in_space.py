@@ -16,11 +16,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasp.spatial.candidate import Proposals
+    from grasp.spatial.contact_plan import OtherHand
     from grasp.spatial.gripper import EndEffector, ParallelGripper
     from grasp.spatial.hand_search.shipped import Filter
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction_cup import SuctionCup
-    from grasp.spatial.three_finger.hand import ThreeFingerHand
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -118,18 +117,17 @@ def _shape(
 def _planned(
     shape: Shape,
     known: ObjectShape | None,
-    gripper: ParallelGripper | SuctionCup | ThreeFingerHand,
+    gripper: ParallelGripper | OtherHand,
     options: dict[str, Any],
 ) -> Proposals:
     import numpy as np
 
     from grasp.spatial.collision import Support, Surroundings
+    from grasp.spatial.contact_plan import OtherHand
     from grasp.spatial.grasp_plan import SpatialOptions, plan_given, plan_on_cloud, plan_on_mesh
     from grasp.spatial.interchange import read_grasps
     from grasp.spatial.meshes.mesh import Mesh
-    from grasp.spatial.suction_cup import SuctionCup
-    from grasp.spatial.three_finger.hand import ThreeFingerHand
-    from rtask.cli.grasping.other_hands import plan_with_cup, plan_with_three_fingers
+    from rtask.cli.grasping.other_hands import plan_with_contacts
     from rtask.errors import UsageError
 
     wanted = SpatialOptions(
@@ -137,10 +135,8 @@ def _planned(
         seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
-    if isinstance(gripper, SuctionCup):
-        return plan_with_cup(shape, known, gripper, wanted, options)
-    if isinstance(gripper, ThreeFingerHand):
-        return plan_with_three_fingers(shape, known, gripper, wanted, options)
+    if isinstance(gripper, OtherHand):
+        return plan_with_contacts(shape, known, gripper, wanted, options)
     if options["grasps"] is not None and not isinstance(shape, Mesh):
         raise UsageError("--grasps needs the mesh that they are grasps of")
     if options["scene"]:
@@ -217,7 +213,7 @@ def _store(
         raise UsageError(f"nothing stored: {_verdict(found, options) or found.reason}")
     kind = options["gripper_type"] or gripper.gripper_type
     with rtask.open(data) as kb, Engine(kb) as engine:
-        planned = as_planned(sure, _noise(options), options["samples"])
+        planned = as_planned(sure, _noise(options), options["samples"], gripper)
         return store_planned_in_space(
             engine.context, known.thing, planned, kind, derived_from=known.sources
         )

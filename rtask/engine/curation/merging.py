@@ -43,6 +43,7 @@ _OF_ITS_OWN = (
     RT.bodyFrame, RT.hasSymmetry, RT.hasModel,
 )  # fmt: skip
 _NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
+_DIRECTION = (RT.dirX, RT.dirY, RT.dirZ)
 
 
 def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
@@ -162,7 +163,9 @@ def _posed_views(
 
 def _numbers(quads: Iterable[Quad]) -> dict[NamedNode, float]:
     return {
-        q.predicate: float(str(python_value(q.object))) for q in quads if q.predicate in _NUMBERS
+        q.predicate: float(str(python_value(q.object)))
+        for q in quads
+        if q.predicate in (*_NUMBERS, *_DIRECTION)
     }
 
 
@@ -201,7 +204,14 @@ def move_frame(
             place = np.array([numbers[p] for p in _NUMBERS[:3]])
             quaternion = np.array([numbers[p] for p in _NUMBERS[4:]])
             triples.pose(pose, new, new_from_old @ matrix_from_pose(place, quaternion))
-        said = [fact for fact in triples if fact[1] in _NUMBERS]
+        elif RT.dirX in numbers:
+            triples.direction(
+                pose, new, new_from_old[:3, :3] @ np.array([numbers[p] for p in _DIRECTION])
+            )
+        elif RT.x in numbers:
+            place = np.array([*(numbers[p] for p in _NUMBERS[:3]), 1.0])
+            triples.position(pose, new, (new_from_old @ place)[:3])
+        said = [fact for fact in triples if fact[1] in (*_NUMBERS, *_DIRECTION)]
         for _, predicate, value in said:
             for quad in quads:
                 if quad.predicate == predicate:

@@ -161,7 +161,10 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
         if grasp not in stays:
             for quad in edit.match(thing, RT.hasGrasp, grasp):
                 edit.replace(quad, Quad(new, RT.hasGrasp, grasp, quad.graph_name))
-            poses |= _objects(edit, grasp, RT.graspPose)
+            contacts = _objects(edit, grasp, RT.hasContact)
+            poses |= _objects(edit, grasp, RT.graspPose) | contacts
+            for contact in contacts:
+                poses |= _objects(edit, contact, RT.contactNormal)
         else:
             _copy_grasp(context, edit, new, grasp, attempts)
     return poses
@@ -183,6 +186,19 @@ def _move_tasks(edit: Edit, thing: NamedNode, new: NamedNode, tasks: set[NamedNo
             edit.replace(quad, Quad(task, RT.handles, new, quad.graph_name))
 
 
+def _copy_measure(
+    edit: Edit, node: NamedNode, owners: tuple[NamedNode, NamedNode], frame: NamedNode
+) -> NamedNode:
+    """Copy a pose, a contact or a normal to another frame and owner; return the copy."""
+    copy = iri(node.value.replace(owners[0].value, owners[1].value, 1))
+    for part in edit.match(node):
+        said = frame if part.predicate == RT.inFrame else part.object
+        if part.predicate == RT.contactNormal and isinstance(said, NamedNode):
+            said = _copy_measure(edit, said, owners, frame)
+        edit.added[Quad(copy, part.predicate, said, part.graph_name)] = None
+    return copy
+
+
 def _copy_grasp(
     context: Context, edit: Edit, new: NamedNode, grasp: NamedNode, attempts: list[NamedNode]
 ) -> None:
@@ -190,12 +206,8 @@ def _copy_grasp(
     frame = body_frame(context, new)
     for quad in edit.match(grasp):
         value, graph = quad.object, quad.graph_name
-        if quad.predicate == RT.graspPose and isinstance(value, NamedNode):
-            pose = iri(f"{twin.value}/pose")
-            for part in edit.match(value):
-                said = frame if part.predicate == RT.inFrame else part.object
-                edit.added[Quad(pose, part.predicate, said, part.graph_name)] = None
-            value = pose
+        if quad.predicate in (RT.graspPose, RT.hasContact) and isinstance(value, NamedNode):
+            value = _copy_measure(edit, value, (grasp, twin), frame)
         edit.added[Quad(twin, quad.predicate, value, graph)] = None
         edit.added[Quad(new, RT.hasGrasp, twin, graph)] = None
     for attempt in attempts:

@@ -13,11 +13,18 @@ from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
 from grasp.learning.bandit import Trial as Tried
 from grasp.learning.calibration import ScoreMap
 from grasp.learning.causes import hidden_share
-from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.candidate import GraspCandidate, contacts_of
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
-from grasp.spatial.frames import move_planar, wrap_axis
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.frames import (
+    closing_yaw,
+    matrix_from_pose,
+    move_planar,
+    pose_from_matrix,
+    tilt,
+    wrap_axis,
+)
+from grasp.spatial.gripper import ContactKind, EndEffector, ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import Option
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
@@ -31,6 +38,9 @@ _MERGE_M = 0.005
 _MERGE_RAD = np.deg2rad(10)
 _SURELY_IT = 0.5
 """Confidence in an identity from which a success of that object is one of the present object."""
+_UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+_LARGER = 1.1
+"""By which a lip may be larger than one that sealed at a place."""
 _SPARE_M = 0.008
 """Room on either side of an object when another hand opens for it."""
 
@@ -54,16 +64,22 @@ class Scene:
         Largest closing force, N, by type of gripper, where it is known.
     is_fast
         Whether the robot is simulated with the coarse physics preset.
+    planned
+        New grasps of a hand that is no jaws, in the robot's frame.
+    max_tilt
+        Largest angle between the vertical and the approach of a grasp in space, rad.
     """
 
     footprint: Footprint
     frame_from_upright: NDArray[np.float64]
-    gripper: ParallelGripper
+    gripper: EndEffector
     neighbours: NDArray[np.float64] | None = None
     seed: int = 0
     frame_from_object: NDArray[np.float64] | None = None
     forces: Mapping[str, float] = field(default_factory=dict)
     is_fast: bool = False
+    planned: tuple[GraspCandidate, ...] = ()
+    max_tilt: float = np.pi
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -85,13 +101,17 @@ def options(
     limit
         Maximum number of candidates.
     """
+    hand = scene.gripper
     own = memory.of(object_iri) if object_iri else []
+    own = [one for one in own if one.contact_kind == hand.contact_kind]
     found = _from_above(scene, [one for one in own if one.quaternion is None])
     found += _in_space(scene, [one for one in own if one.quaternion is not None])
     if not propose:
         return found
+    if not isinstance(hand, ParallelGripper):
+        return found + _planned(scene, [one.grasp for one in found], limit)
     proposed = propose_planar(
-        scene.footprint, scene.gripper, scene.neighbours, scene.seed, max_candidates=limit
+        scene.footprint, hand, scene.neighbours, scene.seed, max_candidates=limit
     )
     fresh = ~_merged(proposed, [one.grasp for one in found[:200]])
     at = np.array([(grasp.x, grasp.y, grasp.theta) for grasp in proposed]).reshape(-1, 3)
@@ -129,6 +149,7 @@ def choose(
         policy, confidence, scene.gripper, scene.size, now or dt.datetime.now(dt.UTC),
         scene.forces, scene.is_fast,
     )  # fmt: skip
+    memory = _of_kind(memory, scene.gripper.contact_kind)
     told = _relevant(without_trials(memory), confidence)
     evidence = gather(
         at[:, :3], at[:, 3], told, weights, policy.bandit.bandwidth, _all_axes(candidates, told)
@@ -138,6 +159,18 @@ def choose(
         replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
         for c in _rank(candidates, scene, memory, policy, evidence, maps or {}, hidden)
     ]
+
+
+def _of_kind(memory: Memory, kind: ContactKind) -> Memory:
+    """Return what is remembered of grasps by contacts of one kind: others say nothing about it."""
+    others = {one.grasp for one in memory.grasps if one.contact_kind != kind}
+    if not others:
+        return memory
+    return replace(
+        memory,
+        grasps=tuple(one for one in memory.grasps if one.grasp not in others),
+        trials=tuple(one for one in memory.trials if one.grasp not in others),
+    )
 
 
 def _relevant(told: Sequence[Remembered], confidence: Mapping[str, float]) -> Sequence[Remembered]:
@@ -184,7 +217,7 @@ def _rank(
         Arm(
             (x, y, z), theta, _chance(option, maps),
             float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
-            _axes(option.remembered), float(hidden[i]),
+            _axes(option), float(hidden[i]),
         )
         for i, option in enumerate(candidates)
         for x, y, z, theta in [option.in_object]
@@ -223,7 +256,7 @@ def _hidden(
     return hidden
 
 
-def _opening(one: Remembered, hand: ParallelGripper) -> float:
+def _opening(one: Remembered, hand: EndEffector) -> float:
     """Return how far a hand opens for a remembered grasp: as its own kind did, or its contacts'
     distance and some room, m.
     """
@@ -243,7 +276,7 @@ def _from_above(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
 
     Between neighbours a hand opens no wider than it needs to.
     """
-    if not known:
+    if not (known and isinstance(scene.gripper, ParallelGripper)):
         return []
     wide = [_opening(one, scene.gripper) for one in known]
     tried = [wide]
@@ -265,6 +298,7 @@ def _rated(
     scene: Scene, known: Sequence[Remembered], openings: Sequence[float]
 ) -> list[PlanarGrasp | None]:
     """Return remembered grasps from above as they are now, None where the jaws cannot close."""
+    assert isinstance(scene.gripper, ParallelGripper)
     at = np.array([(one.x, one.y, one.theta) for one in known])
     drafts = [
         PlanarGrasp(x, y, one.z, wrap_axis(theta), 0.0, opening, 0.0, "memory", scene.seed)
@@ -282,6 +316,7 @@ def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
     approach as axes, so that it says the same of every gripper.
     """
     hand, pose = scene.gripper, scene.frame_from_object
+    known = [one for one in known if _suits(one, hand)]
     if pose is None or not known:
         return []
     support = float(scene.frame_from_upright[2, 3])
@@ -296,33 +331,88 @@ def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
         known, poses, openings.tolist(), room.clearance.tolist(), room.free.tolist(), strict=True
     ):
         width = opening if one.width is None else one.width
-        if is_free and hand.fits(width, 0.0):
+        is_steep = tilt(placed @ _UPSIDE_DOWN) <= scene.max_tilt
+        if is_free and hand.fits(width, 0.0) and is_steep:
             scores = {"confidence": one.prior or 0.0, "clearance": clearance}
             grasp = GraspCandidate(placed, width, source="recalled", opening=opening, scores=scores)
-            found.append(Option(one.grasp, grasp, (one.x, one.y, one.z, one.theta), one))
+            contacts = one.contacts
+            if contacts is not None:
+                contacts = contacts.within(one.object_from_gripper)
+            found.append(
+                Option(
+                    one.grasp, grasp, (one.x, one.y, one.z, one.theta), one,
+                    quaternion=one.quaternion, contacts=contacts,
+                )
+            )  # fmt: skip
     return found
 
 
-def _axes(known: Remembered | Trial | None) -> Axes | None:
-    """Return closing and approach direction of a grasp in space; None for one from above."""
+def _suits(one: Remembered, hand: EndEffector) -> bool:
+    """Tell whether contacts are ones of a hand: a lip seals where one at least as large did."""
+    contacts = one.contacts
+    if contacts is None or contacts.seal_radius is None:
+        return True
+    return hand.finger_width / 2 <= _LARGER * contacts.seal_radius
+
+
+def _planned(
+    scene: Scene, known: Sequence[PlanarGrasp | GraspCandidate], limit: int
+) -> list[Option]:
+    """Return the newly planned grasps that no known one covers."""
+    pose = scene.frame_from_object
+    object_from_frame = np.linalg.inv(scene.frame_from_upright if pose is None else pose)
+    found: list[Option] = []
+    for k, one in enumerate(scene.planned[:limit]):
+        placed = one.frame_from_gripper
+        if tilt(placed @ _UPSIDE_DOWN) > scene.max_tilt:
+            continue
+        if any(
+            isinstance(old, GraspCandidate)
+            and np.linalg.norm(old.centre - one.centre) <= _MERGE_M
+            and float(old.approach @ one.approach) >= np.cos(_MERGE_RAD)
+            for old in known
+        ):
+            continue
+        in_object = object_from_frame @ placed
+        (x, y, z), (qx, qy, qz, qw) = (part.tolist() for part in pose_from_matrix(in_object))
+        contacts = contacts_of(one, scene.gripper)
+        found.append(
+            Option(
+                f"candidate:{k}", one, (x, y, z, closing_yaw(in_object)),
+                quaternion=(qx, qy, qz, qw),
+                contacts=None if contacts is None else contacts.within(placed),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _axes(known: Remembered | Trial | Option | None) -> Axes | None:
+    """Return closing and approach direction of a grasp in space; None for one from above.
+
+    Cups and three fingers are alike about their approach, so that it is both for them.
+    """
     if known is None or known.quaternion is None:
         return None
-    closing, approach = known.object_from_gripper[:3, [0, 2]].T.tolist()
-    return tuple(closing), tuple(approach)
+    if isinstance(known, Option):
+        pose = matrix_from_pose(np.array(known.in_object[:3]), np.array(known.quaternion))
+    else:
+        pose = known.object_from_gripper
+    closing, approach = pose[:3, [0, 2]].T.tolist()
+    is_round = isinstance(known, Option | Remembered) and known.contacts is not None
+    return tuple(approach if is_round else closing), tuple(approach)
 
 
 def _all_axes(
     candidates: Sequence[Option], told: Sequence[Remembered]
 ) -> NDArray[np.float64] | None:
     """Return closing and approach directions (n, 2, 3); None if all grasps are from above."""
-    known = (*(one.remembered for one in candidates), *told)
-    if all(one is None or one.quaternion is None for one in known):
+    if not any([one.quaternion for one in candidates] + [one.quaternion for one in told]):
         return None
     flat = [
         ((np.cos(theta), np.sin(theta), 0.0), (0.0, 0.0, -1.0))
         for *_, theta in (one.in_object for one in candidates)
     ]
-    return np.array([_axes(one.remembered) or f for one, f in zip(candidates, flat, strict=True)])
+    return np.array([_axes(one) or f for one, f in zip(candidates, flat, strict=True)])
 
 
 def _merged(

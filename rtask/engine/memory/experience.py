@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.bandit import kernel, kernel_in_space
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Tally
 
@@ -61,7 +61,7 @@ class Weights:
 
     policy: Policy
     confidence: Mapping[str, float]
-    gripper: ParallelGripper
+    gripper: EndEffector
     size: tuple[float, float, float]
     now: dt.datetime
     forces: Mapping[str, float] = field(default_factory=dict)
@@ -96,9 +96,11 @@ class Weights:
         """Return the weight of an outcome by the hand that had it.
 
         What a weak hand holds a strong one holds, and what a strong hand drops a weak one drops;
-        the other way round, little follows.
+        the other way round, little follows; and nothing from contacts of another kind.
         """
         mine, theirs = self.gripper.gripper_type, grasp.gripper_type
+        if grasp.contact_kind != self.gripper.contact_kind:
+            return 0.0
         if theirs == mine:
             return 1.0
         if not self.gripper.min_opening <= min(self.size[:2]) <= self.gripper.max_opening:
@@ -163,7 +165,10 @@ def gather(
     if axes is None:
         near = kernel(positions, thetas, there, angles, size, bandwidth)
     else:
-        turns = np.stack([g.object_from_gripper[:3, [0, 2]].T for g in told])
+        # Cups and three fingers are alike about their approach.
+        turns = np.stack(
+            [g.object_from_gripper[:3, [0 if g.contacts is None else 2, 2]].T for g in told]
+        )
         near = kernel_in_space(positions, axes, there, turns, size, bandwidth)
     won = np.array([_weight(g, weights, held=True) for g in told])
     lost = np.array([_weight(g, weights, held=False) for g in told])

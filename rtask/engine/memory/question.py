@@ -90,6 +90,7 @@ def query_text(question: Question) -> str:
         _object_part(question),
         *(_grasp_part(which, of_class, orientation) for which, of_class in of
           for orientation in orientations),
+        *(_contact_part(which, of_class) for which, of_class in of if question.in_space),
         *(_tally_part(which, of_class, fast, question.doubts)
           for which, of_class in of for fast in (False, True)),
         *(_trial_part(question.tracked, question.robot, orientation)
@@ -148,6 +149,17 @@ def _grasp_part(which: str, of_class: str, orientation: str) -> str:
     OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
     OPTIONAL {{ ?grasp rt:contactWidth ?contact }}
     BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
+
+
+def _contact_part(which: str, of_class: str) -> str:
+    """Return the pattern of places at which cups and fingers touch."""
+    return f"""{which}
+    ?object rt:hasGrasp ?grasp . ?grasp rt:hasContact ?touch ; a ?mode .
+    ?touch rt:contactIndex ?number ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:contactNormal ?normal .
+    ?normal rt:dirX ?nx ; rt:dirY ?ny ; rt:dirZ ?nz
+    OPTIONAL {{ ?touch rt:sealRadius ?seal }}
+    FILTER(?mode IN (rt:SuctionGrasp, rt:ThreeFingerGrasp))
+    BIND("contact" AS ?part) BIND({of_class} AS ?of_class)"""
 
 
 def _tally_part(which: str, of_class: str, only_fast: bool, doubts: Mapping[str, float]) -> str:

@@ -7,12 +7,15 @@ asking robot, and the viewpoints of stored views.
 from __future__ import annotations
 
 import datetime as dt
+import logging
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.spatial.candidate import Contacts
 from grasp.spatial.frames import closing_yaw, matrix_from_pose
 from rtask.engine.memory.question import Question, query_text
 from rtask.engine.remembered import KnownObject, Memory, Remembered, Tally, Trial
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
     from rtask.sparql.results import Row, Solutions
 
 __all__ = ["recall"]
+
+log = logging.getLogger(__name__)
 
 _NUMBERS = ("x", "y", "z", "opening", "quality")
 
@@ -36,13 +41,17 @@ def recall(kb: GraphCore, question: Question) -> Memory:
 
 def _memory(rows: Solutions, question: Question) -> Memory:
     parts: dict[str, list[Row]] = {
-        name: [] for name in ("object", "grasp", "tally", "fast", "trial", "view")
+        name: [] for name in ("object", "grasp", "contact", "tally", "fast", "trial", "view")
     }
     for row in rows:
         parts[str(row.value("part"))].append(row)
     return Memory(
         objects=_objects(parts["object"]),
-        grasps=_grasps(parts["grasp"], _tallies(parts["tally"], parts["fast"], question)),
+        grasps=_grasps(
+            parts["grasp"],
+            _tallies(parts["tally"], parts["fast"], question),
+            _contacts(parts["contact"]),
+        ),
         trials=_episode(parts["trial"]),
         viewpoints={_text(row, "view"): _pose(row) for row in parts["view"]},
     )
@@ -141,13 +150,43 @@ def _tallies(
     return tallies
 
 
-def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Remembered, ...]:
+def _contacts(rows: Iterable[Row]) -> dict[str, Contacts | None]:
+    """Return the contacts of grasps by cups and three fingers, None where they make no sense."""
+    grouped: dict[str, dict[int, Row]] = {}
+    for row in rows:
+        grouped.setdefault(_text(row, "grasp"), {})[int(_number(row, "number"))] = row
+    found: dict[str, Contacts | None] = {}
+    for grasp, by_number in grouped.items():
+        mine = [by_number[number] for number in sorted(by_number)]
+        is_cup = _text(mine[0], "mode") == RT.SuctionGrasp.value
+        try:
+            found[grasp] = Contacts(
+                "suction" if is_cup else "three_fingers",
+                np.array([[_number(row, name) for name in "xyz"] for row in mine]),
+                np.array([[_number(row, "n" + name) for name in "xyz"] for row in mine]),
+                _number(mine[0], "seal") if is_cup else None,
+            )
+        except ValueError as error:
+            log.warning("%s is left out: %s", grasp, error)
+            found[grasp] = None
+    return found
+
+
+def _grasps(
+    rows: Iterable[Row],
+    tallies: Mapping[Key, list[Tally]],
+    contacts: Mapping[str, Contacts | None],
+) -> tuple[Remembered, ...]:
     """Combine grasps with their tallies, ordered by geometry for reproducibility."""
     kept: dict[Key, Row] = {}
     # Robots may have measured an object differently; the smaller size is used, whatever the order.
     for row in sorted(rows, key=lambda row: _size(row) or ()):
         kept.setdefault(_key(row), row)
-    grasps = [_remembered(key, row, tallies.get(key, [])) for key, row in kept.items()]
+    grasps = [
+        replace(_remembered(key, row, tallies.get(key, [])), contacts=contacts.get(key[1]))
+        for key, row in kept.items()
+        if key[1] not in contacts or contacts[key[1]] is not None
+    ]
     return tuple(sorted(grasps, key=lambda g: (g.of_class, g.x, g.y, g.z, g.theta, g.grasp)))
 
 

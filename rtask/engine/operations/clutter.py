@@ -10,10 +10,12 @@ import numpy as np
 from annotated_types import Ge, Le, MaxLen
 from pydantic import Field
 
+from grasp.spatial.candidate import contacts_of
 from grasp.spatial.frames import closing_yaw
+from rtask.engine.grippers import jaws_modelled
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
-from rtask.engine.operations.grasps import GraspMessage
+from rtask.engine.operations.grasps import GraspContact, GraspMessage, contact_messages
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.received import CANDIDATE
 from rtask.errors import UsageError
@@ -24,7 +26,7 @@ from rtask.wire.types import Cloud, Flag, Number, Pose, PoseStamped, Probability
 if TYPE_CHECKING:
     from features.geometry import Frame
     from grasp.spatial.candidate import GraspCandidate
-    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.gripper import EndEffector
     from rtask.engine.context import Context
     from rtask.engine.grippers import KnownGripper
     from rtask.engine.perception.clutter import ClutterView
@@ -105,15 +107,18 @@ class SceneGrasp(GraspMessage):
     opening: float
     """between the jaws before they close, m"""
     confidence: float
-    """s_G: share of pose errors under which the grasp closes and touches nothing before"""
+    """s_G: share of pose errors under which the grasp closes, or the lip seals, and touches nothing
+    before"""
     lower_95: float
     """lower bound on it"""
     moves: float
-    """share of pose errors under which the open hand touches other things"""
+    """share of pose errors under which open jaws touch other things; 0 for other hands"""
     antipodal: str
-    """full or half: whether the surface opposes both jaws, or one"""
+    """full or half: whether the surface opposes both jaws, or one; none for other hands"""
     completed: bool
     """whether a side was completed rather than seen"""
+    contacts: list[GraspContact]
+    """where a cup or three fingers touch; empty for jaws"""
 
 
 class SceneGrasps(Answer):
@@ -138,7 +143,7 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
     from rtask.engine.perception.clutter import plan_in_view
 
     gripper = context.grippers.find(request.gripper_id, access.agent)
-    hand = gripper.gripper.modelled()
+    hand = jaws_modelled(gripper.gripper)
     frame, view = _view(request)
     if view is None:
         return SceneGrasps(
@@ -270,7 +275,7 @@ def _segments(view: ClutterView, known: Mapping[int, _Known]) -> list[SceneSegme
 
 def _messages(
     grasps: Sequence[GraspCandidate],
-    hand: ParallelGripper,
+    hand: EndEffector,
     frame_id: str,
     known: Mapping[int, _Known],
 ) -> list[SceneGrasp]:
@@ -281,7 +286,7 @@ def _messages(
             **{
                 **spatial_grasp_message(one, hand, frame_id),
                 "id": f"{CANDIDATE}scene-{number}",
-                "grasp_quality": one.scores["confidence"],
+                "grasp_quality": one.score,
             },
             segment=one.segment or 0,
             object=known.get(one.segment or 0, _STRANGE).object,
@@ -295,9 +300,10 @@ def _messages(
             opening=one.width if one.opening is None else one.opening,
             confidence=one.scores["confidence"],
             lower_95=one.scores["lower_95"],
-            moves=one.scores["moves"],
+            moves=one.scores.get("moves", 0.0),
             antipodal=one.antipodal,
             completed=one.completed,
+            contacts=contact_messages(contacts_of(one, hand)),
         )
         for number, one in enumerate(grasps, start=1)
     ]

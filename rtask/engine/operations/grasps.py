@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Ge, Le
 
 from grasp.messages import spatial_grasp_message
-from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.candidate import Contacts, GraspCandidate
+from grasp.spatial.gripper import EndEffector, ParallelGripper
 from rtask.engine.memory.confidence import Confidence, posterior, stored_confidences
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
@@ -33,12 +33,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "GraspConfidence",
+    "GraspContact",
     "GraspFields",
     "GraspMessage",
     "RecallGrasps",
     "RecalledGrasp",
     "RecalledGrasps",
     "as_messages",
+    "contact_messages",
     "known_object",
     "recall_grasps",
     "recalled",
@@ -85,6 +87,21 @@ class GraspFields(Answer):
     allowed_touch_objects: list[str]
 
 
+class GraspContact(Answer):
+    """A place at which a lip seals or a finger pushes, in the frame of the grasp's pose."""
+
+    x: float
+    y: float
+    z: float
+    """of the place, m"""
+    nx: float
+    ny: float
+    nz: float
+    """normal of the surface, out of the object"""
+    seal_radius: float | None
+    """of the lip that seals there, m; null for fingers"""
+
+
 class _Named(Answer):
     """The id of a grasp; a base class so that it comes first."""
 
@@ -101,6 +118,10 @@ class RecalledGrasp(GraspMessage):
     kind: str
     """planar or spatial"""
     gripper_type: str
+    contact_kind: str
+    """kind of hand that can carry it out: jaws, suction or three_fingers"""
+    contacts: list[GraspContact]
+    """where a cup or three fingers touch; empty for jaws"""
     x: float
     y: float
     z: float
@@ -128,8 +149,9 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
     known = memory.objects[name]
     grasps = memory.of(name)
     if request.gripper_id:
-        wanted = context.grippers.find(request.gripper_id, access.agent).gripper.gripper_type
-        grasps = [g for g in grasps if g.gripper_type == wanted]
+        hand = context.grippers.find(request.gripper_id, access.agent).gripper
+        wanted = (hand.gripper_type, hand.contact_kind)
+        grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == wanted]
     return RecalledGrasps(
         object=name,
         class_iri=known.class_iri,
@@ -157,6 +179,8 @@ def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[Recalled
             **{**_message(context, g), "id": g.grasp, "grasp_quality": g.quality},
             kind="planar" if g.quaternion is None else "spatial",
             gripper_type=g.gripper_type,
+            contact_kind=g.contact_kind,
+            contacts=contact_messages(g.contacts),
             x=g.x,
             y=g.y,
             z=g.z,
@@ -170,11 +194,25 @@ def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[Recalled
     ]
 
 
+def contact_messages(contacts: Contacts | None) -> list[GraspContact]:
+    """Return contacts as messages in their own frame; none for jaws."""
+    if contacts is None:
+        return []
+    return [
+        GraspContact(x=x, y=y, z=z, nx=nx, ny=ny, nz=nz, seal_radius=contacts.seal_radius)
+        for (x, y, z), (nx, ny, nz) in zip(
+            contacts.points.tolist(), contacts.normals.tolist(), strict=True
+        )
+    ]
+
+
 def _message(context: Context, known: Remembered) -> dict[str, Any]:
     """Return a grasp as moveit_msgs/Grasp in its object's frame, for its gripper type."""
     kind, opening = known.gripper_type, known.opening
     hands = [one.gripper for one in context.grippers.all() if one.gripper.gripper_type == kind]
-    hand = hands[0] if hands else ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
+    hand: EndEffector = ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
+    if hands:
+        hand = hands[0]
     width = opening if known.width is None else known.width
     candidate = GraspCandidate(
         known.object_from_gripper, width, source="recalled", opening=opening,

@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
+from grasp.spatial.candidate import contacts_of
 from grasp.spatial.frames import tilt
+from rtask.engine.grippers import jaws_modelled, with_friction
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, as_messages
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.placement import MAX_TILT
 from rtask.engine.records.attempts import find_grasp, state_grasp
-from rtask.engine.records.objects import state_frame
+from rtask.engine.records.objects import state_frame, stored_mass
 from rtask.engine.records.received import Received, in_object
-from rtask.engine.records.shapes import ObjectShape, object_shape
+from rtask.engine.records.shapes import object_shape
 from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
-from rtask.rdf.terms import NamedNode, iri, object_term, python_value
+from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Number, Probability, Text, Unit, Whole
 
 if TYPE_CHECKING:
-    from grasp.spatial.candidate import GraspCandidate
+    from grasp.spatial.candidate import Contacts, GraspCandidate
+    from grasp.spatial.gripper import EndEffector
     from grasp.spatial.scoring.confidence import PoseNoise
     from rtask.engine.context import Context
 
@@ -59,7 +62,7 @@ class PlanInSpace(Message):
     mass: Annotated[Number, Unit("kg"), Ge(0.001), Le(1000)] | None = None
     """mass of the object to lift; default: as stored"""
     friction: Annotated[Number, Ge(0.01), Le(2)] | None = None
-    """coefficient between pads and object; default: that of the gripper"""
+    """coefficient between pads or lip and object; default: that of the gripper"""
     position_std: Annotated[Number, Unit("m"), Ge(0), Le(0.1)] = 0.004
     """standard deviation of the object's position"""
     rotation_std: Annotated[Number, Unit("rad"), Ge(0), Le(1)] = 0.1
@@ -130,6 +133,10 @@ class PlannedSpatialGrasp:
         s_G over ``samples`` poses off by ``position_sigma`` (m) and ``orientation_sigma`` (rad).
     epsilon
         Of Ferrari and Canny.
+    contacts
+        Of a cup or of three fingers, in the object's frame; None for jaws.
+    quality
+        Chance to hold, where it says more than the confidence in closing; None = the confidence.
     """
 
     object_from_gripper: NDArray[np.float64]
@@ -141,6 +148,8 @@ class PlannedSpatialGrasp:
     samples: int
     position_sigma: float
     orientation_sigma: float
+    contacts: Contacts | None = None
+    quality: float | None = None
 
 
 @operation("write", "plan grasps in space of a known object and store them")
@@ -152,16 +161,16 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
 
-    hand = context.grippers.find(request.gripper_id, access.agent).gripper.modelled()
+    hand = jaws_modelled(context.grippers.find(request.gripper_id, access.agent).gripper)
     if request.friction is not None:
-        hand = replace(hand, friction=request.friction)
+        hand = with_friction(hand, request.friction)
     shape = object_shape(context, request.object)
     noise = PoseNoise(request.position_std, request.rotation_std)
     found = shape.plan(
         hand,
         SpatialOptions(
-            noise=noise, samples=request.samples, mass=request.mass or _mass(context, shape),
-            tries=_TRIES, seed=request.seed,
+            noise=noise, samples=request.samples, tries=_TRIES, seed=request.seed,
+            mass=request.mass or stored_mass(context, shape.thing),
         ),
     )  # fmt: skip
     sure = [c for c in found if c.scores["confidence"] >= request.min_confidence]
@@ -171,7 +180,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
     stored: dict[str, Any] = {"grasps": [], "commit": ""}
     if sure:
-        planned = as_planned(sure[: request.max_grasps], noise, request.samples)
+        planned = as_planned(sure[: request.max_grasps], noise, request.samples, hand)
         stored = store_planned_in_space(
             context, shape.thing, planned, hand.gripper_type, access, shape.sources
         )
@@ -188,22 +197,15 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
     )
 
 
-def _mass(context: Context, shape: ObjectShape) -> float | None:
-    for quad in context.kb.match(iri(shape.thing), RT.mass):
-        mass = float(str(python_value(object_term(quad.object))))
-        return mass if mass > 0 else None
-    return None
-
-
 def as_planned(
-    candidates: Sequence[GraspCandidate], noise: PoseNoise, samples: int
+    candidates: Sequence[GraspCandidate], noise: PoseNoise, samples: int, hand: EndEffector
 ) -> list[PlannedSpatialGrasp]:
-    """Return candidates with confidences, in an object's frame, as they are stored."""
+    """Return candidates of a hand with confidences, in an object's frame, as they are stored."""
     return [
         PlannedSpatialGrasp(
             c.frame_from_gripper, c.width, c.width if c.opening is None else c.opening,
             c.scores["confidence"], c.scores["lower_95"], c.scores.get("epsilon", 0.0),
-            samples, noise.position_std, noise.rotation_std,
+            samples, noise.position_std, noise.rotation_std, contacts_of(c, hand), c.score,
         )
         for c in candidates
     ]  # fmt: skip
@@ -252,8 +254,8 @@ def store_planned_in_space(
 ) -> dict[str, Any]:
     """Store grasps in space of an object with their evaluations.
 
-    Grasps within 20 degrees of the vertical are stored as planar grasps, the others with their
-    full pose.
+    Grasps of jaws within 20 degrees of the vertical are stored as planar grasps, the others with
+    their full pose, and with their contacts if they are of a cup or of three fingers.
 
     Parameters
     ----------
@@ -267,13 +269,18 @@ def store_planned_in_space(
 
     def as_received(planned: PlannedSpatialGrasp) -> Received:
         at, orientation = in_object(planned.object_from_gripper)
+        contacts = planned.contacts
         is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MAX_TILT
+        if contacts is not None:
+            is_planar = False
+            contacts = contacts.within(planned.object_from_gripper)
         return Received(
             in_object=at,
             orientation=None if is_planar else orientation,
             width=planned.width,
             opening=planned.opening,
-            quality=planned.confidence,
+            quality=planned.confidence if planned.quality is None else planned.quality,
+            contacts=contacts,
         )
 
     def evaluation(planned: PlannedSpatialGrasp) -> dict[NamedNode, Any]:

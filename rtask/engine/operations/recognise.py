@@ -18,8 +18,13 @@ from annotated_types import Ge, Le, MaxLen
 from numpy.typing import NDArray
 from pydantic import Field
 
+from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import LOW_M
+from grasp.spatial.contact_plan import plan_contacts_on_cloud
 from grasp.spatial.frames import tilt
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.engine.context import SCOPES
 from rtask.engine.decisions import MIN_TOLD, Decision, Option
 from rtask.engine.memory.calibration import score_maps
@@ -38,6 +43,7 @@ from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate
+from rtask.engine.records.objects import stored_mass
 from rtask.engine.records.places import Sighting, located, state_seen
 from rtask.engine.records.refusals import Refusal, store_refusal
 from rtask.engine.remembered import KnownObject, Memory
@@ -56,6 +62,7 @@ if TYPE_CHECKING:
 __all__ = ["Clock", "RecogniseForGrasp", "recognise_for_grasp"]
 
 _MAX_CANDIDATES = 50
+_TRIES, _SAMPLES = 1500, 100
 _MAX_MATCHES = 10
 _STEPS = (
     "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
@@ -151,7 +158,8 @@ def recognise_for_grasp(
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
     doubts = context.honesty.doubts(question.robot)
-    question = replace(question, in_space=request.in_space, doubts=doubts)
+    is_jaws = gripper.gripper.contact_kind == "jaws"
+    question = replace(question, in_space=request.in_space or not is_jaws, doubts=doubts)
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
@@ -224,6 +232,8 @@ def _choose(
         footprint_of(seen.shape, placement), placement.frame_from_object, situation.gripper.gripper,
         neighbours, request.seed, _pose_in_space(placement, situation.pose),
         context.grippers.forces(), request.preset == "fast",
+        planned=_contact_plan(context, situation, request),
+        max_tilt=np.pi if request.in_space else MAX_TILT,
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
     found = options(scene, situation.memory, object_iri, request.propose, _MAX_CANDIDATES)
@@ -240,6 +250,28 @@ def _choose(
         alone = unaided(found, scene, situation.memory, context.policy, maps)
     clock.lap("choice_s")
     return chosen, alone
+
+
+def _contact_plan(
+    context: Context, situation: Situation, request: RecogniseForGrasp
+) -> tuple[GraspCandidate, ...]:
+    """Return new grasps of a cup or of three fingers on what is seen, if they are wanted."""
+    from grasp.spatial.collision import Support
+    from grasp.spatial.grasp_plan import SpatialOptions
+
+    hand, seen = situation.gripper.gripper, situation.observation
+    if isinstance(hand, ParallelGripper) or not request.propose or seen.shape is None:
+        return ()
+    assert isinstance(hand, SuctionCup | ThreeFingerHand)
+    known = situation.known
+    options = SpatialOptions(
+        mass=stored_mass(context, known.iri) if known else None, seed=request.seed,
+        tries=_TRIES, samples=_SAMPLES, most=_MAX_CANDIDATES,
+    )  # fmt: skip
+    return plan_contacts_on_cloud(
+        seen.points, hand, Support(float(seen.shape.support_height)),
+        seen.frame_from_camera[None, :3, 3], options, request.neighbours,
+    ).candidates  # fmt: skip
 
 
 def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.float64] | None:

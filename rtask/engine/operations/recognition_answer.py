@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Any
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.frames import closing_yaw
+from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.decisions import Option, told_and_alone
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.statistics import GraspStatistics, summary
 from rtask.engine.observation import Observation
-from rtask.engine.operations.grasps import GraspFields, GraspMessage
+from rtask.engine.operations.grasps import (
+    GraspContact,
+    GraspFields,
+    GraspMessage,
+    contact_messages,
+)
 from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
 from rtask.engine.perception.identity import verdict
 from rtask.engine.perception.placement import Placement
@@ -48,6 +54,8 @@ class OfferedGrasp(GraspMessage):
     statistics: GraspStatistics
     explanation: Json
     in_object: Json
+    contacts: list[GraspContact]
+    """where a cup or three fingers touch; empty for jaws"""
 
 
 class _Recognised(Answer):
@@ -175,9 +183,11 @@ def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
     if isinstance(grasp, GraspCandidate):
         kind, at = "spatial", (*grasp.centre.tolist(), closing_yaw(grasp.frame_from_gripper))
         message = spatial_grasp_message(grasp, hand, frame_id)
+        contacts = option.contacts and option.contacts.moved(grasp.frame_from_gripper)
     else:
+        assert isinstance(hand, ParallelGripper)
         kind, at = "planar", (grasp.x, grasp.y, support + grasp.z, grasp.theta)
-        message = grasp_message(grasp, hand, frame_id, support)
+        message, contacts = grasp_message(grasp, hand, frame_id, support), None
     in_object = dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True))
     if option.quaternion is not None:
         in_object.update(zip(("qx", "qy", "qz", "qw"), option.quaternion, strict=True))
@@ -195,4 +205,5 @@ def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
         statistics=summary(known.successes, known.attempts) if known else summary(0, 0),
         explanation=option.explanation,
         in_object=in_object,
+        contacts=contact_messages(contacts),
     )

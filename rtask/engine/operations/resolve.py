@@ -161,7 +161,9 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     memory = Memory()
     if meant.senses:
         found = _found(context, meant, gripper, request)
-        memory = recall(context.kb, Question(objects=tuple(sorted(one.iri for one in found))))
+        is_jaws = gripper.gripper.contact_kind == "jaws"
+        things = tuple(sorted(one.iri for one in found))
+        memory = recall(context.kb, Question(objects=things, in_space=not is_jaws))
         found = sorted((_known(one, memory, gripper, context) for one in found), key=_order)
     excluded = set(request.exclude)
     offered = [

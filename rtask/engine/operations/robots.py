@@ -8,7 +8,7 @@ from urllib.parse import quote
 from annotated_types import Ge, MaxLen, MinLen
 from pydantic import Field
 
-from grasp.spatial.gripper import ParallelGripper
+from rtask.engine.grippers import hand_of
 from rtask.engine.names import slug
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.places import state_frame_of
@@ -39,16 +39,22 @@ class EndEffector(Message):
     """name, unique on the robot"""
     gripper_type: Text
     """grasps carry over between grippers of one type"""
-    kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
+    kind: Literal["Hand", "ParallelJawGripper", "SuctionCup", "ThreeFingerHand"] = "Hand"
     """class of end effector"""
     min_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
     """smallest width that it can hold"""
-    max_opening: Annotated[Number, Unit("m"), Ge(1e-3)]
-    """largest width that it can hold"""
+    max_opening: Annotated[Number, Unit("m"), Ge(1e-3)] | None = None
+    """largest width that it can hold; a suction cup has none, all others need it"""
     jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
-    """width of a jaw face; default: 0.0124"""
+    """width of a jaw face or finger; default: 0.0124"""
     finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
-    """reach of the fingers; default: 0.05"""
+    """reach of the fingers, or length of a cup's stem; default: 0.05"""
+    lip_radius: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    """of the lip of a suction cup, which needs it"""
+    lip_compliance: Annotated[Number, Unit("m"), Ge(1e-5)] | None = None
+    """difference in depth at which a lip still seals; default: 0.4 of its radius"""
+    pressure: Annotated[Number, Unit("Pa"), Ge(1)] | None = None
+    """of a suction cup, below that of the air; default: 60,000"""
     max_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
     """largest closing force; default: not known"""
     max_payload: Annotated[Number, Unit("kg"), Ge(1e-6)]
@@ -148,18 +154,25 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
     )
 
 
+_STATED = (
+    "min_opening", "max_opening", "jaw_width", "finger_length", "lip_radius", "lip_compliance",
+    "pressure", "max_force", "max_payload",
+)  # fmt: skip
+
+
 def _check(effector: EndEffector, path: str) -> None:
-    """Refuse a gripper with contradictory dimensions."""
+    """Refuse an end effector with missing or contradictory dimensions."""
+    sizes = {name: value for name in _STATED if (value := getattr(effector, name)) is not None}
+    is_cup = effector.kind == "SuctionCup"
+    for name in ("lip_radius", "lip_compliance", "pressure"):
+        if name in sizes and not is_cup:
+            where = f"{path}.{name}"
+            raise UsageError(f"{where} is of suction cups, not of a {effector.kind}", field=where)
+    if is_cup and effector.max_opening is not None:
+        where = f"{path}.max_opening"
+        raise UsageError(f"{where}: a suction cup opens to no width", field=where)
     try:
-        ParallelGripper(
-            name=effector.name,
-            gripper_type=effector.gripper_type,
-            min_opening=effector.min_opening,
-            max_opening=effector.max_opening,
-            finger_width=effector.jaw_width or ParallelGripper.finger_width,
-            finger_length=effector.finger_length or ParallelGripper.finger_length,
-            max_payload=effector.max_payload,
-        )
+        hand_of(effector.name, effector.gripper_type, effector.kind, sizes)
     except ValueError as error:
         raise UsageError(f"{path}: {error}", field=path) from error
 
@@ -182,10 +195,13 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
             {
                 RT.name: effector.name,
                 RT.gripperType: effector.gripper_type,
-                RT.minOpening: effector.min_opening,
+                RT.minOpening: None if effector.kind == "SuctionCup" else effector.min_opening,
                 RT.maxOpening: effector.max_opening,
                 RT.jawWidth: effector.jaw_width,
                 RT.fingerLength: effector.finger_length,
+                RT.lipRadius: effector.lip_radius,
+                RT.lipCompliance: effector.lip_compliance,
+                RT.vacuumPressure: effector.pressure,
                 RT.maxForce: effector.max_force,
                 RT.maxPayload: effector.max_payload,
                 RT.parentLink: effector.parent_link,

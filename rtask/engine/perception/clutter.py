@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.gripper import EndEffector
     from grasp.spatial.scene_plan import SceneOptions
 
 __all__ = ["ClutterView", "plan_in_view", "view_clutter"]
@@ -114,14 +114,32 @@ def view_clutter(
 
 
 def plan_in_view(
-    view: ClutterView, gripper: ParallelGripper, options: SceneOptions | None = None
+    view: ClutterView, gripper: EndEffector, options: SceneOptions | None = None
 ) -> Proposals:
-    """Rank grasps of what a view shows; see :func:`grasp.spatial.scene_plan.plan_on_scene`."""
+    """Rank grasps of what a view shows, each with its neighbours as obstacles.
+
+    See :func:`grasp.spatial.scene_plan.plan_on_scene` of jaws and
+    :func:`grasp.spatial.contact_plan.plan_contacts_on_scene` of other hands.
+    """
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.scene_plan import plan_on_scene
+    from grasp.spatial.collision import Support
+    from grasp.spatial.contact_plan import OtherHand, plan_contacts_on_scene
+    from grasp.spatial.grasp_plan import SpatialOptions
+    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.scene_plan import SceneOptions, plan_on_scene
 
     if not len(view.points):
         return Proposals(reason="nothing is seen on the table, or within the region")
+    if isinstance(gripper, OtherHand):
+        told = options or SceneOptions()
+        wanted = SpatialOptions(
+            noise=told.noise, samples=told.samples, seed=told.seed, most=told.most
+        )
+        return plan_contacts_on_scene(
+            view.points, view.labels, gripper, Support(view.table_height),
+            view.viewpoint[None], wanted,
+        )  # fmt: skip
+    assert isinstance(gripper, ParallelGripper)
     return plan_on_scene(
         view.points, gripper, view.viewpoint[None], labels=view.labels, table=view.table,
         options=options,

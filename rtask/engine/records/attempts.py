@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_2pi
+from grasp.spatial.gripper import ContactKind
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.verdicts import Verdict
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
 
 __all__ = [
+    "CONTACT_CLASSES",
     "Attempt",
     "attempt_triples",
     "find_grasp",
@@ -35,6 +37,10 @@ __all__ = [
 ]
 
 _GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
+CONTACT_CLASSES: dict[ContactKind, NamedNode] = {
+    "suction": RT.SuctionGrasp, "three_fingers": RT.ThreeFingerGrasp,
+}  # fmt: skip
+"""Classes of grasps whose contacts are stored; those of jaws are none of these."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,14 @@ def _angle_between(grasp: Received, there: Mapping[str, Any]) -> float:
         assert grasp.in_object is not None
         return angle_between_axes(there["theta"], grasp.in_object[3])
     stored = Rotation.from_quat([float(there["q" + axis]) for axis in "xyzw"])
-    return float((stored.inv() * Rotation.from_quat(grasp.orientation)).magnitude())
+    turn = stored.inv() * Rotation.from_quat(grasp.orientation)
+    if grasp.contacts is None:
+        return float(turn.magnitude())
+    # A lip is alike at all angles about its approach, three fingers at every third of a turn.
+    if grasp.contacts.kind == "suction":
+        return float(np.arccos(np.clip(turn.as_matrix()[2, 2], -1.0, 1.0)))
+    thirds = Rotation.from_rotvec([[0.0, 0.0, 2 * np.pi * k / 3] for k in range(3)])
+    return float((turn * thirds).magnitude().min())
 
 
 def state_grasp(
@@ -127,20 +140,21 @@ def state_grasp(
     triples.add(thing, RT.hasGrasp, node)
     triples.node(
         node,
-        [RT.PlanarGrasp if grasp.orientation is None else RT.SpatialGrasp, RT.GraspCandidate],
+        [*_classes(grasp), RT.GraspCandidate],
         {
             RT.gripperType: gripper_type,
             RT.graspPose: pose,
             RT.jawOpening: grasp.opening,
             RT.contactWidth: grasp.width,
             RT.graspQuality: grasp.quality,
-            RT.generator: _GENERATOR if grasp.orientation is None else _IN_SPACE,
+            RT.generator: _generator(grasp),
             PROV.wasDerivedFrom: derived_from,
         },
     )
     if grasp.orientation is not None:
         at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.orientation))
         triples.pose(pose, body_frame(context, thing), np.asarray(at, dtype=np.float64))
+        _state_contacts(triples, node, grasp, body_frame(context, thing))
         return node
     triples.node(
         pose,
@@ -151,6 +165,39 @@ def state_grasp(
     turned = round(wrap_2pi(theta), 6)
     triples.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
     return node
+
+
+def _classes(grasp: Received) -> list[NamedNode]:
+    if grasp.contacts is not None:
+        return [CONTACT_CLASSES[grasp.contacts.kind], RT.SpatialGrasp]
+    return [RT.PlanarGrasp if grasp.orientation is None else RT.SpatialGrasp]
+
+
+def _generator(grasp: Received) -> str:
+    if grasp.contacts is not None:
+        return f"rtask {grasp.contacts.kind} 1"
+    return _GENERATOR if grasp.orientation is None else _IN_SPACE
+
+
+def _state_contacts(triples: Triples, node: NamedNode, grasp: Received, frame: NamedNode) -> None:
+    """Add where a lip seals or fingers push, in the object's frame."""
+    if grasp.contacts is None:
+        return
+    contacts = grasp.contacts.moved(grasp.object_from_gripper)
+    for k, (place, normal) in enumerate(zip(contacts.points, contacts.normals, strict=True)):
+        touch = iri(f"{node.value}/contact/{k}")
+        triples.add(node, RT.hasContact, touch)
+        triples.node(
+            touch,
+            [RT.GraspContact],
+            {
+                RT.contactIndex: k,
+                RT.contactNormal: iri(f"{touch.value}/normal"),
+                RT.sealRadius: contacts.seal_radius,
+            },
+        )
+        triples.position(touch, frame, place)
+        triples.direction(iri(f"{touch.value}/normal"), frame, normal)
 
 
 def quality_kind(grasp: Received) -> str:

@@ -36,6 +36,7 @@ __all__ = [
     "state_object",
     "state_recognition",
     "state_view",
+    "stored_mass",
     "viewpoint_of",
 ]
 
@@ -115,6 +116,14 @@ def body_frame(context: Context, thing: NamedNode) -> NamedNode:
         if isinstance(quad.object, NamedNode):
             return quad.object
     return context.names.named("frame", f"object-{tail(thing)}")
+
+
+def stored_mass(context: Context, thing: str) -> float | None:
+    """Return the mass of an object, kg, or None if it is not known."""
+    for quad in context.kb.match(iri(thing), RT.mass):
+        mass = float(str(python_value(object_term(quad.object))))
+        return mass if mass > 0 else None
+    return None
 
 
 def frame_id_of(context: Context, thing: str) -> str:

@@ -15,7 +15,15 @@ from pydantic import Field
 
 from grasp.arrays import FloatArray
 from grasp.messages import matrix_from_message, planar_from_message
-from grasp.spatial.frames import closing_yaw, matrix_from_pose, planar_from_pose, pose_from_matrix
+from grasp.spatial.candidate import Contacts, GraspCandidate, contacts_of
+from grasp.spatial.frames import (
+    closing_yaw,
+    matrix_from_pose,
+    planar_from_pose,
+    pose_from_matrix,
+    pose_from_planar,
+)
+from grasp.spatial.gripper import EndEffector
 from rtask.engine.perception.placement import Placement
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
@@ -180,6 +188,8 @@ class Received:
         Pose in the robot's frame of a grasp in space.
     belief
         alpha and beta before the attempt, or None.
+    contacts
+        Of a cup or of three fingers in the gripper frame; None for jaws, or if not told.
     """
 
     id: str = ""
@@ -192,6 +202,44 @@ class Received:
     opening: float | None = None
     quality: float | None = None
     belief: tuple[float, float] | None = None
+    contacts: Contacts | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the object's frame, where it is known."""
+        assert self.in_object is not None
+        x, y, z, theta = self.in_object
+        if self.orientation is None:
+            return np.asarray(pose_from_planar(x, y, z, theta), dtype=np.float64)
+        pose = matrix_from_pose(np.array([x, y, z]), np.array(self.orientation))
+        return np.asarray(pose, dtype=np.float64)
+
+    def held_by(self, hand: EndEffector, path: str = "grasp") -> Received:
+        """Return the grasp with the contacts of a hand; jaws have none.
+
+        Contacts that were not told are where the pose and the width put them.
+
+        Raises
+        ------
+        UsageError
+            The contacts are of another kind of hand, or out of its reach.
+        """
+        if hand.contact_kind == "jaws" and self.contacts is None:
+            return self
+        try:
+            contacts = self.contacts
+            if contacts is None:
+                width = hand.max_opening if self.width is None else self.width
+                contacts = contacts_of(GraspCandidate(np.eye(4), width), hand)
+            assert contacts is not None
+            contacts.check_reach(hand)
+        except ValueError as error:
+            where = f"{path}.contacts"
+            raise UsageError(f"{where}: {error}", field=where) from error
+        if self.in_object is None or self.orientation is not None:
+            return replace(self, contacts=contacts)
+        at, orientation = in_object(self.object_from_gripper)
+        return replace(self, contacts=contacts, in_object=at, orientation=orientation)
 
     def completed(self, decision: Decision | None) -> Received:
         """Return the grasp completed from the decision in which it was offered."""
@@ -206,6 +254,7 @@ class Received:
             opening=option.opening if self.opening is None else self.opening,
             quality=option.quality if self.quality is None else self.quality,
             belief=self.belief or (option.choice.alpha, option.choice.beta),
+            contacts=self.contacts or option.contacts,
         )
 
     def placed(self, placement: Placement | None) -> Received:
@@ -299,7 +348,46 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
         opening=opening,
         quality=quality,
         belief=None if given.alpha is None or given.beta is None else (given.alpha, given.beta),
+        contacts=_contacts(value, in_space, path),
     )
+
+
+class _Contact(Message):
+    """A place at which a lip or a finger touches, in the frame of its grasp's pose."""
+
+    x: Annotated[Number, Unit("m")]
+    y: Annotated[Number, Unit("m")]
+    z: Annotated[Number, Unit("m")]
+    nx: Number
+    ny: Number
+    nz: Number
+    seal_radius: Annotated[Number, Unit("m")] | None = None
+
+
+def _contacts(
+    value: Mapping[str, Any], frame_from_gripper: NDArray[np.float64] | None, path: str
+) -> Contacts | None:
+    """Return the contacts of a message in the gripper frame, or None if it tells of none."""
+    told = value.get("contacts")
+    if not told:
+        return None
+    where = f"{path}.contacts"
+    if frame_from_gripper is None:
+        raise UsageError(f"{where}: a grasp with contacts has kind 'spatial' and a pose",
+                         field=where)  # fmt: skip
+    if not isinstance(told, list):
+        raise UsageError(f"{where}: expected a list of contacts", field=where)
+    rows = [read(_Contact, one, f"{where}[{k}].") for k, one in enumerate(told)]
+    radius = rows[0].seal_radius
+    try:
+        contacts = Contacts(
+            "three_fingers" if radius is None else "suction",
+            np.array([(one.x, one.y, one.z) for one in rows]),
+            np.array([(one.nx, one.ny, one.nz) for one in rows]), radius,
+        )  # fmt: skip
+    except ValueError as error:
+        raise UsageError(f"{where}: {error}", field=where) from error
+    return contacts.within(frame_from_gripper)
 
 
 def _planar(given: _Numbers) -> tuple[float, float, float, float] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.decisions import Decision
@@ -16,6 +16,7 @@ from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.statistics import Pending, count, judged_counts
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.attempts import (
+    CONTACT_CLASSES,
     Attempt,
     attempt_triples,
     find_grasp,
@@ -28,8 +29,8 @@ from rtask.engine.records.received import Outcome, Received
 from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
 from rtask.engine.triples import Triples, rounded
-from rtask.errors import UnknownTermError
-from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES, RDF, RT
 from rtask.rdf.terms import NamedNode, Value, iri, literal
 
 if TYPE_CHECKING:
@@ -171,6 +172,8 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     pending
         Counts of this commit so far; those of the attempt are added.
     """
+    entry = replace(entry, received=entry.received.held_by(entry.gripper.gripper))
+    _check_kind(context, entry)
     grasp, is_new = resolve_grasp(
         context, triples, entry.thing, entry.gripper.gripper.gripper_type, entry.received
     )
@@ -220,6 +223,20 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     withdrawn += _calibrate(context, triples, entry, pending)
     _tell_causes(context, triples, entry, pending, (attempt.attempt, grasp, is_new))
     return Recorded(grasp, withdrawn, counts)
+
+
+def _check_kind(context: Context, entry: Entry) -> None:
+    """Refuse an outcome of a stored grasp that the hand cannot have carried out."""
+    grasp, hand = entry.received.iri, entry.gripper.gripper
+    if grasp is None:
+        return
+    classes = {quad.object for quad in context.kb.match(grasp, RDF.type)}
+    kind = next((k for k, one in CONTACT_CLASSES.items() if one in classes), "jaws")
+    if kind != hand.contact_kind:
+        raise UsageError(
+            f"grasp: {grasp.value} is by {kind}, and {hand.name!r} holds by {hand.contact_kind}",
+            field="grasp",
+        )  # fmt: skip
 
 
 def _calibrate(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Withdrawn:

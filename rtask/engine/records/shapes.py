@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.perception.observation import stored_frame
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from features.modelling import ObjectModel
     from grasp.spatial.candidate import Proposals
     from grasp.spatial.grasp_plan import SpatialOptions
-    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.gripper import EndEffector
     from grasp.spatial.hand_search.shipped import Filter
     from grasp.spatial.meshes.mesh import Mesh
     from rtask.engine.context import Context
@@ -69,7 +70,7 @@ class ObjectShape:
 
     def plan(
         self,
-        gripper: ParallelGripper,
+        gripper: EndEffector,
         options: SpatialOptions,
         classifier: Filter = None,
         floating: bool = False,
@@ -81,12 +82,18 @@ class ObjectShape:
         floating
             Whether the object has no support below it.
         """
+        from grasp.spatial.contact_plan import OtherHand, plan_contacts, plan_contacts_on_cloud
         from grasp.spatial.grasp_plan import plan_on_cloud, plan_on_mesh
 
         support = None if floating else Support(0.0)
+        eyes = self.viewpoints if len(self.viewpoints) else None
+        if isinstance(gripper, OtherHand):
+            if self.mesh is not None:
+                return plan_contacts(self.mesh, gripper, Surroundings(support), options)
+            return plan_contacts_on_cloud(self.points, gripper, support, eyes, options)
+        assert isinstance(gripper, ParallelGripper)
         if self.mesh is not None:
             return plan_on_mesh(self.mesh, gripper, Surroundings(support), options)
-        eyes = self.viewpoints if len(self.viewpoints) else None
         return plan_on_cloud(self.points, gripper, support, eyes, options, classifier)
 
 

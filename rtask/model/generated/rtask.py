@@ -1078,10 +1078,13 @@ class GraspConfiguration(InformationEntity):
         The fingers closed; positions and efforts count.
     grasp_quality
         The generator's own score. [UNITLESS]
+    has_contact
+        A place at which the hand touches the object. Those of two jaws follow from pose and
+        contact width.
     has_evaluation
         A computed quality of the grasp.
     jaw_opening
-        The opening of the jaws on approach. [M]
+        The opening of the jaws on approach; of three fingers the diameter between them. [M]
     max_contact_force
         The limit of the contact force for the controller. [N]
     post_grasp_retreat
@@ -1108,6 +1111,7 @@ class GraspConfiguration(InformationEntity):
     grasp_pose: Link[FramedMeasure] = Link(_RT + "graspPose", _RT + "FramedMeasure", functional=True)
     grasp_posture: Link[JointTrajectory] = Link(_RT + "graspPosture", _RT + "JointTrajectory", functional=True)
     grasp_quality: One[float] = One(_RT + "graspQuality", _XSD + "double", functional=True, unit="UNITLESS")
+    has_contact: Links[GraspContact] = Links(_RT + "hasContact", _RT + "GraspContact")
     has_evaluation: Links[GraspEvaluation] = Links(_RT + "hasEvaluation", _RT + "GraspEvaluation", inverse=_RT + "evaluates")
     jaw_opening: One[float] = One(_RT + "jawOpening", _XSD + "double", functional=True, unit="M")
     max_contact_force: One[float] = One(_RT + "maxContactForce", _XSD + "double", functional=True, unit="N")
@@ -3030,6 +3034,17 @@ class SIFTFeatureSet(DescriptorSet):
     __iri__: ClassVar[str] = _RT + "SIFTFeatureSet"
 
 
+class SuctionGrasp(SpatialGrasp):
+    """A grasp by the lip of a suction cup: one contact, at which it seals. The pose has its origin
+    in the middle of the lip and approaches against the normal.
+
+    ``rt:SuctionGrasp``
+    """
+
+    __iri__: ClassVar[str] = _RT + "SuctionGrasp"
+    __required__: ClassVar[tuple[str, ...]] = ("has_contact",)
+
+
 class SupportSurface(CorpuscularObject):
     """Something on which objects stand, such as a table.
 
@@ -3037,6 +3052,18 @@ class SupportSurface(CorpuscularObject):
     """
 
     __iri__: ClassVar[str] = _RT + "SupportSurface"
+
+
+class ThreeFingerGrasp(SpatialGrasp):
+    """A grasp by three fingers that close on a common axis: three contacts, or two that jam the
+    object. The pose has its origin and approach on that axis; opening and contact width are
+    diameters about it.
+
+    ``rt:ThreeFingerGrasp``
+    """
+
+    __iri__: ClassVar[str] = _RT + "ThreeFingerGrasp"
+    __required__: ClassVar[tuple[str, ...]] = ("contact_width", "has_contact",)
 
 
 class Translated(FramedMeasure):
@@ -3487,8 +3514,12 @@ class EndEffector(Device):
         The reach of the fingers. [M]
     jaw_width
         The width of a jaw's face (Kehoe 2014, 3.4, w). [M]
+    lip_compliance
+        The difference in depth between points of the lip at which it still seals. [M]
+    lip_radius
+        The radius of the lip of a suction cup. [M]
     max_force
-        The largest closing force. [N]
+        The largest closing force; of a suction cup, the pull of its vacuum. [N]
     max_opening
         The largest width that it can hold. [M]
     max_payload
@@ -3499,6 +3530,8 @@ class EndEffector(Device):
         The link to which grasp poses refer.
     planning_group
         The group of joints that moves it, as motion planners such as MoveIt name it.
+    vacuum_pressure
+        The pressure within the lip below that of the air. [PA]
     """
 
     __iri__: ClassVar[str] = _RT + "EndEffector"
@@ -3506,12 +3539,39 @@ class EndEffector(Device):
     end_effector_of: Link[Robot] = Link(_RT + "endEffectorOf", _CORA + "Robot", inverse=_RT + "hasEndEffector", stored=False)
     finger_length: One[float] = One(_RT + "fingerLength", _XSD + "double", unit="M")
     jaw_width: One[float] = One(_RT + "jawWidth", _XSD + "double", unit="M")
+    lip_compliance: One[float] = One(_RT + "lipCompliance", _XSD + "double", unit="M")
+    lip_radius: One[float] = One(_RT + "lipRadius", _XSD + "double", unit="M")
     max_force: One[float] = One(_RT + "maxForce", _XSD + "double", unit="N")
     max_opening: One[float] = One(_RT + "maxOpening", _XSD + "double", unit="M")
     max_payload: One[float] = One(_RT + "maxPayload", _XSD + "double", unit="KiloGM")
     min_opening: One[float] = One(_RT + "minOpening", _XSD + "double", unit="M")
     parent_link: Many[str] = Many(_RT + "parentLink", _XSD + "string")
     planning_group: Many[str] = Many(_RT + "planningGroup", _XSD + "string")
+    vacuum_pressure: One[float] = One(_RT + "vacuumPressure", _XSD + "double", unit="PA")
+
+
+class GraspContact(Position):
+    """A place at which a lip seals or a finger pushes, in the body frame of the object.
+
+    ``rt:GraspContact``
+
+    Attributes
+    ----------
+    contact_index
+        The place among the contacts of the grasp, from 0; 0 is the finger along the pose's x.
+        [NUM]
+    contact_normal
+        The normal of the surface at the contact, out of the object.
+    seal_radius
+        The radius of the lip that seals at the contact; a smaller lip does so, too. [M]
+    """
+
+    __iri__: ClassVar[str] = _RT + "GraspContact"
+    __required__: ClassVar[tuple[str, ...]] = ("contact_index", "contact_normal", "in_frame", "x", "y", "z",)
+
+    contact_index: One[int] = One(_RT + "contactIndex", _XSD + "nonNegativeInteger", functional=True, unit="NUM", limits=Limits(most=2.0))
+    contact_normal: Link[Direction] = Link(_RT + "contactNormal", _RT + "Direction", functional=True)
+    seal_radius: One[float] = One(_RT + "sealRadius", _XSD + "double", functional=True, unit="M", limits=Limits(above=0.0))
 
 
 class Joint(Device):
@@ -3683,6 +3743,7 @@ class SuctionCup(EndEffector):
     """
 
     __iri__: ClassVar[str] = _RT + "SuctionCup"
+    __required__: ClassVar[tuple[str, ...]] = ("gripper_type", "lip_radius", "max_payload",)
 
 
 class TactileSensor(RobotSensor):
@@ -3728,6 +3789,15 @@ class ParallelJawGripper(Gripper):
     """
 
     __iri__: ClassVar[str] = _RT + "ParallelJawGripper"
+
+
+class ThreeFingerHand(Gripper):
+    """A gripper with three fingers, 120 degrees apart, that close together on a common axis.
+
+    ``rt:ThreeFingerHand``
+    """
+
+    __iri__: ClassVar[str] = _RT + "ThreeFingerHand"
 
 
 class RGBDCamera(DepthCamera, ColorCamera):

@@ -22,6 +22,8 @@ __all__ = ["piles"]
               help="Clear by the robot's agent, which asks a graph that starts empty.")  # fmt: skip
 @click.option("--pushes/--no-pushes", default=True,
               help="Whether what cannot be picked is pushed, for comparison.")  # fmt: skip
+@click.option("--hand", default="", metavar="suction:RADIUS|three:OPENING|FILE",
+              help="Hand of the Panda instead of its jaws, m; the piles are the same.")  # fmt: skip
 @click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
 @options.seed("things, piles, light, noise and choices")
 @options.runs_trials("rtask-piles")
@@ -31,6 +33,7 @@ def piles(
     clear: bool,
     agent: bool,
     pushes: bool,
+    hand: str,
     pictures: bool,
     seed: int,
     workers: int,
@@ -46,6 +49,8 @@ def piles(
     pushing what it cannot grasp; what arrives in a box is taken away. With --with-agent the robot's
     agent clears the table, as in the demo: it recognises, grasps, pushes and reports.
     """
+    if pictures and hand:
+        raise click.UsageError("--pictures draws jaws: leave out --hand")
     if agent and not clear:
         raise click.UsageError("--with-agent clears tables: give --clear as well")
     if not (pushes or clear):
@@ -63,9 +68,11 @@ def piles(
     from simulate.study.runner import run
 
     study = (
-        clear_study(trials, objects or 10, seed, preset, agent, pushes)
+        clear_study(trials, objects or 10, seed, preset, agent, pushes, hand)
         if clear
-        else pile_study(trials, objects or 6, seed, preset, str(out / "piles") if pictures else "")
+        else pile_study(
+            trials, objects or 6, seed, preset, str(out / "piles") if pictures else "", hand
+        )
     )
     results = run(study, out, workers, resume)
     summary = summarise_tables(results) if clear else summarise_piles(results)

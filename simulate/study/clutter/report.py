@@ -28,9 +28,16 @@ COLUMNS = ("figure", "share", "of", "95 % interval")
 Results = Sequence[Mapping[str, Any]]
 
 
-def pile_study(trials: int, objects: int, seed: int, preset: str, pictures: str = "") -> Study:
-    """Return the study of first picks from piles; ``pictures`` is a folder for views of them."""
+def pile_study(
+    trials: int, objects: int, seed: int, preset: str, pictures: str = "", hand: str = ""
+) -> Study:
+    """Return the study of first picks from piles; ``pictures`` is a folder for views of them.
+
+    ``hand`` is what the Panda carries instead of its own, as its description takes it.
+    """
     settings: dict[str, Any] = {"seed": seed, "objects": objects, "preset": preset}
+    if hand:
+        settings["hand"] = hand
     if pictures:
         settings["pictures"] = pictures
     return Study("first picks from piles", "simulate.study.clutter.trial:pile_trial", settings,
@@ -44,9 +51,12 @@ def clear_study(
     preset: str,
     agent: bool = False,
     pushes: bool = True,
+    hand: str = "",
 ) -> Study:
     """Return the study of cluttered tables that are cleared, by the robot's ``agent`` if asked."""
     settings: dict[str, Any] = {"seed": seed, "objects": objects, "preset": preset}
+    if hand:
+        settings["hand"] = hand
     if agent:
         settings["agent"] = True
     if not pushes:

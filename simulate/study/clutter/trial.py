@@ -22,6 +22,7 @@ from simulate.grasping.clearing import clear_clutter
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
 from simulate.grasping.executor import Workcell
 from simulate.grasping.floating.execution import spawn_parts
+from simulate.robots import RobotDescription, describe
 from simulate.study.clutter.picture import draw_grasps
 from simulate.study.quality.objects import GraspObject, fits, generated
 from simulate.world.camera import Lighting
@@ -74,11 +75,12 @@ class Table:
             self.lifted = set()
             self._before = {body: world.object_pose(body).z for body in self.things}
         if phase == "hold":
+            fewest = 2 if self.cell.robot.arm(ARM).cup is None else 1
             self.lifted = {
                 body
                 for body, before in self._before.items()
                 if world.object_pose(body).z - before > _LIFTED_M
-                and self.cell.robot.touch(ARM, body).links >= 2
+                and self.cell.robot.touch(ARM, body).links >= fewest
             }
 
     def empty_boxes(self) -> int:
@@ -104,13 +106,15 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
     seed, count = int(settings["seed"]), int(settings["objects"])
     with (
         tempfile.TemporaryDirectory(prefix="rtask-pile-") as folder,
-        Workcell("panda", str(settings["preset"])) as cell,
+        Workcell(_robot(settings), str(settings["preset"])) as cell,
     ):
         cell.executor.eyes = Eyes(
             cell.robot, Lighting.sample(stream(seed, _LIGHT, number)), SensorNoise(),
             (seed, _NOISE, number),
         )  # fmt: skip
-        hand = hand_of(cell.robot.arm(ARM))
+        # Things for jaws whatever the arm carries, so that all hands meet the same piles.
+        hand = hand_of(describe("panda").arm(ARM))
+        assert isinstance(hand, ParallelGripper)
         rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
         things = {}
         for k, thing in enumerate(_things(seed, number, count, hand)):
@@ -125,6 +129,11 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
             things[body] = thing
         drop(cell.world, list(things), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
         yield Table(cell, things, touching_pairs(cell.world, list(things)))
+
+
+def _robot(settings: Mapping[str, Any]) -> RobotDescription:
+    hand = settings.get("hand")
+    return describe("panda", **({"hand": str(hand)} if hand else {}))
 
 
 def _things(seed: int, number: int, count: int, hand: ParallelGripper) -> list[GraspObject]:
@@ -151,7 +160,7 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         if view is not None and found is not None:
             result |= {"segments": len(view.segments), "candidates": len(found)}
             pick = pick_from(view, found, cell.executor, ARM, choice)
-            if settings.get("pictures"):
+            if settings.get("pictures") and isinstance(hand, ParallelGripper):
                 frame, base_from_camera = cell.executor.eyes.look("ahead")
                 chosen = None if pick is None else pick.candidate
                 path = Path(str(settings["pictures"])) / f"pile-{number:03d}.png"

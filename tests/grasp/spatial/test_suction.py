@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from grasp.messages import spatial_grasp_message
 from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.contact_plan import plan_contacts_on_scene
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper import panda_hand
 from grasp.spatial.gripper_files import end_effector_from_data, end_effector_named, gripper_named
@@ -22,7 +23,6 @@ from grasp.spatial.suction import (
     asked_of_vacuum,
     plan_suction,
     plan_suction_on_cloud,
-    plan_suction_on_scene,
     sealed,
 )
 from grasp.spatial.suction_cup import SuctionCup
@@ -89,12 +89,12 @@ def test_in_a_scene_each_thing_is_taken_with_the_others_in_the_way() -> None:
     tall = view_of(box_mesh((0.06, 0.06, 0.10))) + np.array([0.0, 0.064, 0.05])
     points = np.vstack([low, tall, tall[:10] + np.array([0.2, 0.0, 0.0])])
     labels = np.repeat([1, 2, 3], [len(low), len(tall), 10])
-    found = plan_suction_on_scene(points, labels, CUP, Support(0.0), EYE[None])
+    found = plan_contacts_on_scene(points, labels, CUP, Support(0.0), EYE[None])
     assert {one.segment for one in found} == {1, 2}
     assert any("thing 3: fewer than" in note for note in found.notes)
     # A cup on the low box keeps its stem, 12 mm in radius, off the wall beside it at y = .034.
     assert max(one.centre[1] for one in found if one.segment == 1) < 0.034 - 0.011
-    nothing = plan_suction_on_scene(points, np.zeros(len(points), int), CUP, Support(0.0))
+    nothing = plan_contacts_on_scene(points, np.zeros(len(points), int), CUP, Support(0.0))
     assert nothing.reason == "the scene holds nothing"
 
 

@@ -12,8 +12,8 @@ from features.geometry import Frame
 from features.perception import Perceived
 from grasp.messages import pose_message
 from simulate.agent.agent import Agent, AgentConfig
-from simulate.agent.crowd import Crowd, tool_pose, touching
-from simulate.agent.messages import distinct, grasp_request
+from simulate.agent.crowd import Crowd, touching
+from simulate.agent.messages import distinct, grasp_request, tool_pose
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.agent.tracking import TrackedObject
 from simulate.robots import describe

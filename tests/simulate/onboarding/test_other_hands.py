@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from rtask.cli import cli
-from rtask.errors import RobotError, UsageError
+import rtask
+from grasp.spatial.gripper_files import end_effector_named
+from rtask.engine.engine import Engine
+from rtask.errors import RobotError
 from simulate.act.service import ActService
 from simulate.grasping.clutter import hand_of
 from simulate.grasping.executor import Workcell
@@ -112,11 +113,6 @@ def test_the_way_home_goes_around_what_was_put_down(cell: Workcell) -> None:
         cell.world.remove(body)
 
 
-def test_the_graph_is_told_in_one_line_that_it_gets_no_such_hand(cell: Workcell) -> None:
-    with pytest.raises(RobotError, match="is not registered: the graph keeps grasps of jaws alone"):
-        cell.robot.describe("robot")
-
-
 def test_a_vacuum_lets_go_of_what_is_too_heavy() -> None:
     """A lip of 8 mm radius bears 12 N; the box weighs 20 N."""
     with Workcell(describe("panda", hand="suction:0.008"), preset="fast") as cell:
@@ -154,7 +150,7 @@ def test_a_robot_of_a_urdf_takes_the_hand_and_its_settings_keep_it(
     save_robot(made.settings, made.guessed, tmp_path / "kuka.toml")
     loaded = load_robot(tmp_path / "kuka.toml")
     assert loaded.arms == made.robot.arms
-    assert (loaded.arm("right").cup is None) == hand.startswith("three")
+    assert hand_of(loaded.arm("right")) == end_effector_named(hand)
     findings = list(check_robot_body(loaded))
     assert all(finding.passed for finding in findings), findings
 
@@ -177,17 +173,6 @@ def test_settings_of_a_cup_without_its_size_are_refused(tmp_path: Path) -> None:
         load_robot(tmp_path / "bad.toml")
 
 
-def test_grasps_of_the_check_are_refused_before_they_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "simulate.robots.describe", lambda name: describe("panda", hand="suction:0.015")
-    )
-    done = CliRunner().invoke(cli, ["robot", "check", "any"])
-    assert isinstance(done.exception, UsageError)
-    assert "check its body with --grasps 0" in str(done.exception)
-
-
 def test_welding_keeps_frames_where_they_were() -> None:
     panda = describe("panda", hand="three:0.1")
     wrist, pose = panda.frames["panda_grasptarget"]
@@ -203,6 +188,20 @@ def test_welding_keeps_frames_where_they_were() -> None:
     assert pose.xyz[2] == pytest.approx(0.107 + 0.05 + 0.051)
 
 
-def test_a_pile_is_no_work_for_a_cup() -> None:
-    with pytest.raises(RobotError, match="'suction_cup' has none"):
-        hand_of(describe("panda", hand="suction:0.015").arm("right"))
+def test_a_hand_registers_as_what_it_is() -> None:
+    cup, three = (describe("panda", hand=hand) for hand in HANDS)
+    with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
+        for name, robot in (("one", cup), ("two", three)):
+            with Workcell(robot, preset="fast") as cell:
+                engine.call("register_robot", cell.robot.describe(name))
+        held = {one.robot_name: one.gripper for one in engine.context.grippers.all()}
+    assert held["one"].contact_kind == "suction"
+    assert held["one"].finger_width == pytest.approx(0.03)
+    assert held["two"].contact_kind == "three_fingers"
+    # Each finger's share of the closing force, and the sizes that planning asks for.
+    assert held["two"] == hand_of(three.arm("right"))
+
+
+def test_a_pile_is_picked_by_the_hand_that_the_arm_carries() -> None:
+    cup, three = (hand_of(describe("panda", hand=hand).arm("right")) for hand in HANDS)
+    assert (cup.contact_kind, three.contact_kind) == ("suction", "three_fingers")

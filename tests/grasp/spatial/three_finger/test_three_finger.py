@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from grasp.messages import spatial_grasp_message
 from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.contact_plan import plan_contacts_on_scene
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper_files import end_effector_from_data, end_effector_named, gripper_named
 from grasp.spatial.meshes.mesh import Mesh
@@ -21,7 +22,6 @@ from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 from grasp.spatial.three_finger.planning import (
     plan_three_finger,
     plan_three_finger_on_cloud,
-    plan_three_finger_on_scene,
 )
 from rtask.cli import cli
 from simulate.grasping.floating.execution import Conditions, settle, spawn_parts
@@ -107,7 +107,7 @@ def test_in_a_scene_each_thing_is_closed_on_with_the_others_in_the_way() -> None
     aside, far = np.array([0.2, 0.0, 0.0]), np.array([0.0, 0.3, 0.0])
     points = np.vstack([can, can + aside, can[:9] + far])
     labels = np.repeat([1, 2, 3], [len(can), len(can), 9])
-    found = plan_three_finger_on_scene(points, labels, HAND, Support(0.0), options=FEW)
+    found = plan_contacts_on_scene(points, labels, HAND, Support(0.0), options=FEW)
     assert {one.segment for one in found} == {1, 2}
     assert any("thing 3: fewer than" in note for note in found.notes)
     # Beside a wall that leaves the fingers no room, only the other can is taken.
@@ -115,7 +115,7 @@ def test_in_a_scene_each_thing_is_closed_on_with_the_others_in_the_way() -> None
     wall = np.stack([np.full(y.size, -0.034), y.ravel(), z.ravel()], axis=1)
     crowded = np.vstack([points, wall, wall * (-1, 1, 1)])
     labels = np.concatenate([labels, np.zeros(2 * len(wall), int)])
-    found = plan_three_finger_on_scene(crowded, labels, HAND, Support(0.0), options=FEW)
+    found = plan_contacts_on_scene(crowded, labels, HAND, Support(0.0), options=FEW)
     assert {one.segment for one in found} == {2}
 
 

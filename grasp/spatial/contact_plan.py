@@ -1,0 +1,109 @@
+"""Grasps of suction cups and three-finger hands: on a mesh, a cloud, or every thing of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.arrays import FloatArray
+from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.grasp_plan import SpatialOptions
+from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.scoring.select import rank
+from grasp.spatial.suction import plan_suction, plan_suction_on_cloud
+from grasp.spatial.suction_cup import SuctionCup
+from grasp.spatial.three_finger.hand import ThreeFingerHand
+from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
+
+__all__ = ["OtherHand", "plan_contacts", "plan_contacts_on_cloud", "plan_contacts_on_scene"]
+
+OtherHand = SuctionCup | ThreeFingerHand
+"""Hands that are no jaws."""
+
+_FEWEST = 30
+"""Points of a thing on which anything is planned."""
+
+
+def plan_contacts(
+    mesh: Mesh,
+    hand: OtherHand,
+    surroundings: Surroundings | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Plan where a hand takes a mesh; see :func:`~grasp.spatial.suction.plan_suction`.
+
+    Examples
+    --------
+    >>> from grasp.spatial.meshes.shapes import box_mesh
+    >>> box = box_mesh((0.1, 0.06, 0.04))
+    >>> [len(plan_contacts(box, hand)) > 0
+    ...  for hand in (SuctionCup("cup"), ThreeFingerHand("three", max_opening=0.1))]
+    [True, True]
+    """
+    if isinstance(hand, SuctionCup):
+        return plan_suction(mesh, hand, surroundings, options)
+    return plan_three_finger(mesh, hand, surroundings, options)
+
+
+def plan_contacts_on_cloud(
+    points: FloatArray,
+    hand: OtherHand,
+    support: Support | None = None,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+    neighbours: FloatArray | None = None,
+) -> Proposals:
+    """Plan where a hand takes the object of a cloud (n, 3), m.
+
+    See :func:`~grasp.spatial.suction.plan_suction_on_cloud`, whose parameters these are.
+    """
+    if isinstance(hand, SuctionCup):
+        return plan_suction_on_cloud(points, hand, support, viewpoints, options, neighbours)
+    return plan_three_finger_on_cloud(points, hand, support, viewpoints, options, neighbours)
+
+
+def plan_contacts_on_scene(
+    points: FloatArray,
+    labels: NDArray[np.integer],
+    hand: OtherHand,
+    support: Support,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Plan where a hand takes any thing of a scene, each with the others as obstacles.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of things on a support, without the support.
+    labels : (n,) int
+        The thing of each point, from 1 on; 0 = none: in the way, but not to be taken.
+    support, viewpoints, options
+        As of :func:`plan_contacts_on_cloud`.
+
+    Returns
+    -------
+    Proposals
+        Ranked over all things; ``segment`` is the label. The notes say why a thing has none.
+    """
+    options = options or SpatialOptions()
+    found, counts, reasons = list[GraspCandidate](), dict[str, int](), list[str]()
+    for label in np.unique(labels[labels > 0]).tolist():
+        own = labels == label
+        if own.sum() < _FEWEST:
+            reasons.append(f"thing {label}: fewer than {_FEWEST} points")
+            continue
+        others = points[~own] if (~own).any() else None
+        one = plan_contacts_on_cloud(points[own], hand, support, viewpoints, options, others)
+        found += [replace(candidate, segment=label) for candidate in one]
+        for name, count in one.counts.items():
+            counts[name] = counts.get(name, 0) + count
+        if not one:
+            reasons.append(f"thing {label}: {one.reason}")
+    if not found:
+        return Proposals(reason="; ".join(reasons) or "the scene holds nothing", counts=counts)
+    best = tuple(rank(found, support.up)[: options.most])
+    return Proposals(best, notes=tuple(reasons), counts=counts)
