@@ -17,7 +17,8 @@ from features.recognition.comparison.evidence import (
 )
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.index.snapshot import Matches, Snapshot, StoredView
-from features.recognition.verify import VerifyParams, fit_rigid
+from features.recognition.rigid import fit_rigid
+from features.recognition.verify import VerifyParams
 from features.recognition.views.picture import ViewPicture
 from features.recognition.views.view import ViewFeatures
 

@@ -1,0 +1,86 @@
+"""Stored views that were never compared, or long ago, are brought up to date before a query."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
+from features.recognition.comparison import store_facts
+from features.recognition.comparison.store_facts import StoreFacts
+
+pytestmark = pytest.mark.slow
+
+Views = dict[str, list[ViewFeatures]]
+
+
+@pytest.fixture(scope="module")
+def views(card_views) -> Views:
+    """Three cards of three views; what is asked comes last."""
+    return {f"card {k}": card_views(k, 4) for k in range(3)}
+
+
+@pytest.fixture
+def compared(monkeypatch) -> list[int]:
+    """Views whose facts were computed since, by their numbers in the snapshot."""
+    seen: list[int] = []
+    bring_up = StoreFacts._brought_up
+
+    def counted(facts, known, moment, view):
+        seen.append(view)
+        return bring_up(facts, known, moment, view)
+
+    monkeypatch.setattr(StoreFacts, "_brought_up", counted)
+    return seen
+
+
+def loaded(folder: Path, views: Views) -> RecognitionIndex:
+    """Store two views of each card at once, none compared."""
+    rows = [(f"{n}/{k}", n, "class:card", views[n][k].to_bytes()) for n in views for k in (0, 1)]
+    return RecognitionIndex.rebuild(folder, rows)
+
+
+def test_views_that_came_at_once_are_compared_in_portions_and_kept(
+    tmp_path, views, compared
+) -> None:
+    with loaded(tmp_path, views) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(4) == 2
+        assert recogniser.compare_outdated(4) == 0
+        assert sorted(compared) == list(range(6))
+        compared.clear()
+        assert recogniser.compare_outdated(4) == 0
+        assert recogniser.recognise(views["card 1"][3]).accepts("card 1")
+        assert not compared
+    with RecognitionIndex(tmp_path) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(4) == 0
+        assert recogniser.recognise(views["card 1"][3]).accepts("card 1")
+    assert not compared
+
+
+def test_what_much_has_changed_since_is_outdated(tmp_path, views, compared, monkeypatch) -> None:
+    monkeypatch.setattr(store_facts, "MAX_ADDED", 1)
+    with loaded(tmp_path, views) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(6) == 0
+        index.add("card 0/2", "card 0", "class:card", views["card 0"][2])
+        compared.clear()
+        assert recogniser.compare_outdated(9) == 0
+        assert compared == [6]  # one change is few: the others wait for a query
+        index.add("card 1/2", "card 1", "class:card", views["card 1"][2])
+        compared.clear()
+        assert recogniser.compare_outdated(1) == 6
+        assert recogniser.compare_outdated(9) == 0
+        assert sorted(compared) == [0, 1, 2, 3, 4, 5, 7]
+
+
+def test_views_without_a_picture_are_not_met_again(tmp_path, views) -> None:
+    with RecognitionIndex(tmp_path) as index:
+        index.add("old", "card 0", "class:card", replace(views["card 0"][0], picture=b""))
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(1) == 0
+        index.add("new", "card 0", "class:card", views["card 0"][1])
+        assert recogniser._facts.outdated(index.snapshot()) == [1]
