@@ -254,14 +254,18 @@ class PoseTask:
         """Return pixels and places of what stands on the table around the segment."""
         flat = self.points.reshape(-1, 3)
         middle = np.median(self.judged.places, axis=0)
+        reach = 1.1 * self.model.diameter_m
         with np.errstate(invalid="ignore"):
-            near = np.abs(flat - middle).max(axis=1) < 1.1 * self.model.diameter_m
-            if self.plane is None:
-                near &= self.labels.ravel() > 0
-            else:
-                near &= flat @ self.plane[:3] + self.plane[3] > _OVER_TABLE_M
-        numbers = np.flatnonzero(near)
-        return numbers, flat[numbers].astype(np.float64)
+            # One axis after the other, each on what is left: most of an image lies elsewhere.
+            numbers = np.flatnonzero(np.abs(flat[:, 2] - middle[2]) < reach)
+            for axis in (0, 1):
+                numbers = numbers[np.abs(flat[numbers, axis] - middle[axis]) < reach]
+        if self.plane is None:
+            numbers = numbers[self.labels.ravel()[numbers] > 0]
+            return numbers, flat[numbers].astype(np.float64)
+        places = flat[numbers].astype(np.float64)
+        stands = places @ self.plane[:3] + self.plane[3] > _OVER_TABLE_M
+        return numbers[stands], places[stands]
 
     def distances(
         self,

@@ -132,7 +132,8 @@ class StoreFacts:
         alive = np.flatnonzero(snapshot.alive)
         places = np.array([self._places.get(k, -1) for k in moment.numbers[alive].tolist()])
         behind = max(MAX_ADDED, len(alive) // _MAX_BEHIND)
-        return alive[(places < 0) | (places < moment.place - behind)].tolist()
+        found: list[int] = alive[(places < 0) | (places < moment.place - behind)].tolist()
+        return found
 
     def compare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of views as of now, and keep them."""
