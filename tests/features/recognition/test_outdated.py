@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
-from features.recognition.comparison import store_facts
+from features.recognition.comparison import printed, store_facts
 from features.recognition.comparison.store_facts import StoreFacts
 
 pytestmark = pytest.mark.slow
@@ -84,3 +84,32 @@ def test_views_without_a_picture_are_not_met_again(tmp_path, views) -> None:
         assert recogniser.compare_outdated(1) == 0
         index.add("new", "card 0", "class:card", views["card 0"][1])
         assert recogniser._facts.outdated(index.snapshot()) == [1]
+
+
+def test_a_view_that_cannot_be_preferred_is_left_out_without_another_answer(
+    views, monkeypatch
+) -> None:
+    asked: list[int] = []
+    of = StoreFacts.of
+    monkeypatch.setattr(StoreFacts, "of", lambda *at: asked.append(at[2]) or of(*at))
+    with RecognitionIndex() as index:
+        for name, seen in views.items():
+            index.add(f"{name}/0", name, "class:card", seen[0])
+            index.add(f"{name}/1", name, "class:card", fewer(seen[1], 4))
+        snapshot, query = index.snapshot(), views["card 0"][3]
+        frugal = Recogniser(index).gather(query, snapshot)
+        assert asked == [0]  # the second view matches in a quarter of the places
+        monkeypatch.setattr(printed, "highest_preference", lambda *_: float("inf"))
+        every = Recogniser(index).gather(query, snapshot)
+    assert sorted(asked[1:]) == [0, 1]
+    assert [one.evidence for one in frugal] == [one.evidence for one in every]
+
+
+def fewer(view: ViewFeatures, share: int) -> ViewFeatures:
+    """Return a view with one in so many of its keypoints."""
+    return replace(
+        view,
+        keypoints=view.keypoints[::share],
+        descriptors=view.descriptors[::share],
+        points3d=view.points3d[::share],
+    )
