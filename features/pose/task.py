@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from features.geometry import Frame
-from features.pose.hypotheses import Hypothesis, hypotheses, parted
+from features.pose.hypotheses import Hypothesis, halves, hypotheses, parted
 from features.pose.icp import distances
 from features.pose.model import PoseModel
 from features.pose.result import PoseParams
@@ -90,15 +90,21 @@ class PoseTask:
             return []
         return parted(self.points, self.labels, self.label, self.model.diameter_m)
 
+    def halves(self) -> list[Hypothesis]:
+        """Return guesses that the segment shows another thing beside the object."""
+        return halves(self.points, self.labels, self.label) if self.params.merge else []
+
     def poses(self, guess: Hypothesis, starts: int) -> list[Found]:
-        alone = len(guess.labels) == 1
+        """Search for poses; whatever the guess, their fit is that of the segment asked for."""
+        alone = len(guess.labels) == 1 and not guess.is_part
         points = self.judged if alone else self._chosen(guess.mask)
         if len(points) < MIN_POINTS:
             return []
         found = search(self.model, points, starts, self.params.keep)
         if not alone:
             found = refine(self.model, points, found, self.judged)
-        return self._judge(found, guess.mask, guess.labels)
+        mask = self.labels == self.label if guess.is_part else guess.mask
+        return self._judge(found, mask, guess.labels)
 
     def given(self, poses: NDArray[np.float64]) -> list[Found]:
         """Improve poses that are known from elsewhere."""
@@ -112,6 +118,10 @@ class PoseTask:
         best = max(pool, key=lambda found: found.score)
         params = self.params
         return best.fit >= params.enough_fit and best.violation <= params.max_violation
+
+    def leaves_much(self, pool: list[Found]) -> bool:
+        """Tell whether the best pose leaves much of the segment unexplained."""
+        return max(pool, key=lambda found: found.score).fit < self.params.enough_fit
 
     def turned_alike(self, pool: list[Found], matched: NDArray[np.float64]) -> list[Found]:
         """Return the poses turned by little from a matched one, symmetries of the shape apart."""
