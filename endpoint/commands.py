@@ -89,6 +89,7 @@ def serve(
             engine = EngineElsewhere()
         elif not config.plain:
             made = stack.enter_context(Engine(kb, policy=policy_of(options)))
+            made.keep_compared()
             engine = made
         host = stack.enter_context(open_host(made, services))
 

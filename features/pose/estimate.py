@@ -92,7 +92,8 @@ def estimate_pose(
         if k and late:
             complete = False
             break
-        pool += task.poses(guess, params.starts if k == 0 else params.more_starts)
+        more = params.more_starts // 2 if guess.is_part else params.more_starts
+        pool += task.poses(guess, params.starts if k == 0 else more)
     if matched is not None:
         pool = task.turned_alike(pool, matched) or pool
     pool.sort(key=lambda found: -found.score)
@@ -115,6 +116,8 @@ def _guesses(task: PoseTask, pool: list[Found]) -> Iterator[Hypothesis]:
         yield guess
     if not task.is_enough(pool):
         yield from task.parted()
+    if task.leaves_much(pool):
+        yield from task.halves()
 
 
 def _answer(

@@ -1,7 +1,8 @@
 """Hypotheses about the object's pixels: its segment, alone or with touching neighbours.
 
 A segmenter that is not told what it looks at cuts a handle from its mug. The stored model says how
-large the whole may be, and so which neighbours can be parts of it.
+large the whole may be, and so which neighbours can be parts of it. It also takes two things that
+lean on each other for one: then half of the segment may be the object.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-__all__ = ["Hypothesis", "hypotheses", "spread"]
+__all__ = ["Hypothesis", "halves", "hypotheses", "parted", "spread"]
 
 _DILATION_PX = 9
 _GAP_M = 0.012
@@ -32,10 +33,13 @@ class Hypothesis:
     labels
         The segment asked for first.
     mask : (h, w) bool
+    is_part
+        The mask is a part of the segment.
     """
 
     labels: tuple[int, ...]
     mask: NDArray[np.bool_]
+    is_part: bool = False
 
 
 def hypotheses(
@@ -104,6 +108,28 @@ def parted(
             gaps[other] = float(tree.query(theirs)[0].min())
     nearest = sorted(gaps, key=gaps.__getitem__)[:_MAX_PARTED]
     return [Hypothesis((label, other), alone | (labels == other)) for other in nearest]
+
+
+def halves(points: NDArray[np.float32], labels: NDArray[np.int32], label: int) -> list[Hypothesis]:
+    """Return the halves of the segment along and across its longest extent in space.
+
+    Of two things that the segmenter took for one, a half shows mostly one. Arguments are those of
+    :func:`hypotheses`.
+    """
+    alone = (labels == label) & np.isfinite(points).all(axis=-1)
+    places = points[alone].astype(np.float64)
+    if len(places) < 2 * _MIN_PARTED:
+        return []
+    middle = places.mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov(places.T))
+    found = []
+    for axis in (2, 1):
+        along = (places - middle) @ axes[:, axis]
+        for side in (along > np.median(along), along < np.median(along)):
+            mask = np.zeros(labels.shape, bool)
+            mask[alone] = side
+            found.append(Hypothesis((label,), mask, is_part=True))
+    return found
 
 
 def spread(points: NDArray[np.floating]) -> float:

@@ -19,7 +19,8 @@ class PoseParams:
     Parameters
     ----------
     starts, more_starts
-        Rotations tried for the segment, and for the segment with neighbours.
+        Rotations tried for the segment, and for the segment with neighbours; half as many for each
+        half of it.
     keep
         Distinct poses of each that are refined.
     max_points
@@ -27,12 +28,13 @@ class PoseParams:
     recollected
         Best poses that collect the points the segmenter left out.
     merge
-        Try neighbouring segments as parts of the object.
+        Try neighbouring segments as parts of the object, and the object as half of the segment.
     near_m
         Points so near to a posed model may be collected, besides half a grid cell.
     enough_fit, max_violation
         A pose of the segment alone that is so good ends the search: what the segmenter left out
-        would contradict a wrong one.
+        would contradict a wrong one. Where the best pose fits less, halves of the segment are
+        tried.
     penalty
         Of a contradiction with free space, in units of fit.
     doubt

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -88,8 +89,7 @@ def scene_points(
     if len(places) < 4:
         return ScenePoints(places, np.zeros_like(places))
     _, near = cKDTree(places).query(places, k=min(16, len(places)))
-    around = places[near] - places[near].mean(axis=1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+    _, vectors = np.linalg.eigh(_scatter(places, near))
     normals = vectors[:, :, 0]
     normals *= np.where(np.einsum("ni,ni->n", normals, places) > 0, -1.0, 1.0)[:, None]
     return ScenePoints(places, normals)
@@ -155,15 +155,56 @@ def _facing_means(
 
 def _distinct(poses: Poses, keep: int) -> Poses:
     """Return the best poses that differ from each other."""
-    chosen: list[int] = []
     most = 1 + 2 * np.cos(_SAME_RAD)
-    for k in range(len(poses)):
-        if chosen:
-            traces = np.einsum("ij,kij->k", poses.rotations[k], poses.rotations[chosen])
-            shifts = np.linalg.norm(poses.translations[chosen] - poses.translations[k], axis=1)
-            if ((traces > most) & (shifts < _SAME_M)).any():
-                continue
-        chosen.append(k)
-        if len(chosen) == keep:
-            break
-    return poses.take(np.array(chosen, np.intp))
+    return poses.take(_distinct_rows(poses.rotations, poses.translations, keep, most, _SAME_M))
+
+
+@numba.njit(cache=True, nogil=True)
+def _distinct_rows(
+    rotations: NDArray[np.float64],
+    translations: NDArray[np.float64],
+    keep: int,
+    most_trace: float,
+    near_m: float,
+) -> NDArray[np.intp]:
+    """Return the first ``keep`` rows none of which is turned and placed like one before it."""
+    chosen = np.empty(keep, np.intp)
+    count = 0
+    for k in range(len(rotations)):
+        is_new = True
+        for c in chosen[:count]:
+            trace = square = 0.0
+            for i in range(3):
+                square += (translations[c, i] - translations[k, i]) ** 2
+                for j in range(3):
+                    trace += rotations[c, i, j] * rotations[k, i, j]
+            if trace > most_trace and np.sqrt(square) < near_m:
+                is_new = False
+                break
+        if is_new:
+            chosen[count] = k
+            count += 1
+            if count == keep:
+                break
+    return chosen[:count]
+
+
+@numba.njit(cache=True, nogil=True)
+def _scatter(places: NDArray[np.float64], near: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the second moments (n, 3, 3) of each place's neighbours (n, k) about their mean."""
+    n, k = near.shape
+    scatter = np.zeros((n, 3, 3))
+    mean = np.empty(3)
+    for row in range(n):
+        mean[:] = 0.0
+        for m in near[row]:
+            for i in range(3):
+                mean[i] += places[m, i] / k
+        for m in near[row]:
+            for i in range(3):
+                for j in range(i + 1):
+                    scatter[row, i, j] += (places[m, i] - mean[i]) * (places[m, j] - mean[j])
+        for i in range(3):
+            for j in range(i):
+                scatter[row, j, i] = scatter[row, i, j]
+    return scatter

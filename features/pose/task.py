@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from features.geometry import Frame
-from features.pose.hypotheses import Hypothesis, hypotheses, parted
+from features.pose.hypotheses import Hypothesis, halves, hypotheses, parted
 from features.pose.icp import distances
 from features.pose.model import PoseModel
 from features.pose.result import PoseParams
@@ -90,15 +90,21 @@ class PoseTask:
             return []
         return parted(self.points, self.labels, self.label, self.model.diameter_m)
 
+    def halves(self) -> list[Hypothesis]:
+        """Return guesses that the segment shows another thing beside the object."""
+        return halves(self.points, self.labels, self.label) if self.params.merge else []
+
     def poses(self, guess: Hypothesis, starts: int) -> list[Found]:
-        alone = len(guess.labels) == 1
+        """Search for poses; whatever the guess, their fit is that of the segment asked for."""
+        alone = len(guess.labels) == 1 and not guess.is_part
         points = self.judged if alone else self._chosen(guess.mask)
         if len(points) < MIN_POINTS:
             return []
         found = search(self.model, points, starts, self.params.keep)
         if not alone:
             found = refine(self.model, points, found, self.judged)
-        return self._judge(found, guess.mask, guess.labels)
+        mask = self.labels == self.label if guess.is_part else guess.mask
+        return self._judge(found, mask, guess.labels)
 
     def given(self, poses: NDArray[np.float64]) -> list[Found]:
         """Improve poses that are known from elsewhere."""
@@ -112,6 +118,10 @@ class PoseTask:
         best = max(pool, key=lambda found: found.score)
         params = self.params
         return best.fit >= params.enough_fit and best.violation <= params.max_violation
+
+    def leaves_much(self, pool: list[Found]) -> bool:
+        """Tell whether the best pose leaves much of the segment unexplained."""
+        return max(pool, key=lambda found: found.score).fit < self.params.enough_fit
 
     def turned_alike(self, pool: list[Found], matched: NDArray[np.float64]) -> list[Found]:
         """Return the poses turned by little from a matched one, symmetries of the shape apart."""
@@ -254,14 +264,18 @@ class PoseTask:
         """Return pixels and places of what stands on the table around the segment."""
         flat = self.points.reshape(-1, 3)
         middle = np.median(self.judged.places, axis=0)
+        reach = 1.1 * self.model.diameter_m
         with np.errstate(invalid="ignore"):
-            near = np.abs(flat - middle).max(axis=1) < 1.1 * self.model.diameter_m
-            if self.plane is None:
-                near &= self.labels.ravel() > 0
-            else:
-                near &= flat @ self.plane[:3] + self.plane[3] > _OVER_TABLE_M
-        numbers = np.flatnonzero(near)
-        return numbers, flat[numbers].astype(np.float64)
+            # One axis after the other, each on what is left: most of an image lies elsewhere.
+            numbers = np.flatnonzero(np.abs(flat[:, 2] - middle[2]) < reach)
+            for axis in (0, 1):
+                numbers = numbers[np.abs(flat[numbers, axis] - middle[axis]) < reach]
+        if self.plane is None:
+            numbers = numbers[self.labels.ravel()[numbers] > 0]
+            return numbers, flat[numbers].astype(np.float64)
+        places = flat[numbers].astype(np.float64)
+        stands = places @ self.plane[:3] + self.plane[3] > _OVER_TABLE_M
+        return numbers[stands], places[stands]
 
     def distances(
         self,

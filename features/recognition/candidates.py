@@ -16,7 +16,8 @@ from features.recognition.comparison.confidence import PrintParams
 from features.recognition.confidence import ConfidenceParams
 from features.recognition.index.cascade import squared_distances
 from features.recognition.index.snapshot import Matches, Snapshot
-from features.recognition.verify import VerifyParams, count_places, fit_affine, fit_rigid
+from features.recognition.rigid import fit_rigid
+from features.recognition.verify import VerifyParams, count_places, fit_affine
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["RecogniserParams", "VerifiedView", "verified_views"]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.recognition.comparison.alignment import AlignmentParams, align_views, mutual_matches
-from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
+from features.recognition.rigid import fit_rigid
+from features.recognition.verify import VerifyParams, fit_affine
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["PairMatches", "counted_matches", "match_views"]

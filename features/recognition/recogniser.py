@@ -177,6 +177,27 @@ class Recogniser:
         wanted = set(view_iris)
         self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
 
+    def compare_outdated(self, most: int) -> int:
+        """Compare some of the stored views that no query should have to compare.
+
+        After many views came at once, nothing is known of them; after many came one by one, what
+        was known of the older ones no longer holds.
+
+        Parameters
+        ----------
+        most
+            Views to compare in this call.
+
+        Returns
+        -------
+        int
+            Views that are left.
+        """
+        snapshot = self.index.snapshot()
+        outdated = self._facts.outdated(snapshot)
+        self._facts.compare(snapshot, outdated[:most])
+        return max(len(outdated) - most, 0)
+
     def same_print(self, view_iri: str) -> tuple[str, ...]:
         """Return the IRIs of other objects that carry the print of a view's object, sorted."""
         snapshot = self.index.snapshot()

@@ -3,7 +3,7 @@
 In the image, an affine map (Lowe 2004, 7.5): one match alone proposes a similarity through the
 place, size and turn of its two keypoints, the matches that agree refine it to an affine map. With
 m matches there are m proposals and no random draw, and a mirror image cannot be proposed. In
-space, a rigid movement fitted to matches whose keypoints have depth.
+space, a rigid movement: :mod:`features.recognition.rigid`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 __all__ = [
     "AffineFit",
-    "RigidFit",
     "VerifyParams",
     "count_places",
     "fit_affine",
-    "fit_rigid",
-    "kabsch",
 ]
 
 Mask = NDArray[np.bool_]
@@ -74,23 +71,6 @@ class AffineFit:
 
     query_from_view: NDArray[np.float64]
     inliers: Mask
-
-
-@dataclass(frozen=True, eq=False)
-class RigidFit:
-    """A rigid movement of a stored view's camera frame into the query's.
-
-    Parameters
-    ----------
-    query_from_view : (4, 4) float64, m
-    inliers : (m,) bool
-    rms_m
-        Residual of the inliers.
-    """
-
-    query_from_view: NDArray[np.float64]
-    inliers: Mask
-    rms_m: float
 
 
 def fit_affine(
@@ -312,104 +292,3 @@ def _least_squares_affine(
         result[r, 1] = solution[1, r]
         result[r, 2] = solution[2, r] - solution[0, r] * mean[0] - solution[1, r] * mean[1]
     return result, True
-
-
-def kabsch(query: NDArray[np.float64], view: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rigid movement of ``view`` (..., m, 3) onto ``query``, least squares.
-
-    Returns
-    -------
-    (..., 4, 4) float64
-
-    Examples
-    --------
-    >>> points = np.eye(3)
-    >>> np.allclose(kabsch(points + (1, 2, 3), points)[:3, 3], (1, 2, 3))
-    True
-    """
-    query_mean = query.mean(axis=-2, keepdims=True)
-    view_mean = view.mean(axis=-2, keepdims=True)
-    u, _, vt = np.linalg.svd(np.swapaxes(view - view_mean, -1, -2) @ (query - query_mean))
-    # Without the guard a flat or noisy set may come out mirrored.
-    guard = np.ones(u.shape[:-1])
-    guard[..., 2] = np.sign(np.linalg.det(u @ vt))
-    rotation = np.swapaxes(u @ (guard[..., None] * vt), -1, -2)
-    movement = np.zeros((*query.shape[:-2], 4, 4))
-    movement[..., :3, :3] = rotation
-    movement[..., :3, 3] = (query_mean - view_mean @ np.swapaxes(rotation, -1, -2))[..., 0, :]
-    movement[..., 3, 3] = 1.0
-    return movement
-
-
-def fit_rigid(
-    query: NDArray[np.float32],
-    view: NDArray[np.float32],
-    size_m: float,
-    params: VerifyParams | None = None,
-    seed: int = 0,
-) -> RigidFit | None:
-    """Find the rigid movement that most matches agree on.
-
-    Parameters
-    ----------
-    query, view : (m, 3) float32, m, optical frames of the two cameras
-        NaN where depth is missing.
-    size_m
-        Visible diagonal of the object: tolerances scale with it, because 15 mm, a good least side
-        for the triangle of a kitchen package, is half of a small object.
-
-    Returns
-    -------
-    RigidFit or None
-    """
-    params = params or VerifyParams()
-    known = np.flatnonzero(np.isfinite(query).all(axis=1) & np.isfinite(view).all(axis=1))
-    if len(known) < params.min_places or not np.isfinite(size_m):
-        return None
-    q, v = query[known].astype(np.float64), view[known].astype(np.float64)
-    tolerance = max(params.rigid_tolerance * size_m, params.rigid_tolerance_m)
-    triples = _sound_triples(
-        q, v, min(0.015, params.rigid_min_side * size_m), tolerance, params.rigid_rounds, seed
-    )
-    if len(triples) == 0:
-        return None
-    agreeing = _residuals(kabsch(q[triples], v[triples]), q, v) < tolerance
-    best: Mask = agreeing[agreeing.sum(axis=1).argmax()]
-    for _ in range(2):
-        if best.sum() < params.min_places:
-            return None
-        movement = kabsch(q[best], v[best])
-        best = _residuals(movement, q, v) < tolerance
-    if best.sum() < params.min_places:
-        return None
-    inliers = np.zeros(len(query), bool)
-    inliers[known[best]] = True
-    rms = float(np.sqrt(np.mean(_residuals(movement, q[best], v[best]) ** 2)))
-    return RigidFit(movement, inliers, rms)
-
-
-def _residuals(
-    movement: NDArray[np.float64], query: NDArray[np.float64], view: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    moved = view @ np.swapaxes(movement[..., :3, :3], -1, -2) + movement[..., None, :3, 3]
-    distances: NDArray[np.float64] = np.linalg.norm(moved - query, axis=-1)
-    return distances
-
-
-def _sound_triples(
-    query: NDArray[np.float64],
-    view: NDArray[np.float64],
-    min_side: float,
-    tolerance: float,
-    rounds: int,
-    seed: int,
-) -> NDArray[np.intp]:
-    """Draw triples whose triangles are wide and of the same shape on both sides."""
-    rng = np.random.Generator(np.random.PCG64(seed))
-    drawn = rng.random((4 * rounds, len(query))).argpartition(2, axis=1)[:, :3]
-    following = np.roll(drawn, -1, axis=1)
-    query_sides = np.linalg.norm(query[drawn] - query[following], axis=2)
-    view_sides = np.linalg.norm(view[drawn] - view[following], axis=2)
-    wide = np.minimum(query_sides, view_sides).min(axis=1) > min_side
-    alike = np.abs(query_sides - view_sides).max(axis=1) < 2 * tolerance
-    return np.asarray(drawn[wide & alike][:rounds])

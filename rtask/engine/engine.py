@@ -234,6 +234,10 @@ class Engine:
         """
         return self.context.views.rebuild(progress)
 
+    def keep_compared(self) -> None:
+        """Compare stored views in the background, so that no request has to wait for it."""
+        self.context.views.keep_compared()
+
     def rebuild_statistics(self) -> Commit:
         """Recount all grasps from their attempts."""
         return rebuild(self.context)

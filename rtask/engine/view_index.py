@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rtask.engine.stored import stored_views
+from rtask.engine.upkeep import Upkeep
 from rtask.errors import MissingExtraError
 from rtask.extras import naming_extras
 from rtask.rdf.terms import NamedNode
@@ -25,6 +26,9 @@ __all__ = ["ViewIndex"]
 log = logging.getLogger(__name__)
 
 Progress = Callable[[int, int], None]
+
+_COMPARED_AT_ONCE = 4
+"""Views in a step of the background comparison: some .2 s."""
 
 
 class ViewIndex:
@@ -61,6 +65,7 @@ class ViewIndex:
         self.embeddings = embeddings
         self.generation = 0
         self._opened: tuple[RecognitionIndex, Recogniser] | None = None
+        self._upkeep: Upkeep | None = None
         try:
             self._require()
         except MissingExtraError as error:
@@ -93,6 +98,8 @@ class ViewIndex:
         try:
             self.index.add(view.value, thing.value, class_iri, features)
             self.generation += 1
+            if self._upkeep is not None:
+                self._upkeep.announce()
         except (OSError, ValueError):
             log.exception("view %s is stored but not indexed yet", view.value)
 
@@ -105,6 +112,19 @@ class ViewIndex:
             self.recogniser.prepare([view.value for view in views])
         except (OSError, ValueError):
             log.exception("%d new views will be compared in the next query", len(views))
+
+    def keep_compared(self) -> None:
+        """Compare stored views with each other in the background from now on.
+
+        Views that came in bulk, from the graph or from another index, were not compared when they
+        were added; without this the first query that meets one does it.
+        """
+        if self._opened is not None and self._upkeep is None:
+            self._upkeep = Upkeep("rtask-views", self._compare_some)
+            self._upkeep.announce()
+
+    def _compare_some(self) -> int:
+        return self.recogniser.compare_outdated(_COMPARED_AT_ONCE)
 
     def same_print(self, view: NamedNode) -> tuple[str, ...]:
         """Return the IRIs of other objects that carry the print of a view.
@@ -164,6 +184,8 @@ class ViewIndex:
 
     def close(self) -> None:
         """Close the files."""
+        if self._upkeep is not None:
+            self._upkeep.close()
         if self._opened is not None:
             self.index.close()
 
@@ -172,6 +194,8 @@ class ViewIndex:
 
         self._opened = (index, Recogniser(index))
         self.generation += 1
+        if self._upkeep is not None:
+            self._upkeep.announce()
 
     def _require(self) -> tuple[RecognitionIndex, Recogniser]:
         if self._opened is None:

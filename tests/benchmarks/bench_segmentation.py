@@ -10,7 +10,8 @@
 the light and sensor noise of the seed; ``--touching`` pushes them together in pairs. ``kinect``
 reads 45 real scenes (modified OSD). An object is found when one segment agrees with it by F > .75;
 objects cut by the image border or of less than 300 px are not asked for. ``--end`` ends the image
-at the middle of the objects; *labelled* is the share of the objects' points that get a label.
+at the middle of the objects; *prism* is the share of the objects' points that the prism over the
+table holds, *labelled* the share of them that get a label.
 """
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ class Row:
     split: int = 0
     asked: int = 0
     on_table: int = 0
+    prism: list[float] = field(default_factory=list)
     labelled: list[float] = field(default_factory=list)
     ms: list[float] = field(default_factory=list)
     size: list[int] = field(default_factory=list)
@@ -79,6 +81,8 @@ class Row:
         self.ms.append(1e3 * (time.process_time() - start))
         score = score_labels(scene.labels, np.maximum(view.truth, 0), view.truth >= 0)
         known = (view.truth > 0) & (view.frame.depth_m > 0)
+        if known.any() and scene.prism is not None:
+            self.prism.append(float(scene.prism.mask[known].mean()))
         if known.any():
             self.labelled.append(float((scene.labels[known] > 0).mean()))
         if score is not None:
@@ -110,7 +114,7 @@ class Row:
         """Return the figures in one line."""
         return (
             f"{name:11s} F {np.mean(self.f):.3f}  p75 {np.mean(self.p75):.3f}  "
-            f"labelled {np.mean(self.labelled):.3f}  "
+            f"prism {np.mean(self.prism):.3f}  labelled {np.mean(self.labelled):.3f}  "
             f"found {self.found}/{self.asked}  split {self.split}  "
             f"on bare table {self.on_table}  CPU ms {np.median(self.ms):.0f}  "
             f"bytes/object {np.median(self.size or [0]):.0f} "

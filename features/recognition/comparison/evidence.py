@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from features.recognition.comparison.alignment import Alignment
 from features.recognition.comparison.difference import Comparison
 
-__all__ = ["Difference", "PrintEvidence", "ViewFacts", "print_evidence"]
+__all__ = ["Difference", "PrintEvidence", "ViewFacts", "highest_preference", "print_evidence"]
 
 _SUPPORTED = 0.35
 """Share of the other views that have to agree in a cell for it to be believed."""
@@ -158,10 +158,34 @@ class PrintEvidence:
     @property
     def preference(self) -> float:
         """Order of the views of one object: the best stands for it."""
-        return float(
-            np.log2(1 + self.matches) + 2 * self.median
-            - 1.5 * self.colour_contradiction + self.stable_share
-        )  # fmt: skip
+        drawn = _preference(self.matches, self.median, self.colour_contradiction)
+        return drawn + self.stable_share
+
+
+def highest_preference(alignment: Alignment, comparison: Comparison) -> float:
+    """Return the most that :attr:`PrintEvidence.preference` can be, whatever the store knows."""
+    _, median = _correlations(comparison)
+    contradiction = _contradiction(comparison.colour_gap[comparison.between])
+    return _preference(len(alignment), median, contradiction) + 1.0
+
+
+def _preference(matches: int, median: float, contradiction: float) -> float:
+    """Return the part of the preference that needs no facts of the stored view."""
+    return float(np.log2(1 + matches) + 2 * median - 1.5 * contradiction)
+
+
+def _correlations(comparison: Comparison) -> tuple[float, float]:
+    """Return low quartile and median of the correlation between the matches."""
+    chosen = comparison.between & comparison.textured
+    if np.count_nonzero(chosen) < _FEW_CELLS:
+        return 0.3, 0.4
+    low, median = np.quantile(comparison.correlation[chosen], [0.25, 0.5]).tolist()
+    return low, median
+
+
+def _contradiction(gaps: NDArray[np.float32]) -> float:
+    """Return the share of cells of another colour, of colour distances (n,)."""
+    return float((gaps > 15).mean()) if len(gaps) else 0.0
 
 
 def print_evidence(
@@ -182,10 +206,7 @@ def print_evidence(
     facts
         Of the stored view.
     """
-    chosen = comparison.between & comparison.textured
-    low, median = 0.3, 0.4
-    if np.count_nonzero(chosen) >= _FEW_CELLS:
-        low, median = np.quantile(comparison.correlation[chosen], [0.25, 0.5]).tolist()
+    low, median = _correlations(comparison)
     gaps = comparison.colour_gap[comparison.between]
     weight, here = _support(comparison, facts)
     confirmed = facts.own >= 1 if facts.verified else np.ones(len(facts.own), bool)
@@ -198,7 +219,7 @@ def print_evidence(
         error=1000 * alignment.error,
         low_quartile=low,
         median=median,
-        colour_contradiction=float((gaps > 15).mean()) if len(gaps) else 0.0,
+        colour_contradiction=_contradiction(gaps),
         colour_gap=float(np.quantile(gaps, 0.9)) / 10 if len(gaps) else 0.0,
         stable=count,
         stable_share=min(count / max(shown, 1), 1.0),

@@ -103,6 +103,17 @@ class FactsFile:
             return None
         return None if row is None else Record(*row[:-1])
 
+    def places(self) -> dict[int, int]:
+        """Return by view the place since which its record holds."""
+        with self._lock:
+            if self._connection is None:
+                return {}
+            try:
+                return dict(self._connection.execute("select id, place from record").fetchall())
+            except sqlite3.Error as error:
+                self._give_up(error)
+                return {}
+
     def write(
         self,
         came: Iterable[FiledView],

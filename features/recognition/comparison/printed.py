@@ -9,11 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.recognition.comparison.alignment import Alignment, align_views
-from features.recognition.comparison.difference import compare_pictures
-from features.recognition.comparison.evidence import PrintEvidence, print_evidence
+from features.recognition.comparison.difference import Comparison, compare_pictures
+from features.recognition.comparison.evidence import (
+    PrintEvidence,
+    highest_preference,
+    print_evidence,
+)
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.index.snapshot import Matches, Snapshot, StoredView
-from features.recognition.verify import VerifyParams, fit_rigid
+from features.recognition.rigid import fit_rigid
+from features.recognition.verify import VerifyParams
 from features.recognition.views.picture import ViewPicture
 from features.recognition.views.view import ViewFeatures
 
@@ -100,18 +105,61 @@ def printed_objects(
         if found is not None:
             aligned.append((view, found))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
-    best: dict[int, PrintedView] = {}
-    for view, alignment in aligned[:_MAX_COMPARED]:
-        agrees, movement = _in_space(query, snapshot.stored_view(view), alignment)
-        if not agrees:
+    drawn = [_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED]]
+    return with_leads(_best_of_objects(query, snapshot, facts, [one for one in drawn if one]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A stored view laid over the query; ``most`` bounds its preference."""
+
+    view: int
+    alignment: Alignment
+    comparison: Comparison
+    query_from_view: NDArray[np.float64] | None
+    most: float
+
+
+def _drawn(
+    query: ViewFeatures,
+    picture: ViewPicture,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    view: int,
+    alignment: Alignment,
+) -> _Drawn | None:
+    """Return the comparison with a view, None where space or its picture forbids it."""
+    agrees, movement = _in_space(query, snapshot.stored_view(view), alignment)
+    stored = facts.picture(snapshot, view) if agrees else None
+    if stored is None:
+        return None
+    places = query.keypoints[alignment.query_rows, :2]
+    found = compare_pictures(picture, stored, alignment.query_from_view, places)
+    return _Drawn(view, alignment, found, movement, highest_preference(alignment, found))
+
+
+def _best_of_objects(
+    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, drawn: list[_Drawn]
+) -> dict[int, PrintedView]:
+    """Return the preferred view of every object, of equal ones the first.
+
+    The facts of a view take longest where it was not compared before; a view that cannot be
+    preferred any more is not asked for them.
+    """
+    objects = [int(snapshot.object_of_view[one.view]) for one in drawn]
+    best: dict[int, tuple[float, int]] = {}
+    found: dict[int, PrintedView] = {}
+    for k in sorted(range(len(drawn)), key=lambda k: (-drawn[k].most, k)):
+        one, number = drawn[k], objects[k]
+        if number in best and (one.most, -k) < best[number]:
             continue
-        evidence = _evidence(query, picture, snapshot, facts, view, alignment)
-        number = int(snapshot.object_of_view[view])
-        if evidence is None:
-            continue
-        if number not in best or evidence.preference > best[number].evidence.preference:
-            best[number] = PrintedView(view, alignment, evidence, movement)
-    return with_leads(best)
+        keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
+        known = facts.of(snapshot, one.view)
+        evidence = print_evidence(one.alignment, one.comparison, keypoints, query.mask_px, known)
+        if number not in best or (evidence.preference, -k) > best[number]:
+            best[number] = evidence.preference, -k
+            found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
+    return {number: found[number] for number in dict.fromkeys(objects)}
 
 
 def _in_space(
@@ -124,23 +172,6 @@ def _in_space(
         return True, None
     rigid = fit_rigid(here[solid], there[solid], query.size_m)
     return rigid is not None, None if rigid is None else rigid.query_from_view
-
-
-def _evidence(
-    query: ViewFeatures,
-    picture: ViewPicture,
-    snapshot: Snapshot,
-    facts: StoreFacts,
-    view: int,
-    alignment: Alignment,
-) -> PrintEvidence | None:
-    stored_picture = facts.picture(snapshot, view)
-    if stored_picture is None:
-        return None
-    places = query.keypoints[alignment.query_rows, :2]
-    comparison = compare_pictures(picture, stored_picture, alignment.query_from_view, places)
-    keypoints: NDArray[np.float32] = snapshot.stored_view(view).keypoints
-    return print_evidence(alignment, comparison, keypoints, query.mask_px, facts.of(snapshot, view))
 
 
 def with_leads(best: dict[int, PrintedView]) -> dict[int, PrintedView]:

@@ -30,6 +30,7 @@ from features.recognition.comparison.kept import Kept
 from features.recognition.comparison.known import Known
 from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
 from features.recognition.comparison.votes import (
+    MAX_ADDED,
     Changes,
     Moment,
     Votes,
@@ -51,6 +52,9 @@ _MAX_VOTED, _MAX_MORE, _MAX_ALIKE = 200, 12, 6
 _MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
 """Views of which something is kept in memory: without a file, and beside one."""
 _MAX_UNWRITTEN = 32
+_MAX_BEHIND = 20
+"""What is known of a view is outdated when one in so many views has changed since."""
+_NEVER = 2**62
 _RULES = f"1 {EXTRACTOR} {_MAX_OWN} {_MAX_OTHERS} {_MIN_VOTES} {ComparisonParams()}"
 """What is kept follows from these; the first number counts changes of how it follows."""
 
@@ -85,6 +89,7 @@ class StoreFacts:
         self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
         self._filed = np.array([v.id for v in self._file.views] if self._file else [], np.int64)
         self._filed_place = len(self._changes.since(0))
+        self._places = {} if self._file is None else self._file.places()
 
     def picture(self, snapshot: Snapshot, view: int) -> ViewPicture | None:
         """Return the picture of a stored view, None where none was kept or it is damaged."""
@@ -116,6 +121,28 @@ class StoreFacts:
             for number in (*known.own, *known.others):
                 if self._held(number) is not None:
                     self._current(snapshot, int(moment.view_of[number]))
+        self._write()
+
+    def outdated(self, snapshot: Snapshot) -> list[int]:
+        """Return the views of which nothing is known, or only what much has changed since.
+
+        The next query that needs one has to match it with everything; fewer changes take it less.
+        """
+        moment = self._changes.at(snapshot)
+        alive = np.flatnonzero(snapshot.alive)
+        places = np.array([self._places.get(k, -1) for k in moment.numbers[alive].tolist()])
+        behind = max(MAX_ADDED, len(alive) // _MAX_BEHIND)
+        found: list[int] = alive[(places < 0) | (places < moment.place - behind)].tolist()
+        return found
+
+    def compare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
+        """Compute the facts of views as of now, and keep them."""
+        for view in views:
+            if self.picture(snapshot, view) is not None:
+                self._current(snapshot, view)
+            else:
+                number = int(self._changes.at(snapshot).numbers[view])
+                self._places[number] = _NEVER
         self._write()
 
     def neighbours(self, snapshot: Snapshot, view: int) -> Neighbours:
@@ -167,6 +194,7 @@ class StoreFacts:
         if known is not None and known.place == moment.place:
             return number, known
         known = self._known.put(number, self._brought_up(known, moment, view))
+        self._places[number] = known.place
         if self._file is not None:
             with self._writing:
                 self._unwritten[number] = known

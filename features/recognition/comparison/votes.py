@@ -18,9 +18,9 @@ from features.recognition.comparison.facts_file import FactsFile, FiledView, con
 from features.recognition.index.cascade import FAR, match_exact
 from features.recognition.index.snapshot import Snapshot
 
-__all__ = ["Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
+__all__ = ["MAX_ADDED", "Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
 
-_MAX_ADDED = 64
+MAX_ADDED = 64
 """More views that arrived since are matched with everything at once, by the index."""
 
 
@@ -208,7 +208,7 @@ def updated_votes(
     arrived = moment.stored(added)
     if len(arrived) == 0:
         return votes
-    if len(arrived) > _MAX_ADDED:
+    if len(arrived) > MAX_ADDED:
         return None
     snapshot = moment.snapshot
     blocks = [snapshot.stored_view(int(one)).descriptors for one in arrived]

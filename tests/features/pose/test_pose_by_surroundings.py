@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame
-from features.pose import PoseModel, build_pose_model, estimate_pose, pose_error
-from features.pose.hypotheses import parted
+from features.pose import PoseModel, PoseParams, build_pose_model, estimate_pose, pose_error
+from features.pose.hypotheses import halves, parted
 from features.pose.rotations import rotation_about
 from tests.features.pose.test_pose import CAMERA, FAST, Mesh, box, joined, rendered
 
@@ -95,6 +95,36 @@ def test_one_object_on_both_sides_of_what_stands_before_it_is_taken_together() -
     found = estimate_pose(model, frame, labels, 3, replace(FAST, enough_fit=2.0), FAR_TABLE)
     assert found is not None
     assert pose_error(model, found.camera_from_object, true).is_within()
+
+
+@pytest.mark.parametrize("across_m", [0.03, 0.06])
+def test_one_of_two_objects_in_one_segment_is_found_in_a_half_of_it(across_m: float) -> None:
+    hook = joined(
+        box((0.05, 0.015, 0.015), (0, 0, 0)), box((0.015, 0.015, 0.03), (0.035, 0, 0.015))
+    )
+    model = build_pose_model(*hook)
+    true = np.eye(4)
+    axis = np.array([1.0, 0.4, 0.2])
+    true[:3, :3] = rotation_about(axis / np.linalg.norm(axis), 0.9)
+    true[:3, 3] = (-0.05, 0, 0.5)
+    other = seen_from_the_side(0.0)
+    other[:3, 3] = (across_m, 0, 0.5)
+    places, faces = post()
+    mine, beside = rendered(hook, true), rendered((0.8 * places, faces), other)
+    depth = np.where((mine > 0) & ((beside == 0) | (mine < beside)), mine, beside)
+    labels = (depth > 0).astype(np.int32)
+    frame = Frame(depth.astype(np.float32), CAMERA)
+    parts = halves(frame.points(), labels, 1)
+    assert len(parts) == 4
+    assert all(abs(2 * int(part.mask.sum()) - int(labels.sum())) < 3 for part in parts)
+    whole = estimate_pose(model, frame, labels, 1, PoseParams(enough_fit=0.0), FAR_TABLE)
+    found = estimate_pose(model, frame, labels, 1, PoseParams(), FAR_TABLE)
+    assert whole is not None
+    assert found is not None
+    assert not pose_error(model, whole.camera_from_object, true).is_within()
+    assert pose_error(model, found.camera_from_object, true).is_within()
+    # Half of the segment is not explained: nobody should be sure of it.
+    assert not found.accepted
 
 
 def test_what_passes_as_a_symmetry_is_laid_on_the_points_again() -> None:

@@ -1,0 +1,115 @@
+"""Stored views that were never compared, or long ago, are brought up to date before a query."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
+from features.recognition.comparison import printed, store_facts
+from features.recognition.comparison.store_facts import StoreFacts
+
+pytestmark = pytest.mark.slow
+
+Views = dict[str, list[ViewFeatures]]
+
+
+@pytest.fixture(scope="module")
+def views(card_views) -> Views:
+    """Three cards of three views; what is asked comes last."""
+    return {f"card {k}": card_views(k, 4) for k in range(3)}
+
+
+@pytest.fixture
+def compared(monkeypatch) -> list[int]:
+    """Views whose facts were computed since, by their numbers in the snapshot."""
+    seen: list[int] = []
+    bring_up = StoreFacts._brought_up
+
+    def counted(facts, known, moment, view):
+        seen.append(view)
+        return bring_up(facts, known, moment, view)
+
+    monkeypatch.setattr(StoreFacts, "_brought_up", counted)
+    return seen
+
+
+def loaded(folder: Path, views: Views) -> RecognitionIndex:
+    """Store two views of each card at once, none compared."""
+    rows = [(f"{n}/{k}", n, "class:card", views[n][k].to_bytes()) for n in views for k in (0, 1)]
+    return RecognitionIndex.rebuild(folder, rows)
+
+
+def test_views_that_came_at_once_are_compared_in_portions_and_kept(
+    tmp_path, views, compared
+) -> None:
+    with loaded(tmp_path, views) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(4) == 2
+        assert recogniser.compare_outdated(4) == 0
+        assert sorted(compared) == list(range(6))
+        compared.clear()
+        assert recogniser.compare_outdated(4) == 0
+        assert recogniser.recognise(views["card 1"][3]).accepts("card 1")
+        assert not compared
+    with RecognitionIndex(tmp_path) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(4) == 0
+        assert recogniser.recognise(views["card 1"][3]).accepts("card 1")
+    assert not compared
+
+
+def test_what_much_has_changed_since_is_outdated(tmp_path, views, compared, monkeypatch) -> None:
+    monkeypatch.setattr(store_facts, "MAX_ADDED", 1)
+    with loaded(tmp_path, views) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(6) == 0
+        index.add("card 0/2", "card 0", "class:card", views["card 0"][2])
+        compared.clear()
+        assert recogniser.compare_outdated(9) == 0
+        assert compared == [6]  # one change is few: the others wait for a query
+        index.add("card 1/2", "card 1", "class:card", views["card 1"][2])
+        compared.clear()
+        assert recogniser.compare_outdated(1) == 6
+        assert recogniser.compare_outdated(9) == 0
+        assert sorted(compared) == [0, 1, 2, 3, 4, 5, 7]
+
+
+def test_views_without_a_picture_are_not_met_again(tmp_path, views) -> None:
+    with RecognitionIndex(tmp_path) as index:
+        index.add("old", "card 0", "class:card", replace(views["card 0"][0], picture=b""))
+        recogniser = Recogniser(index)
+        assert recogniser.compare_outdated(1) == 0
+        index.add("new", "card 0", "class:card", views["card 0"][1])
+        assert recogniser._facts.outdated(index.snapshot()) == [1]
+
+
+def test_a_view_that_cannot_be_preferred_is_left_out_without_another_answer(
+    views, monkeypatch
+) -> None:
+    asked: list[int] = []
+    of = StoreFacts.of
+    monkeypatch.setattr(StoreFacts, "of", lambda *at: asked.append(at[2]) or of(*at))
+    with RecognitionIndex() as index:
+        for name, seen in views.items():
+            index.add(f"{name}/0", name, "class:card", seen[0])
+            index.add(f"{name}/1", name, "class:card", fewer(seen[1], 4))
+        snapshot, query = index.snapshot(), views["card 0"][3]
+        frugal = Recogniser(index).gather(query, snapshot)
+        assert asked == [0]  # the second view matches in a quarter of the places
+        monkeypatch.setattr(printed, "highest_preference", lambda *_: float("inf"))
+        every = Recogniser(index).gather(query, snapshot)
+    assert sorted(asked[1:]) == [0, 1]
+    assert [one.evidence for one in frugal] == [one.evidence for one in every]
+
+
+def fewer(view: ViewFeatures, share: int) -> ViewFeatures:
+    """Return a view with one in so many of its keypoints."""
+    return replace(
+        view,
+        keypoints=view.keypoints[::share],
+        descriptors=view.descriptors[::share],
+        points3d=view.points3d[::share],
+    )
