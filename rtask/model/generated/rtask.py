@@ -3539,15 +3539,15 @@ class EndEffector(Device):
     end_effector_of: Link[Robot] = Link(_RT + "endEffectorOf", _CORA + "Robot", inverse=_RT + "hasEndEffector", stored=False)
     finger_length: One[float] = One(_RT + "fingerLength", _XSD + "double", unit="M")
     jaw_width: One[float] = One(_RT + "jawWidth", _XSD + "double", unit="M")
-    lip_compliance: Many[float] = Many(_RT + "lipCompliance", _XSD + "double", unit="M")
-    lip_radius: Many[float] = Many(_RT + "lipRadius", _XSD + "double", unit="M")
+    lip_compliance: One[float] = One(_RT + "lipCompliance", _XSD + "double", unit="M")
+    lip_radius: One[float] = One(_RT + "lipRadius", _XSD + "double", unit="M")
     max_force: One[float] = One(_RT + "maxForce", _XSD + "double", unit="N")
     max_opening: One[float] = One(_RT + "maxOpening", _XSD + "double", unit="M")
     max_payload: One[float] = One(_RT + "maxPayload", _XSD + "double", unit="KiloGM")
     min_opening: One[float] = One(_RT + "minOpening", _XSD + "double", unit="M")
     parent_link: Many[str] = Many(_RT + "parentLink", _XSD + "string")
     planning_group: Many[str] = Many(_RT + "planningGroup", _XSD + "string")
-    vacuum_pressure: Many[float] = Many(_RT + "vacuumPressure", _XSD + "double", unit="PA")
+    vacuum_pressure: One[float] = One(_RT + "vacuumPressure", _XSD + "double", unit="PA")
 
 
 class GraspContact(Position):
