@@ -27,6 +27,7 @@ __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "war
 _BODY_POINTS = 1500
 _SURFEL = 1.5
 _HALF = 0.5
+_MOST_PAIRS = 60
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,9 @@ class SpatialOptions:
     hedge
         Whether grasps of what is seen alone follow those of a completed cloud, in turns; without
         them a plan on one view takes less time and trusts the guess.
+    pairs
+        Whether opposed contacts on the surface of a cloud are looked for besides hands that fit it;
+        a filter, which knows hands alone, does without.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -67,6 +71,7 @@ class SpatialOptions:
     most: int = 50
     seed: int = 0
     hedge: bool = True
+    pairs: bool = True
 
 
 def plan_on_mesh(
@@ -178,9 +183,11 @@ def plan_on_cloud(
     The confidence is that of small squares around the points, seen and completed. A grasp of which
     one side alone is known (label ``half``) counts half. Where a hidden side was completed, three
     grasps of the completed cloud are followed by two of what is seen alone, and so on: the guess
-    may be wrong.
+    may be wrong. The best hand that fits comes first, pairs of contacts from the second place on.
+    Grasps that differ from a better one by half a turn about the approach come last.
     """
     from grasp.spatial.hand_search.hand_search import propose_on
+    from grasp.spatial.hand_search.surface_pairs import propose_pairs
 
     options = options or SpatialOptions()
     table = None if support is None else np.array([*support.normal, -support.height])
@@ -188,23 +195,35 @@ def plan_on_cloud(
     whole = complete_by_symmetry(seen)
     judge = chosen_filter(classifier, gripper)
 
-    def plan(cloud: SurfaceCloud) -> Proposals:
-        hands = max(options.tries // 10, 1)
-        found = propose_on(cloud, gripper, hands, options.seed, classifier=judge)
-        if not found:
-            return found
+    def plan(cloud: SurfaceCloud) -> tuple[Proposals, Proposals]:
         known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
         surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
-        return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
+        body = cloud.points[cloud.target]
+        hands = propose_on(
+            cloud, gripper, max(options.tries // 10, 1), options.seed, classifier=judge
+        )
+        pairs = Proposals()
+        if options.pairs and judge is None and not cloud.reason:
+            pairs = propose_pairs(
+                cloud, surface, gripper, support, options.noise, options.tries, options.seed
+            )
+            pairs = replace(pairs, candidates=pairs.candidates[:_MOST_PAIRS])
+        ranked = [
+            _ranked(found, surface, body, gripper, support, options) if found else found
+            for found in (hands, pairs)
+        ]
+        return ranked[0], ranked[1]
 
-    guessed = plan(whole)
-    if not (options.hedge and whole.completed.any()):
-        return guessed
-    safe = plan(seen)
-    if not safe:
-        return guessed
-    both = hedged(list(guessed), list(safe), gripper, options.most)
-    return replace(guessed, candidates=tuple(both), reason="")
+    hands, pairs = plan(whole)
+    guessed = [*hands.candidates[:1], *rank([*hands.candidates[1:], *pairs])]
+    safe: list[GraspCandidate] = []
+    if options.hedge and whole.completed.any():
+        seen_hands, seen_pairs = plan(seen)
+        safe = rank([*seen_hands, *seen_pairs])
+    both = hedged(guessed, safe, gripper, options.most)
+    counts = {**hands.counts, **({"pairs": pairs.counts["pairs"]} if pairs else {})}
+    reason = "" if both else hands.reason
+    return replace(hands, candidates=tuple(both), counts=counts, reason=reason)
 
 
 def warm_up() -> None:

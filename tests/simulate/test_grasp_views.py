@@ -173,3 +173,21 @@ def test_the_filters_that_come_with_the_package_are_asked_for_by_name(tmp_path: 
     assert "no filter comes with rtask for 'parallel_jaw 60'" in str(other.exception)
     missing = CliRunner().invoke(plan, [*asked, str(tmp_path / "none.npz")])
     assert "none.npz: no file of grasp samples or models" in str(missing.exception)
+
+
+def test_a_plan_takes_the_place_of_the_camera_of_each_view(tmp_path: Path) -> None:
+    from rtask.cli.grasping.plan_on_plane import plan
+
+    can, opposite = sample_shape("can", 3), CAMERA * (-1.0, -1.0, 1.0)
+    asked = ["--mode", "space", "--samples", "20", "--json"]
+    seen, completed = [], []
+    for number, eye in enumerate((CAMERA, opposite)):
+        points = depth_view(can, eye, SensorNoise(), number).points
+        seen.append(points[points[:, 2] > 0.008])
+        asked += ["--viewpoint", *(str(x) for x in eye)]
+        np.save(tmp_path / "cloud.npy", np.vstack(seen))
+        planned = CliRunner().invoke(plan, [str(tmp_path / "cloud.npy"), *asked])
+        assert planned.exit_code == 0, planned.output
+        completed.append([one["completed"] for one in json.loads(planned.output)["grasps"]])
+    assert all(completed[0][:3])
+    assert not any(completed[1][:3])

@@ -9,6 +9,7 @@ from the centre of mass.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -122,8 +123,9 @@ def diverse(
         the same after half a turn about its approach.
     """
     kept: list[GraspCandidate] = []
+    taken = _Taken.for_most(len(candidates), gripper.symmetric, distance, angle)
     for candidate in candidates:
-        if not any(_alike(candidate, other, gripper, distance, angle) for other in kept):
+        if taken.adds(candidate):
             kept.append(candidate)
         if len(kept) == most:
             break
@@ -140,6 +142,8 @@ def hedged(
 
     Grasps planned on a guess of what cannot be seen share its error, so that the best five of them
     may be five variants of one wrong guess. Those planned on what is seen alone do not share it.
+    For the same reason a grasp that is an earlier one, turned by half a turn about its approach,
+    stands behind all others, even where the jaws differ: both close on the same two places.
 
     Parameters
     ----------
@@ -149,29 +153,67 @@ def hedged(
         How many at most, without those that repeat an earlier one.
     """
     queues = [list(guessed), list(seen)]
+    size = len(guessed) + len(seen)
     order: list[GraspCandidate] = []
+    turned: list[GraspCandidate] = []
+    places = _Taken.for_most(size, True, _APART_M, _APART_RAD)
+    taken = _Taken.for_most(size, gripper.symmetric, _APART_M, _APART_RAD)
     while any(queues):
         for queue, share in zip(queues, (_GUESSED, _SEEN), strict=True):
-            taken = 0
-            while queue and taken < share:
+            count = len(order)
+            while queue and len(order) < count + share:
                 one = queue.pop(0)
-                if not any(_alike(one, other, gripper, _APART_M, _APART_RAD) for other in order):
+                if places.adds(one):
+                    taken.adds(one)
                     order.append(one)
-                    taken += 1
-    return order[:most]
+                else:
+                    turned.append(one)
+    return [*order, *(one for one in turned if taken.adds(one))][:most]
 
 
-def _alike(
-    a: GraspCandidate, b: GraspCandidate, gripper: EndEffector, distance: float, angle: float
-) -> bool:
-    # Facets may be exactly as far apart as the limits, whatever a frame's rounding makes of it.
-    if np.linalg.norm(a.centre - b.centre) > distance + _EQUAL:
-        return False
-    between = a.frame_from_gripper[:3, :3].T @ b.frame_from_gripper[:3, :3]
-    traces = [np.trace(between)]
-    if gripper.symmetric:
-        traces.append(between[2, 2] - between[0, 0] - between[1, 1])
-    return bool(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)) <= angle + _EQUAL)
+@dataclass
+class _Taken:
+    """Grasps that were taken: another is only added when it repeats none of them.
+
+    Parameters
+    ----------
+    centres, rotations : (n, 3), (n, 3, 3)
+        Of which the first ``count`` are taken.
+    symmetric
+        Whether half a turn about the approach makes no difference.
+    distance, angle
+        m and rad: nearer than both is a repetition.
+    """
+
+    centres: FloatArray
+    rotations: FloatArray
+    symmetric: bool
+    distance: float
+    angle: float
+    count: int = 0
+
+    @classmethod
+    def for_most(cls, most: int, symmetric: bool, distance: float, angle: float) -> _Taken:
+        """Return room for ``most`` grasps, none of them taken."""
+        room = np.empty((most, 3)), np.empty((most, 3, 3))
+        return cls(*room, symmetric, distance, angle)
+
+    def adds(self, candidate: GraspCandidate) -> bool:
+        """Take a grasp unless it repeats one that was taken; tell whether it was."""
+        rotation, n = candidate.frame_from_gripper[:3, :3], self.count
+        away = self.centres[:n] - candidate.centre
+        # Facets may be exactly as far apart as the limits, whatever a frame's rounding makes of it.
+        near = np.einsum("ij,ij->i", away, away) <= (self.distance + _EQUAL) ** 2
+        if near.any():
+            along = np.einsum("nij,ij->nj", self.rotations[:n][near], rotation)
+            trace = along.sum(axis=1)
+            if self.symmetric:
+                trace = np.maximum(trace, along[:, 2] - along[:, 0] - along[:, 1])
+            if np.any(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)) <= self.angle + _EQUAL):
+                return False
+        self.centres[n], self.rotations[n] = candidate.centre, rotation
+        self.count += 1
+        return True
 
 
 def select_grasp(

@@ -57,7 +57,7 @@ def _on_scene(
     view = scene_view(shape, options)
     if isinstance(view, str):
         return Proposals(reason=view)
-    eyes = np.array([options["viewpoint"]])
+    eyes = np.array(options["viewpoint"])
     support = Support(view.table_height)
     found = plan_contacts_on_scene(view.points, view.labels, hand, support, eyes, wanted)
     return replace(found, notes=(things_in(view), *found.notes))
@@ -87,7 +87,7 @@ def _standing(
     support = None
     if len(finite) and not options["floating"]:
         support = Support(0.0 if known is not None else float(finite[:, 2].min()))
-    viewpoints = None if options["viewpoint"] is None else np.array([options["viewpoint"]])
+    viewpoints = np.array(options["viewpoint"]) if options["viewpoint"] else None
     if known is not None and len(known.viewpoints):
         viewpoints = known.viewpoints
     return support, viewpoints
@@ -104,9 +104,9 @@ def scene_view(shape: Shape, options: dict[str, Any]) -> ClutterView | str:
 
     if isinstance(shape, Mesh):
         raise UsageError("--mode scene needs the cloud of a table, not a mesh")
-    eye = options["viewpoint"]
-    if eye is None:
-        raise UsageError("--mode scene needs --viewpoint: the place of the camera, in m")
+    if len(options["viewpoint"]) != 1:
+        raise UsageError("--mode scene needs one --viewpoint: the place of the camera, in m")
+    (eye,) = options["viewpoint"]
     finite = shape[np.isfinite(shape).all(axis=1)]
     if not len(finite):
         return "the cloud holds no finite point"

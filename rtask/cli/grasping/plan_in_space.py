@@ -153,8 +153,8 @@ def _planned(
             return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
         given = read_grasps(options["grasps"], gripper, shape).candidates
         return plan_given(given, shape, gripper, Surroundings(support), wanted)
-    eye = options["viewpoint"]
-    viewpoints = None if eye is None else np.array([eye])
+    eyes = options["viewpoint"]
+    viewpoints = np.array(eyes) if eyes else None
     return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
 
 

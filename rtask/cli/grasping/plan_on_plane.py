@@ -73,7 +73,9 @@ grasp.add_command(batch)
 @click.option(
     "--viewpoint",
     type=(float, float, float),
-    help="Space: position of the camera, m; the hidden side of the cloud is then completed.",
+    multiple=True,
+    help="Space: position of the camera, m, once for each view in the cloud; the hidden side is "
+    "then completed.",
 )
 @click.option(
     "--grasps",

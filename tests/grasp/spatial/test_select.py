@@ -142,6 +142,14 @@ def test_grasps_of_what_is_seen_stand_between_variants_of_one_guess() -> None:
     assert hedged(guessed, [], HAND) == guessed
 
 
+def test_half_a_turn_of_a_better_grasp_stands_behind_other_places() -> None:
+    best, turned, away = _at(), _at(yaw_deg=180), _at(x=0.02)
+    assert hedged([best, turned, away], [], nao_hand()) == [best, away, turned]
+    assert hedged([best, turned], [away], nao_hand()) == [best, away, turned]
+    # Equal jaws close alike both ways round: the same grasp.
+    assert hedged([best, turned, away], [], HAND) == [best, away]
+
+
 def test_features_are_dimensionless_and_in_order() -> None:
     points, _ = box_mesh((0.04, 0.06, 0.1)).sample(3000, np.random.default_rng(0))
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
