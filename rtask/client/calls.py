@@ -201,10 +201,12 @@ class OutcomeReport(TypedDict, total=False):
     """height reached; default: not known (m)"""
     slip: float
     """distance that the object slipped in the hand; default: not known (m)"""
-    started: float | Mapping[str, int]
-    """when the attempt started; default: duration_s before its end, unless it was simulated (s)"""
-    ended: float | Mapping[str, int]
-    """when the attempt ended, by the same clock; default: now (s)"""
+    started: float
+    """start of the attempt since the epoch; default: duration_s before its end, unless simulated
+    (s)
+    """
+    ended: float
+    """end of the attempt since the epoch, by the same clock; default: now (s)"""
     duration_s: float
     """of the attempt; by the clock of the simulation if there is one; default: not known (s)"""
     links_touching: int

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, MaxLen
+from annotated_types import Ge, Le, MaxLen
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -29,7 +29,7 @@ from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Message, read
-from rtask.wire.types import Array, Flag, Image, Number, Stamp, Text, Texts, Unit, Whole
+from rtask.wire.types import Array, Flag, Image, Number, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.decisions import Decision
@@ -40,6 +40,8 @@ log = logging.getLogger(__name__)
 
 Quaternion = tuple[float, float, float, float]
 
+_LATEST_S = 253_402_300_799
+"""End of the year 9999, s since the epoch."""
 CANDIDATE = "candidate:"
 """Prefix of the ids of proposed grasps."""
 
@@ -126,10 +128,10 @@ class OutcomeReport(Message):
     """height reached; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
     """distance that the object slipped in the hand; default: not known"""
-    started: Stamp | None = None
-    """when the attempt started; default: duration_s before its end, unless it was simulated"""
-    ended: Stamp | None = None
-    """when the attempt ended, by the same clock; default: now"""
+    started: Annotated[Number, Unit("s"), Ge(0), Le(_LATEST_S)] | None = None
+    """start of the attempt since the epoch; default: duration_s before its end, unless simulated"""
+    ended: Annotated[Number, Unit("s"), Ge(0), Le(_LATEST_S)] | None = None
+    """end of the attempt since the epoch, by the same clock; default: now"""
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
     """of the attempt; by the clock of the simulation if there is one; default: not known"""
     links_touching: Annotated[Whole, Ge(0)] | None = None
