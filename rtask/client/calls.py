@@ -63,13 +63,15 @@ class EndEffector(TypedDict, total=False):
     min_opening: float
     """smallest width that it can hold (m); default: 0.0"""
     max_opening: float
-    """largest width that it can hold; a suction cup has none, all others need it (m)"""
+    """largest width that it can hold; default: none, as for a suction cup; all others need it
+    (m)
+    """
     jaw_width: float
     """width of a jaw face or finger; default: 0.0124 (m)"""
     finger_length: float
     """reach of the fingers, or length of a cup's stem; default: 0.05 (m)"""
     lip_radius: float
-    """of the lip of a suction cup, which needs it (m)"""
+    """of the lip of a suction cup, which needs it; default: no lip (m)"""
     lip_compliance: float
     """difference in depth at which a lip still seals; default: 0.4 of its radius (m)"""
     pressure: float

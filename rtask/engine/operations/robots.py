@@ -44,13 +44,13 @@ class EndEffector(Message):
     min_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
     """smallest width that it can hold"""
     max_opening: Annotated[Number, Unit("m"), Ge(1e-3)] | None = None
-    """largest width that it can hold; a suction cup has none, all others need it"""
+    """largest width that it can hold; default: none, as for a suction cup; all others need it"""
     jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
     """width of a jaw face or finger; default: 0.0124"""
     finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
     """reach of the fingers, or length of a cup's stem; default: 0.05"""
     lip_radius: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
-    """of the lip of a suction cup, which needs it"""
+    """of the lip of a suction cup, which needs it; default: no lip"""
     lip_compliance: Annotated[Number, Unit("m"), Ge(1e-5)] | None = None
     """difference in depth at which a lip still seals; default: 0.4 of its radius"""
     pressure: Annotated[Number, Unit("Pa"), Ge(1)] | None = None

@@ -10,6 +10,7 @@ import base64
 import typing
 
 import pytest
+from annotated_types import Ge
 
 from endpoint.rosbridge.typedefs import typedefs_of
 from rtask.engine.operations.table import OPERATIONS
@@ -56,7 +57,8 @@ def sample(field):
     elif carried is not None and carried.ros == "float64":
         value = 0.05
     else:
-        value = {str: "a", float: 0.05, int: 1, bool: True}[kind.type]
+        least = max((one.ge for one in kind.metadata if isinstance(one, Ge)), default=0.0)
+        value = {str: "a", float: max(least, 0.05), int: 1, bool: True}[kind.type]
     return [value] if kind.is_list else value
 
 
