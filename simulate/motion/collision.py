@@ -259,7 +259,7 @@ class ArmSpheres:
         """Cover an arm whose hand is open by a fraction 0 (closed) to 1.
 
         The wrist behind a cup, which is short and thin, is covered by small spheres: large ones
-        would reach almost as far as the lip.
+        would reach almost as far as the lip. It counts as forearm, since it may touch nothing.
         """
         chain = Chain.of(robot, arm.name)
         rows: list[tuple[int, Floats, float, str]] = []
@@ -267,8 +267,9 @@ class ArmSpheres:
         for index, name in enumerate(chain.links):
             group = "palm" if index == last else "forearm" if index == last - 1 else "upper"
             for shape in robot.link(name).shapes:
-                fine = arm.cup is not None and index == last
-                rows += [(index, c, r, group) for c, r in _spheres(shape, fine)]
+                fine = arm.cup is not None and index == last and shape.kind == "mesh"
+                part = "forearm" if fine else group
+                rows += [(index, c, r, part) for c, r in _spheres(shape, fine)]
         fingers = [joint for joint in robot.joints if joint.name in arm.fingers]
         finger_poses = link_poses(arm.wrist, fingers, arm.finger_values(opening))
         for name, wrist_from_link in finger_poses.items():

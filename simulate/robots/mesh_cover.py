@@ -89,11 +89,10 @@ def cover_surface(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
     path, scale
         As of :func:`cover_mesh`.
     """
-    import trimesh
-
     mesh = load_mesh(Path(path))
-    vertices = np.asarray(mesh.vertices, dtype=np.float64) * np.array(scale)
-    points, _ = trimesh.remesh.subdivide_to_size(vertices, mesh.faces, _PATCH_M / _STEPS)
+    mesh.apply_scale(np.array(scale))
+    mesh = mesh.subdivide_to_size(_PATCH_M / _STEPS)
+    points = np.asarray(mesh.vertices, dtype=np.float64)
     cells = np.floor((points - points.min(axis=0)) / _PATCH_M).astype(np.int64)
     order = np.lexsort(cells.T)
     changes = np.flatnonzero(np.diff(cells[order], axis=0).any(axis=1)) + 1
