@@ -144,6 +144,7 @@ class Agent:
             looked_s = time.perf_counter() - started
             self._on_frame(frame)
             things = self._tracker.in_view(sign)
+            self._pushes.resume(things)
             self._tell("look", {"side": side, "status": view.status, "objects": len(things)})
             todo = [thing for thing in things if not thing.finished]
             if not todo:
@@ -222,6 +223,8 @@ class Agent:
                 thing.waiting = True
             elif decided.ends != "pushed" and (decided.ends or not self._push(thing, view, side)):
                 self._give_up(encounter, thing, observation, answer, planned, number, seconds)
+                if planned.grasp is None:
+                    self._pushes.leave(thing, view)
             return
         grasp = planned.grasp
         self._tell(
@@ -254,6 +257,8 @@ class Agent:
         thing.gone = record.placed
         thing.released = record.kept and record.judged_placed.answer == "unknown"
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts
+        if record.placed:
+            self._pushes.note_move()
         self._tell(
             "attempt",
             {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from features.geometry import FloatArray
@@ -31,7 +31,8 @@ class Pusher(Protocol):
 class Pushes:
     """Pushes what touches other things and cannot be grasped; counts the pushes of each thing.
 
-    What stands free is not pushed: nothing around it keeps the hand away, and it might fall.
+    What stands free is not pushed: nothing around it keeps the hand away, and it might fall. What
+    is left alone beside others is taken up once more when one of them has been pushed or taken.
 
     Parameters
     ----------
@@ -42,6 +43,9 @@ class Pushes:
     def __init__(self, body: Pusher) -> None:
         self._body = body
         self._made: dict[int, int] = {}
+        self._left: set[int] = set()
+        self._due: set[int] = set()
+        self._resumed: set[int] = set()
 
     def are_due(self, thing: TrackedObject, failures: int) -> bool:
         """Tell whether so many attempts at a thing failed that a push comes first."""
@@ -50,11 +54,34 @@ class Pushes:
     def push(self, thing: TrackedObject, view: Perceived, side: str, seed: int) -> str:
         """Push a thing; return the reason code, empty if it is not to be pushed or cannot be."""
         made = self._made.get(thing.number, 0)
-        is_crowded = any(thing.seen is seen for seen in touching(view.objects))
-        if not self._body.takes_poses or not is_crowded or made >= _MOST_PER_THING:
+        if not self._body.takes_poses or not _is_crowded(thing, view) or made >= _MOST_PER_THING:
             return ""
         others = [seen.points for seen in view.objects if seen is not thing.seen]
         reason = self._body.push(thing.seen.points, others, view.table_height, side, seed)
         if reason:
             self._made[thing.number] = made + 1
+            self.note_move()
         return reason
+
+    def leave(self, thing: TrackedObject, view: Perceived) -> None:
+        """Note a thing that is left alone for want of a grasp beside others, which may go yet."""
+        can_change = self._body.takes_poses and _is_crowded(thing, view)
+        if can_change and thing.number not in self._resumed:
+            self._left.add(thing.number)
+
+    def note_move(self) -> None:
+        """Note that a thing was pushed or taken, so that others may have more room."""
+        self._due |= self._left
+        self._left.clear()
+
+    def resume(self, things: Iterable[TrackedObject]) -> None:
+        """Take up again those of the things in view that may have more room; each once."""
+        for thing in things:
+            if thing.number in self._due:
+                thing.finished = False
+                self._due.discard(thing.number)
+                self._resumed.add(thing.number)
+
+
+def _is_crowded(thing: TrackedObject, view: Perceived) -> bool:
+    return any(thing.seen is seen for seen in touching(view.objects))

@@ -41,7 +41,8 @@ class Move:
     candidate
         That was carried out; None for pushes.
     refused
-        Reason codes of better candidates.
+        Why the arm cannot carry out better candidates, a reason code each; for ``push`` and
+        ``none`` those of all that were tried.
     """
 
     kind: Literal["pick", "push", "none"]
@@ -100,21 +101,21 @@ def clear_clutter(
             return
         found = plan_in_view(view, hand, replace(base, seed=base.seed + seed + number))
         found = _without(found, failed)
-        pick = None
+        pick, refused = None, tuple[str, ...]()
         if len(failed) < 3:
-            pick = pick_from(view, found, executor, arm, seed + number)
+            pick, refused = pick_from(view, found, executor, arm, seed + number)
+        seen = (len(view.segments), len(found))
         if pick is None:
             pushed = ""
             if pushes and in_a_row < _PUSHES_IN_A_ROW:
                 pushed = _push(executor, view, arm, seed + number)
             if not pushed:
-                yield Move(
-                    "none", found.reason or "out_of_reach", False, len(view.segments), len(found)
-                )
+                reason = found.reason or "out_of_reach"
+                yield Move("none", reason, False, *seen, refused=refused)
                 return
             in_a_row += 1
             failed.clear()
-            yield Move("push", pushed, False, len(view.segments), len(found))
+            yield Move("push", pushed, False, *seen, refused=refused)
             continue
         run = executor.begin(pick.plan, on_phase)
         reason = run.grasp()
@@ -124,9 +125,7 @@ def clear_clutter(
             in_a_row = 0
         else:
             failed.append(pick.candidate)
-        yield Move(
-            "pick", reason, placed, len(view.segments), len(found), pick.candidate, pick.refused
-        )
+        yield Move("pick", reason, placed, *seen, pick.candidate, refused)
 
 
 def _push(executor: Executor, view: ClutterView, arm: str, seed: int) -> str:

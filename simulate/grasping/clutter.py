@@ -65,14 +65,11 @@ class Pick:
         Of the arm.
     rank
         How many better candidates the arm cannot carry out.
-    refused
-        Why: a reason code for each of them.
     """
 
     candidate: GraspCandidate
     plan: PlannedGrasp
     rank: int
-    refused: tuple[str, ...]
 
 
 def pick_from(
@@ -82,8 +79,10 @@ def pick_from(
     arm: str,
     seed: int = 0,
     tries: int = _PLANS_TRIED,
-) -> Pick | None:
-    """Return the best grasp that an arm can carry out, or None when it can do none of the best.
+) -> tuple[Pick | None, tuple[str, ...]]:
+    """Return the best grasp that an arm can carry out, and why it cannot do the better ones.
+
+    The grasp is None when it can do none of the best; the reason codes are then of all of these.
 
     Parameters
     ----------
@@ -97,9 +96,9 @@ def pick_from(
         request, obstacles = _asked(view, one, arm)
         planned = executor.plan(request, obstacles, seed)
         if not isinstance(planned, str):
-            return Pick(one, planned, rank, tuple(refused))
+            return Pick(one, planned, rank), tuple(refused)
         refused.append(planned)
-    return None
+    return None, tuple(refused)
 
 
 def _asked(

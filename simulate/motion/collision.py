@@ -25,7 +25,7 @@ from simulate.robots.description import (
     rotation_from_rpy,
     transform_from,
 )
-from simulate.robots.mesh_cover import cover_mesh
+from simulate.robots.mesh_cover import cover_mesh, cover_surface
 
 __all__ = ["ArmSpheres", "Obstacle", "PointField", "Surroundings", "body_obstacles", "link_poses"]
 
@@ -256,14 +256,20 @@ class ArmSpheres:
 
     @classmethod
     def of(cls, robot: RobotDescription, arm: Arm, opening: float) -> ArmSpheres:
-        """Cover an arm whose hand is open by a fraction 0 (closed) to 1."""
+        """Cover an arm whose hand is open by a fraction 0 (closed) to 1.
+
+        The wrist behind a cup, which is short and thin, is covered by small spheres: large ones
+        would reach almost as far as the lip. It counts as forearm, since it may touch nothing.
+        """
         chain = Chain.of(robot, arm.name)
         rows: list[tuple[int, Floats, float, str]] = []
         last = chain.dof - 1
         for index, name in enumerate(chain.links):
             group = "palm" if index == last else "forearm" if index == last - 1 else "upper"
             for shape in robot.link(name).shapes:
-                rows += [(index, c, r, group) for c, r in _spheres(shape)]
+                fine = arm.cup is not None and index == last and shape.kind == "mesh"
+                part = "forearm" if fine else group
+                rows += [(index, c, r, part) for c, r in _spheres(shape, fine)]
         fingers = [joint for joint in robot.joints if joint.name in arm.fingers]
         finger_poses = link_poses(arm.wrist, fingers, arm.finger_values(opening))
         for name, wrist_from_link in finger_poses.items():
@@ -416,13 +422,13 @@ def _rounded(name: str, shape: Shape, base_from_link: Floats) -> list[Obstacle]:
     return [Obstacle(name, pose[:3, 3], half, pose[:3, :3], shape.size[0])]
 
 
-def _spheres(shape: Shape) -> list[tuple[Floats, float]]:
-    """Cover a primitive with spheres: (centre (3,) m in the link frame, radius m)."""
+def _spheres(shape: Shape, fine: bool = False) -> list[tuple[Floats, float]]:
+    """Cover a shape with spheres: (centre (3,) m in the link frame, radius m)."""
     pose = transform_from(shape.pose.xyz, shape.pose.rpy)
     if shape.kind == "sphere":
         return [(pose[:3, 3], shape.size[0])]
     if shape.kind == "mesh":
-        centres, radii = cover_mesh(shape.path, shape.size)
+        centres, radii = (cover_surface if fine else cover_mesh)(shape.path, shape.size)
         moved = centres @ pose[:3, :3].T + pose[:3, 3]
         return list(zip(moved, (float(r) for r in radii), strict=True))
     if shape.kind == "cylinder":

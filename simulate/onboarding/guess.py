@@ -19,6 +19,7 @@ from simulate.onboarding.hands import (
     find_hands,
     mounted_hand,
     points_of,
+    shapeless_fingers,
 )
 from simulate.onboarding.touching import SelfContacts, without_contacts
 from simulate.onboarding.workplace import home_postures, place_robot
@@ -103,12 +104,12 @@ def guess_robot(
     other = other_hand(gripper) if gripper is not None else None
     hands = _hands(whole, other)
     if not hands:
-        raise RobotError(_no_hand(whole, urdf))
+        raise RobotError(_no_hand(whole, urdf, warnings))
     rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
     robot, _ = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, rest=rest)
     found = _hands(robot, other)
     if not found:
-        raise RobotError(_no_hand(robot, urdf))
+        raise RobotError(_no_hand(robot, urdf, warnings))
     robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
     arms = dict(_arms(robot, found, other))
     placed = place_robot(replace(robot, arms=arms, model=whole.name), seed)
@@ -121,10 +122,17 @@ def guess_robot(
     return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share)
 
 
-def _no_hand(robot: RobotDescription, urdf: Path) -> str:
+def _no_hand(robot: RobotDescription, urdf: Path, warnings: Sequence[str]) -> str:
     ends = arm_ends(robot)
     if not ends:
         return f"{urdf}: no arm: no chain of three or more moving joints"
+    bare = shapeless_fingers(robot)
+    if bare:
+        gaps = [w for w in warnings if any(w.startswith(f"link {name!r} ") for name in bare)]
+        return (
+            f"{urdf}: no hand: {', '.join(bare)} may be fingers, but without collision shapes "
+            f"nothing tells where they meet ({gaps[-1] if gaps else 'the file gives them none'})"
+        )
     return (
         f"{urdf}: no hand: no link behind three moving joints carries two or more fingers that "
         f"open; give one with --gripper FILE or --gripper jaw:0.085 (arms end at "

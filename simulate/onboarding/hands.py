@@ -25,6 +25,7 @@ __all__ = [
     "hand_of",
     "mounted_hand",
     "points_of",
+    "shapeless_fingers",
     "tip_gap",
 ]
 
@@ -90,6 +91,19 @@ def find_hands(robot: RobotDescription) -> list[FoundHand]:
         if hand is not None:
             found.append(hand)
     return found
+
+
+def shapeless_fingers(robot: RobotDescription) -> list[str]:
+    """Return the ends of the branches that lack a shape where too few have one for a hand."""
+    below = _below(robot)
+    bare = []
+    for wrist in _wrists(robot):
+        branches = [list(_subtree(below, joint)) for joint in below[wrist]]
+        shaped = [any(robot.link(joint.child).shapes for joint in branch) for branch in branches]
+        if sum(shaped) < 2:
+            pairs = zip(branches, shaped, strict=True)
+            bare += [branch[-1].child for branch, has_shape in pairs if not has_shape]
+    return bare
 
 
 def mounted_hand(robot: RobotDescription, wrist: str) -> FoundHand | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from features.perception import perceive
 from rtask.errors import RobotError
@@ -16,7 +17,8 @@ from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.motion.collision import link_poses
 from simulate.motion.kinematics import Chain, Goal, follow_line, solve_ik
 from simulate.robots import ROBOTS, describe, urdf_text
-from simulate.robots.mesh_cover import cover_mesh, read_vertices
+from simulate.robots.mesh_cover import cover_mesh, cover_surface, read_vertices
+from simulate.robots.mesh_files import load_mesh
 from simulate.robots.urdf_reader import read_urdf
 from simulate.world.objects import product, sample_objects
 from simulate.world.scene import arrange
@@ -167,6 +169,18 @@ def test_a_cover_of_spheres_holds_all_of_a_mesh(panda):
     points = read_vertices(shape.path)
     away = np.linalg.norm(points[:, None] - centres[None], axis=2) - radii
     assert away.min(axis=1).max() < 1e-9
+
+
+def test_small_spheres_hold_the_surface_of_a_mesh_and_stand_out_little(panda):
+    (shape, *_) = panda.link("panda_link7").shapes
+    centres, radii = cover_surface(shape.path, shape.size)
+    mesh = load_mesh(Path(shape.path))
+    points, _ = trimesh.sample.sample_surface(mesh, 5000, seed=0)
+    away = (np.linalg.norm(points[:, None] - centres[None], axis=2) - radii).min(axis=1)
+    # Between points 5 mm apart that spheres do hold, a place may lie half of that outside them.
+    assert away.max() < 0.0025
+    assert radii.max() <= 0.02 * np.sqrt(3) / 2
+    assert (centres[:, 2] + radii).max() - mesh.bounds[1, 2] < 0.0174
 
 
 def test_no_robot_by_that_name():

@@ -159,7 +159,8 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         pick = None
         if view is not None and found is not None:
             result |= {"segments": len(view.segments), "candidates": len(found)}
-            pick = pick_from(view, found, cell.executor, ARM, choice)
+            pick, refused = pick_from(view, found, cell.executor, ARM, choice)
+            result["refused"] = list(refused)
             if settings.get("pictures") and isinstance(hand, ParallelGripper):
                 frame, base_from_camera = cell.executor.eyes.look("ahead")
                 chosen = None if pick is None else pick.candidate
@@ -184,8 +185,8 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     one = pick.candidate
     return {
         **result, "reason": reason, "lifted": bool(lifted), "several": len(lifted) > 1,
-        "placed": placed, "moved": moved, "rank": pick.rank, "refused": list(pick.refused),
-        "kind": one.antipodal, "tilt_deg": round(float(np.degrees(pick.plan.tilt)), 1),
+        "placed": placed, "moved": moved, "rank": pick.rank, "kind": one.antipodal,
+        "tilt_deg": round(float(np.degrees(pick.plan.tilt)), 1),
         "scores": {k: round(float(v), 4) for k, v in one.scores.items()},
         "says": f"{reason}, {'lifted' if lifted else 'not lifted'}",
     }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from grasp.messages import pose_message
 from tests.simulate.agent.doubles import ASKED_PLACES, Body, Record, Server
@@ -145,6 +146,67 @@ def test_what_touches_others_and_cannot_be_grasped_is_pushed(run) -> None:
     assert {tuple(points[0, :2]), tuple(other[0, :2])} == set(spots)
     assert events.count("push") == 1
     assert all(one.placed for one in met)
+
+
+class _Graspless(_Crowded):
+    """Has no grasp of anything until something was pushed, and refuses so if asked to decide."""
+
+    def __init__(self, body: Body, decides: bool) -> None:
+        super().__init__(body)
+        self.decides = decides
+
+    def recognise_for_grasp(self, **request):
+        answer = super().recognise_for_grasp(**request)
+        if self.body.pushed:
+            return answer
+        refused = {"too_low": "grasp", "confidence": 0.0, "threshold": 0.1, "refusal": ""}
+        return {**answer, "grasps": [], **({"decision": refused} if self.decides else {})}
+
+
+@pytest.mark.parametrize("decides", [True, False])
+def test_what_touches_others_and_has_no_grasp_waits_and_is_pushed(run, decides) -> None:
+    body = _Strong([(0.15, -0.10), (0.16, -0.10)])
+    met = run(body, _Graspless(body, decides), [])
+    assert len(body.pushed) == 1
+    assert [[a.reason for a in one.attempts] for one in met] == [["ok"], ["ok"]]
+    if decides:
+        # The first waits for the second, which waits for the other side alone.
+        responses = [[refusal.response for refusal in one.refusals] for one in met]
+        assert responses == [["postponed", "postponed"], ["postponed", "pushed"]]
+
+
+@pytest.mark.parametrize("decides", [True, False])
+def test_what_has_no_grasp_and_cannot_be_pushed_is_taken_when_its_neighbour_is_gone(
+    run, decides
+) -> None:
+    stuck = (0.16, -0.10)
+
+    class Cornered(_Strong):
+        def push(self, points, others, height, side, seed):
+            is_stuck = tuple(np.round(points[0, :2], 3).tolist()) == stuck
+            return "" if is_stuck else super().push(points, others, height, side, seed)
+
+    body = Cornered([(0.15, -0.10), stuck])
+    met = run(body, _Graspless(body, decides), [])
+    found = next(one for one in met if one.position == stuck)
+    assert [a.reason for a in found.attempts] == ["refused" if decides else "no_grasp", "ok"]
+    assert all(one.placed for one in met)
+
+
+def test_what_has_no_grasp_is_taken_up_again_once_only(run) -> None:
+    class Weak(_Strong):
+        def push(self, points, others, height, side, seed):
+            self.pushed.append(points)
+            return "ok"
+
+    class Never(_Graspless):
+        def recognise_for_grasp(self, **request):
+            return {**super().recognise_for_grasp(**request), "grasps": []}
+
+    body = Weak([(0.15, -0.10), (0.16, -0.10)])
+    met = run(body, Never(body, False), [])
+    assert len(body.pushed) == 4  # each twice
+    assert [len(one.attempts) for one in met] == [1, 2]
 
 
 def test_what_stands_free_is_not_pushed(run) -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
+from simulate.onboarding.guess import guess_robot
 from simulate.onboarding.hands import arm_ends, find_hands, hand_of
 from simulate.robots import describe
 from simulate.robots.attaching import jaw_gripper
@@ -85,3 +87,59 @@ def test_joints_held_still_keep_the_rest_where_it_was():
 
 def _position(description: RobotDescription, link: str, values: dict[str, float]) -> np.ndarray:
     return link_poses(description.root, description.joints, values)[link]
+
+
+_INERTIAL = '<inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ' \
+    'ixy="0" ixz="0" iyz="0"/></inertial>'  # fmt: skip
+
+
+def write_two_fingers(path: Path, finger: str) -> Path:
+    """Write an arm of three joints; on fixed links a propeller between two sliding fingers."""
+
+    def link(name: str, shape: str = "") -> str:
+        part = f"<collision><geometry>{shape}</geometry></collision>" if shape else ""
+        return f'<link name="{name}">{_INERTIAL}{part}</link>'
+
+    def joint(kind: str, parent: str, child: str, axis: str, xyz: str, rest: str = "") -> str:
+        return (
+            f'<joint name="to_{child}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{child}"/><axis xyz="{axis}"/><origin xyz="{xyz}"/>{rest}</joint>'
+        )
+
+    turns = '<limit lower="-2" upper="2" velocity="1" effort="20"/>'
+    slides = '<limit lower="{}" upper="{}" velocity="1" effort="10"/>'
+    rod = '<cylinder radius="0.03" length="0.2"/>'
+    parts = [
+        link("base", rod), link("upper", rod), link("fore", rod), link("wrist", rod),
+        link("bar"), link("prop", finger), link("left", finger), link("right", finger),
+        joint("revolute", "base", "upper", "0 0 1", "0 0 0.1", turns),
+        joint("revolute", "upper", "fore", "0 1 0", "0 0 0.3", turns),
+        joint("revolute", "fore", "wrist", "1 0 0", "0.3 0 0", turns),
+        joint("fixed", "wrist", "bar", "1 0 0", "0.05 0 0"),
+        joint("continuous", "bar", "prop", "1 0 0", "0.0 0 0", turns),
+        joint("prismatic", "bar", "left", "0 1 0", "0.1 0 0", slides.format(0.021, 0.057)),
+        joint("prismatic", "bar", "right", "0 1 0", "0.1 0 0",
+              slides.format(-0.057, -0.021) + '<mimic joint="to_left" multiplier="-1"/>'),
+    ]  # fmt: skip
+    path.write_text(f'<robot name="two">{"".join(parts)}</robot>', encoding="utf-8")
+    return path
+
+
+def test_two_sliding_fingers_beside_a_propeller_are_a_hand(tmp_path):
+    path = write_two_fingers(tmp_path / "two.urdf", '<box size="0.06 0.01 0.02"/>')
+    (hand,) = find_hands(bare_robot(path, name="two")[0])
+    assert [joint.name for joint in hand.fingers] == ["to_left", "to_right"]
+    # Middles of the pads 2 * 57 mm apart, less the thickness of a pad.
+    assert hand.stroke == pytest.approx(2 * 0.057 - 0.01, abs=1e-9)
+
+
+def test_fingers_whose_meshes_are_not_there_are_named_with_the_mesh(tmp_path):
+    path = write_two_fingers(tmp_path / "two.urdf", '<mesh filename="meshes/pad.stl"/>')
+    with pytest.raises(RobotError) as refused:
+        guess_robot(path, "two")
+    says = str(refused.value)
+    assert "prop, left, right may be fingers" in says
+    assert "'meshes/pad.stl', which is not there" in says
+    path = write_two_fingers(tmp_path / "two.urdf", "")
+    with pytest.raises(RobotError, match="the file gives them none"):
+        guess_robot(path, "two")

@@ -72,6 +72,19 @@ def test_a_pose_is_carried_out_and_the_thing_placed(cell: Workcell) -> None:
         cell.world.remove(body)
 
 
+def test_a_cup_takes_a_thing_lower_than_its_neighbours_if_the_flange_stays_clear() -> None:
+    """From the lip to the flange of the Panda, 4.5 cm in radius, it is 7 cm."""
+    with Workcell(describe("panda", hand="suction:0.015"), preset="fast") as cell:
+        request = posed(cell)
+        top = request.table_height + SIZE[2]
+        edge, sides = np.linspace(-0.03, 0.03, 13), PLACE[0] + np.array([-0.045, 0.045])
+        for higher, says in ((0.045, "planned"), (0.09, "grasp_collision")):
+            heights = np.arange(request.table_height, top + higher, 0.004)
+            beside = np.stack(np.meshgrid(sides, PLACE[1] + edge, heights), axis=-1)
+            plan = cell.executor.plan(request, [beside.reshape(-1, 3)])
+            assert (plan if isinstance(plan, str) else "planned") == says
+
+
 def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
     plan = cell.executor.plan(posed(cell))
     assert not isinstance(plan, str), plan

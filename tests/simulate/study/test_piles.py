@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from grasp.spatial.candidate import Proposals
+from grasp.spatial.candidate import GraspCandidate, Proposals
 from rtask.engine.perception.clutter import ClutterView
 from simulate.grasping import clearing
-from simulate.grasping.clutter import look_at_clutter
+from simulate.grasping.clutter import look_at_clutter, pick_from
 from simulate.grasping.pushing import plan_push
 from simulate.study.clutter.report import clutter_rows, summarise_piles, summarise_tables
 from simulate.study.clutter.trial import ARM, clear_trial, laid_table, pile_trial
@@ -71,7 +71,7 @@ def test_a_push_that_did_not_arrive_says_why(monkeypatch):
     nothing = Proposals(reason="no hand closes on a single object")
     for name, value in (
         ("hand_of", None), ("look_at_clutter", view), ("plan_in_view", nothing),
-        ("pick_from", None), ("plan_push", "a plan"),
+        ("pick_from", (None, ("ik", "grasp_collision"))), ("plan_push", "a plan"),
     ):  # fmt: skip
         monkeypatch.setattr(clearing, name, lambda *args, value=value: value)
     run = SimpleNamespace(pretend=lambda: "tracking")
@@ -82,6 +82,26 @@ def test_a_push_that_did_not_arrive_says_why(monkeypatch):
     ]  # fmt: skip
     (only,) = clearing.clear_clutter(executor, "arm", pushes=False)
     assert (only.kind, only.reason) == ("none", nothing.reason)
+    assert {move.refused for move in [*moves, only]} == {("ik", "grasp_collision")}
+
+
+def test_why_the_arm_refuses_grasps_is_told_with_a_pick_and_without_one():
+    points = np.random.default_rng(0).uniform(0.0, 0.03, (60, 3))
+    view = ClutterView(
+        points, np.ones(60, np.int32), np.arange(60), np.ones(3), np.array([0, 0, 1.0, 0]), 0.0
+    )
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
+    grasps = [GraspCandidate(down, 0.03, opening=0.05, segment=1) for _ in range(4)]
+
+    def asked(*answers):
+        left = iter(answers)
+        executor = SimpleNamespace(plan=lambda request, obstacles, seed: next(left))
+        return pick_from(view, Proposals(tuple(grasps)), executor, "arm", tries=3)
+
+    assert asked("ik", "grasp_collision", "ik") == (None, ("ik", "grasp_collision", "ik"))
+    plan = object()
+    pick, refused = asked("ik", plan)
+    assert (pick.plan, pick.candidate, pick.rank, refused) == (plan, grasps[1], 1, ("ik",))
 
 
 def a_pile(lifted, reason, **more):
