@@ -63,9 +63,7 @@ class EndEffector(TypedDict, total=False):
     min_opening: float
     """smallest width that it can hold (m); default: 0.0"""
     max_opening: float
-    """largest width that it can hold; default: none, as for a suction cup; all others need it
-    (m)
-    """
+    """largest width that it can hold; 0 for a suction cup, all others need it (m); default: 0.0"""
     jaw_width: float
     """width of a jaw face or finger; default: 0.0124 (m)"""
     finger_length: float

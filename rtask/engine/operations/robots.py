@@ -43,8 +43,8 @@ class EndEffector(Message):
     """class of end effector"""
     min_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
     """smallest width that it can hold"""
-    max_opening: Annotated[Number, Unit("m"), Ge(1e-3)] | None = None
-    """largest width that it can hold; default: none, as for a suction cup; all others need it"""
+    max_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    """largest width that it can hold; 0 for a suction cup, all others need it"""
     jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
     """width of a jaw face or finger; default: 0.0124"""
     finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
@@ -158,19 +158,25 @@ _STATED = (
     "min_opening", "max_opening", "jaw_width", "finger_length", "lip_radius", "lip_compliance",
     "pressure", "max_force", "max_payload",
 )  # fmt: skip
+_LEAST_OPENING_M = 1e-3
 
 
 def _check(effector: EndEffector, path: str) -> None:
     """Refuse an end effector with missing or contradictory dimensions."""
     sizes = {name: value for name in _STATED if (value := getattr(effector, name)) is not None}
+    if not effector.max_opening:
+        del sizes["max_opening"]
     is_cup = effector.kind == "SuctionCup"
     for name in ("lip_radius", "lip_compliance", "pressure"):
         if name in sizes and not is_cup:
             where = f"{path}.{name}"
             raise UsageError(f"{where} is of suction cups, not of a {effector.kind}", field=where)
-    if is_cup and effector.max_opening is not None:
+    if "max_opening" in sizes and (is_cup or effector.max_opening < _LEAST_OPENING_M):
         where = f"{path}.max_opening"
-        raise UsageError(f"{where}: a suction cup opens to no width", field=where)
+        wrong = "a suction cup opens to no width"
+        if not is_cup:
+            wrong = f"{effector.max_opening:g} is below {_LEAST_OPENING_M:g}"
+        raise UsageError(f"{where}: {wrong}", field=where)
     try:
         hand_of(effector.name, effector.gripper_type, effector.kind, sizes)
     except ValueError as error:
@@ -196,7 +202,7 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
                 RT.name: effector.name,
                 RT.gripperType: effector.gripper_type,
                 RT.minOpening: None if effector.kind == "SuctionCup" else effector.min_opening,
-                RT.maxOpening: effector.max_opening,
+                RT.maxOpening: effector.max_opening or None,
                 RT.jawWidth: effector.jaw_width,
                 RT.fingerLength: effector.finger_length,
                 RT.lipRadius: effector.lip_radius,
