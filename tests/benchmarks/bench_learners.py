@@ -4,8 +4,8 @@
 
 The published figures are of the C++ implementation of TEXPLORE and its companions
 (rl-texplore-ros-pkg): mean return an episode over seeds, and deviation between seeds. Prints both
-sides and the difference in standard errors; of a smoothed learner also the paired difference to the
-row before, with its 95 % interval over seeds.
+sides and the difference in standard errors; below TEXPLORE as published also what ours earns more,
+paired, with its 95 % interval over seeds.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ class Row:
 _PUBLISHED = (
     (1, 10, -25.9, 16.9), (11, 20, -14.7, 1.9), (21, 50, -13.4, 0.8), (51, 60, -12.6, 1.3),
 )  # fmt: skip
-_SMOOTHED = TexploreSettings(forest=ForestSettings(smoothing=0.5))
+_AS_PUBLISHED = TexploreSettings(forest=ForestSettings(smoothing=0.0))
 _ROWS = (
     Row("two rooms, TEXPLORE", TwoRooms, lambda s: Texplore(_ROOMS, 4, seed=s), 20, _PUBLISHED),
-    Row("two rooms, TEXPLORE, smoothed", TwoRooms,
-        lambda s: Texplore(_ROOMS, 4, _SMOOTHED, seed=s), 20, _PUBLISHED),
+    Row("two rooms, TEXPLORE, as published", TwoRooms,
+        lambda s: Texplore(_ROOMS, 4, _AS_PUBLISHED, seed=s), 20, _PUBLISHED),
     Row("two rooms, Dyna", TwoRooms, lambda s: Dyna(_ROOMS, 4, seed=s), 20,
         ((1, 10, -44.5, 6.4), (11, 20, -15.9, 2.3), (21, 50, -14.3, 1.3), (51, 60, -14.2, 1.8))),
     Row("two rooms, R-MAX", TwoRooms, lambda s: RMax(_ROOMS, 4, seed=s), 20,
@@ -63,8 +63,8 @@ _ROWS = (
     Row("still two rooms, TEXPLORE", lambda: TwoRooms(False),
         lambda s: Texplore(_ROOMS, 4, seed=s), 5,
         ((1, 10, -13.1, _NONE), (11, 20, -9.6, _NONE), (21, 40, -10.2, _NONE))),
-    Row("still two rooms, TEXPLORE, smoothed", lambda: TwoRooms(False),
-        lambda s: Texplore(_ROOMS, 4, _SMOOTHED, seed=s), 5,
+    Row("still two rooms, TEXPLORE, as published", lambda: TwoRooms(False),
+        lambda s: Texplore(_ROOMS, 4, _AS_PUBLISHED, seed=s), 5,
         ((1, 10, -13.1, _NONE), (11, 20, -9.6, _NONE), (21, 40, -10.2, _NONE))),
     Row("still two rooms, Q-learning", lambda: TwoRooms(False),
         lambda s: QLearning(_ROOMS, 4, seed=s), 5,
@@ -129,8 +129,8 @@ def main() -> None:
                 f"{abs(ours.mean() - mean) / error:>14.1f}",
                 flush=True,
             )
-            if row.name.endswith("smoothed") and len(ours) > 1:
-                change = ours - before[:, first - 1 : end].mean(axis=1)
+            if row.name.endswith("as published") and len(ours) > 1:
+                change = before[:, first - 1 : end].mean(axis=1) - ours
                 ends = bootstrap((change,), np.mean, rng=0).confidence_interval
                 print(f"{'':44}paired {change.mean():+.2f} [{ends.low:+.2f}, {ends.high:+.2f}]")
         before = lives

@@ -37,17 +37,18 @@ class ForestSettings:
     surprise
         A tree that gave an outcome a smaller probability than this is rebuilt.
     smoothing
-        Experiences for which the node above counts at each node, when a tree predicts; 0 = as
-        published. Leaves with few experiences are else too sure: two unlucky steps through a door
-        make it a wall (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003). What does
-        not surprise a tree is then counted along its branch too, or hope in a wall would last.
+        Experiences for which the node above counts at each node, when a tree predicts. Leaves
+        with few experiences are else too sure: two unlucky steps through a door make it a wall
+        (m-estimate, Cestnik 1990; along the branch, Ferri et al. 2003). What does not surprise a
+        tree is then counted along its branch too, or hope in a wall would last. 0 = none of this,
+        as published.
     """
 
     trees: int = 5
     share: float = 0.55
     skip: float = 0.2
     surprise: float = 0.75
-    smoothing: float = 0.0
+    smoothing: float = 0.5
 
     def __post_init__(self) -> None:
         if (
