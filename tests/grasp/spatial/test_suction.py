@@ -218,7 +218,7 @@ def test_the_command_plans_for_a_cup_and_says_what_it_cannot_do(tmp_path: Path) 
     for more, words in (
         ([str(mesh), "--save-grasps", str(tmp_path / "g.h5")], "--save-grasps is for grippers"),
         ([str(mesh), "--mode", "scene"], "needs the cloud of a table"),
-        ([cloud, "--mode", "scene"], "needs --viewpoint"),
+        ([cloud, "--mode", "scene"], "needs one --viewpoint"),
     ):
         refused = run(cli, ["grasp", "plan", "--gripper", "suction:0.015", *more])
         assert refused.exit_code != 0
