@@ -27,6 +27,7 @@ __all__ = [
     "Surroundings",
     "finger_clearances",
     "room_around",
+    "swept_boxes",
 ]
 
 FREE = 0.05
@@ -152,7 +153,7 @@ def room_around(
     if count == 0:
         return Room(clearance, hit)
     poses = np.ascontiguousarray(poses, dtype=np.float64)
-    swept = np.stack([gripper.boxes(float(o), surroundings.sweep) for o in openings])
+    swept = swept_boxes(gripper, openings, surroundings.sweep)
     if surroundings.support is not None:
         height = surroundings.support.below(poses, swept)
         hit[height < surroundings.support.clearance] = 3
@@ -171,6 +172,14 @@ def room_around(
         hit[rest[touched]] = 1
     clearance[hit != 0] = 0.0
     return Room(clearance, hit)
+
+
+def swept_boxes(
+    gripper: EndEffector, openings: NDArray[np.float64], sweep: float
+) -> NDArray[np.float64]:
+    """Return the boxes (c, b, 2, 3), m, of a gripper at openings (c,) along straight approaches."""
+    values, which = np.unique(openings, return_inverse=True)
+    return np.stack([gripper.boxes(float(value), sweep) for value in values])[which]
 
 
 def finger_clearances(

@@ -15,7 +15,14 @@ from scipy.spatial import cKDTree
 
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
-from grasp.spatial.collision import HIT_BY, LOW_M, SLIDE, Surroundings, room_around
+from grasp.spatial.collision import (
+    HIT_BY,
+    LOW_M,
+    SLIDE,
+    Surroundings,
+    room_around,
+    swept_boxes,
+)
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
@@ -211,8 +218,8 @@ def _approached(
     side = np.cross(found.closing, zero)
     angles = 2 * np.pi * np.arange(turns) / turns
     approaches = np.cos(angles)[:, None, None] * zero + np.sin(angles)[:, None, None] * side
-    poses = np.concatenate([found.poses(approach) for approach in approaches])
     index = np.tile(np.arange(len(found)), turns)
+    poses = found.take(index).poses(approaches.reshape(-1, 3))
     openings = np.minimum(found.room, found.widths + _OPEN_M)[index]
     depth = _depths(mesh, poses, gripper)
     _raise_over(poses, openings, gripper, around)
@@ -246,7 +253,7 @@ def _raise_over(
     """Draw grippers that would touch the support back, as far as their pads still hold."""
     if around.support is None:
         return
-    boxes = np.stack([gripper.boxes(float(o), around.sweep) for o in openings])
+    boxes = swept_boxes(gripper, openings, around.sweep)
     lacking = around.support.clearance + 1e-6 - around.support.below(poses, boxes)
     steep = -(poses[:, :3, 2] @ around.support.up)
     back = lacking / np.maximum(steep, 1e-3)

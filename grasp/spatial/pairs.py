@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
-from grasp.spatial.meshes.rays import MAX_HITS, crossings
+from grasp.spatial.meshes.rays import crossings
 
 __all__ = ["NO_ROOM", "UNFIT", "Pairs", "antipodal_pairs"]
 
@@ -118,7 +118,9 @@ def antipodal_pairs(
     closing = _inside_cone(normals, edges, spread * np.arctan(mu), rng)
     stroke, finger = gripper.max_opening, gripper.thickness + _ROOM_M
     at, index, counts = crossings(mesh.tree, points, closing, -stroke, 2 * stroke)
-    at = np.where(np.arange(MAX_HITS) < counts[:, None], at, np.inf)
+    most = max(int(counts.max()), 1)
+    at, index = at[:, :most], index[:, :most]
+    at = np.where(np.arange(most) < counts[:, None], at, np.inf)
     facing = np.einsum("nki,ni->nk", mesh.tree.normals[index], closing)
     before = -np.where(at < -_SAME_M, at, -np.inf).max(axis=1)
     after = np.full(at.shape, np.inf)

@@ -21,6 +21,7 @@ from grasp.arrays import FloatArray
 from grasp.push.quality import density_weights, lower_bound
 from grasp.spatial.boxes import boxes_meet_mesh
 from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.collision import swept_boxes
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import line_ends
@@ -358,7 +359,7 @@ def _without_collisions(
     g, k = np.nonzero(closed)
     if len(g) == 0:
         return
-    boxes = np.stack([gripper.boxes(float(opening), sweep) for opening in openings])[g]
+    boxes = swept_boxes(gripper, openings, sweep)[g]
     touched = boxes_meet_mesh(*mesh.tree.arrays, np.ascontiguousarray(moved[g, k]), boxes)
     closed[g[touched], k[touched]] = 0
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
@@ -50,6 +52,11 @@ class Body:
     lengths: FloatArray
     points: FloatArray
 
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points, for those near a jaw."""
+        return cKDTree(self.points)
+
 
 def body_of(points: FloatArray) -> Body:
     """Return the size of what a cloud (n, 3), m, or the samples of a mesh show."""
@@ -83,8 +90,8 @@ def with_features(
     along = np.clip(abs(candidate.closing @ body.axes[:, 0]), 0.0, 1.0)
     left = right = 0
     if candidate.contacts is not None:
-        near = [np.linalg.norm(body.points - p, axis=1) < _NEAR_M for p in candidate.contacts]
-        left, right = int(near[0].sum()), int(near[1].sum())
+        near = body.tree.query_ball_point(candidate.contacts[:2], _NEAR_M, return_length=True)
+        left, right = int(near[0]), int(near[1])
     longest, middle, least = np.maximum(body.lengths, 1e-6)
     features = np.array(
         [

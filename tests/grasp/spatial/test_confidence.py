@@ -182,6 +182,28 @@ def test_epsilon_is_the_ball_in_the_hull() -> None:
     assert not _inside(w, 1.001 * value * facet)
 
 
+@pytest.mark.parametrize("opposed", [True, False], ids=["parallel faces", "any faces"])
+@pytest.mark.parametrize("edges", [5, 8])
+def test_epsilon_of_two_soft_fingers_is_that_of_the_hull_of_their_wrenches(
+    opposed: bool, edges: int
+) -> None:
+    from scipy.spatial import ConvexHull
+
+    rng = np.random.default_rng(3)
+    held = 0
+    for k in range(40):
+        normals = POLES + (0.0 if opposed else 0.1) * rng.normal(size=(2, 3))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # Every fourth has both contacts on one line through the centre of mass.
+        points = POLES + (0.0 if k % 4 == 0 else 0.2) * rng.normal(size=(2, 3))
+        contacts = Contacts(points, normals, np.zeros(3), 1.4, rng.normal(size=3))
+        w = wrenches(contacts, 0.5, 0.3, edges)
+        nearest = -ConvexHull(w).equations[:, 6].max()
+        assert epsilon(contacts, 0.5, 0.3, edges) == pytest.approx(max(nearest, 0.0), abs=1e-9)
+        held += nearest > 0
+    assert held > 20
+
+
 def test_the_fast_bound_is_a_bound_and_near() -> None:
     rng = np.random.default_rng(1)
     exact, fast = [], []
