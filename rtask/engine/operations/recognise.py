@@ -20,7 +20,6 @@ from pydantic import Field
 
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import LOW_M
-from grasp.spatial.contact_plan import plan_contacts_on_cloud
 from grasp.spatial.frames import tilt
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.suction_cup import SuctionCup
@@ -257,6 +256,7 @@ def _contact_plan(
 ) -> tuple[GraspCandidate, ...]:
     """Return new grasps of a cup or of three fingers on what is seen, if they are wanted."""
     from grasp.spatial.collision import Support
+    from grasp.spatial.contact_plan import plan_contacts_on_cloud
     from grasp.spatial.grasp_plan import SpatialOptions
 
     hand, seen = situation.gripper.gripper, situation.observation
