@@ -51,7 +51,7 @@ def test_a_person_introduces_a_robot_with_two_hands_by_the_form(
         group = page.get_by_role("group", name=f"end effectors {k + 1}")
         group.get_by_label("name *", exact=True).fill(hand)
         group.get_by_label("gripper type *").fill("pinch")
-        group.get_by_label("max opening (m) *").fill("0.08")
+        group.get_by_label("max opening (m)").fill("0.08")
         group.get_by_label("max payload (kg) *").fill("0.5")
     group.get_by_label("max payload (kg) *").press("Enter")  # sends, and adds no third hand
     answer = json.loads(page.get_by_role("status").inner_text())
