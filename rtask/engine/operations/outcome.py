@@ -10,7 +10,8 @@ from annotated_types import Ge
 from rtask.engine.memory.causes import StatingCauses, state_causes
 from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
 from rtask.engine.operations.operation import operation
-from rtask.engine.records.received import Outcome, OutcomeReport, received
+from rtask.engine.records.outcomes import Outcome, OutcomeReport
+from rtask.engine.records.received import received
 from rtask.engine.records.record import Entry, earlier, record
 from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, UsageError

@@ -16,7 +16,8 @@ from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.verdicts import Verdict
 from rtask.engine.perception.images import check_picture
 from rtask.engine.records.objects import body_frame
-from rtask.engine.records.received import TIMES, Outcome, Received
+from rtask.engine.records.outcomes import TIMES, Outcome
+from rtask.engine.records.received import Received
 from rtask.engine.triples import Triples, stamp
 from rtask.errors import UsageError
 from rtask.interop.episodes.motion import MEDIA_TYPE, Motion

@@ -23,7 +23,7 @@ from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
 from rtask.engine.policy import UNJUDGED
-from rtask.engine.records.received import Outcome
+from rtask.engine.records.outcomes import Outcome
 from rtask.engine.records.task_tree import is_place_of, place_iri
 from rtask.engine.triples import Triples, stamp
 from rtask.rdf.namespaces import PROV, RT

@@ -18,8 +18,9 @@ from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.objects import viewpoint_of
+from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
-from rtask.engine.records.received import Outcome, OutcomeReport, Received, received
+from rtask.engine.records.received import Received, received
 from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import KnownObject
 from rtask.engine.terms import folded

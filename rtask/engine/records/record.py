@@ -24,8 +24,9 @@ from rtask.engine.records.attempts import (
     state_grasp,
 )
 from rtask.engine.records.objects import state_frame, state_recognition
+from rtask.engine.records.outcomes import Outcome
 from rtask.engine.records.places import state_moved
-from rtask.engine.records.received import Outcome, Received
+from rtask.engine.records.received import Received
 from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
 from rtask.engine.triples import Triples, rounded

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from rtask.engine.operations.table import OPERATIONS
-from rtask.engine.records.received import Outcome, OutcomeReport, received
+from rtask.engine.records.outcomes import Outcome, OutcomeReport
+from rtask.engine.records.received import received
 from rtask.errors import UsageError
 from rtask.wire.fields import kind_of
 

@@ -14,7 +14,7 @@ from annotated_types import Ge
 
 from endpoint.rosbridge.typedefs import typedefs_of
 from rtask.engine.operations.table import OPERATIONS
-from rtask.engine.records.received import OutcomeReport
+from rtask.engine.records.outcomes import OutcomeReport
 from rtask.errors import UsageError
 from rtask.wire.fields import absence, kind_of, parts_of, wire_name
 from rtask.wire.message import read
