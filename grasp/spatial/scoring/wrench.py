@@ -120,14 +120,21 @@ def epsilon_bound(
 
 
 @njit(cache=True, nogil=True)
-def _cross(a, b):  # type: ignore[no-untyped-def]
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
 
 
 @njit(cache=True, nogil=True)
-def _cones(pushes, arms, towards, angle, friction, gamma):  # type: ignore[no-untyped-def]
+def _cones(
+    pushes: FloatArray,
+    arms: FloatArray,
+    towards: FloatArray,
+    angle: FloatArray,
+    friction: float,
+    gamma: float,
+) -> FloatArray:
     """Return the wrenches (n, 6): of each contact the edges of its cone, then both torsions."""
     each = len(angle) + (2 if gamma > 0 else 0)
     w = np.empty((len(pushes) * each, 6))
@@ -147,7 +154,7 @@ def _cones(pushes, arms, towards, angle, friction, gamma):  # type: ignore[no-un
 
 
 @njit(cache=True, nogil=True)
-def _tangents(push, towards):  # type: ignore[no-untyped-def]
+def _tangents(push: FloatArray, towards: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit vectors across ``push``, the first as far ``towards`` as that allows."""
     one = towards - (towards * push).sum() * push
     length = np.sqrt((one * one).sum())
@@ -178,7 +185,7 @@ def _starts() -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def _descend(w, starts, steps):  # type: ignore[no-untyped-def]
+def _descend(w: FloatArray, starts: FloatArray, steps: int) -> float:
     """Return the least of max(w . u) that projected subgradient steps find."""
     best_of_all = np.inf
     u = np.empty(6)
@@ -208,7 +215,7 @@ def _descend(w, starts, steps):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _least_facet(w):  # type: ignore[no-untyped-def]
+def _least_facet(w: FloatArray) -> float:
     """Return the least distance of the facets of two soft contacts' wrenches (2 m, 6).
 
     The wrenches of one contact are a double pyramid over the edges of its cone, in three
@@ -242,7 +249,7 @@ def _least_facet(w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _triangle(i, k, ring):  # type: ignore[no-untyped-def]
+def _triangle(i: int, k: int, ring: int) -> int:
     """Return corner ``k`` of triangle ``i`` of a double pyramid: two on the ring, then a tip."""
     if k == 2:
         return ring + i // ring
@@ -250,7 +257,7 @@ def _triangle(i, k, ring):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _reach(w, points):  # type: ignore[no-untyped-def]
+def _reach(w: FloatArray, points: FloatArray) -> float:
     """Return how far wrenches reach across the plane through six of them, on its nearer side.
 
     Infinite where the six do not span a plane.
