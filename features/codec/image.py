@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.container import CODEC_JPEG, CODEC_PNG, Section
-from features.codec.limits import CloudFormatError, Limits
+from features.codec.limits import CloudFormatError, Limits, UnknownFormatError
 
 __all__ = ["decode_image", "image_size", "jpeg", "png"]
 
@@ -68,7 +68,7 @@ def image_size(data: bytes) -> tuple[int, int]:
         return int(width), int(height)
     if data.startswith(b"\xff\xd8"):
         return _jpeg_size(data)
-    raise CloudFormatError(f"neither PNG nor JPEG: starts with {data[:8].hex(' ')}")
+    raise UnknownFormatError(f"neither PNG nor JPEG: starts with {data[:8].hex(' ')}")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:

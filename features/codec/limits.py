@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CloudFormatError", "Limits"]
+__all__ = ["CloudFormatError", "Limits", "UnknownFormatError"]
 
 
 class CloudFormatError(ValueError):
     """Bytes that are no cloud, a damaged one, or one beyond the limits: what, and where."""
+
+
+class UnknownFormatError(CloudFormatError):
+    """Bytes that begin like nothing that is read."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import zstandard
 from features.codec.cloud import read_cloud
 from features.codec.container import KIND_FRAME, KIND_OCTREE, MAGIC, unpack
 from features.codec.frame import read_frame
-from features.codec.limits import CloudFormatError, Limits
+from features.codec.limits import CloudFormatError, Limits, UnknownFormatError
 from features.codec.octree import read_octree
 from features.codec.pcd import read_pcd
 from features.codec.ply import read_ply
@@ -60,8 +60,8 @@ def _read(data: bytes, limits: Limits) -> Frame | Cloud:
     if data.startswith(b"DRACO"):
         raise CloudFormatError("Draco: its decoder knows no limits; send RTKC, PLY or PCD")
     if not data:
-        raise CloudFormatError("not a point cloud: no bytes at all")
-    raise CloudFormatError(f"not a point cloud: starts with {data[:8].hex(' ')}")
+        raise UnknownFormatError("not a point cloud: no bytes at all")
+    raise UnknownFormatError(f"not a point cloud: starts with {data[:8].hex(' ')}")
 
 
 def _unwrap_kind(data: bytes) -> str:

@@ -104,6 +104,14 @@ class Recognition:
         """Tell whether the answer is that object."""
         return self.accepted and self.matches[0].object_iri == object_iri
 
+    @property
+    def differs(self) -> str:
+        """Where the view differs from the object of its family, in words; empty without one."""
+        first = self.matches[0] if self.family else None
+        if first is None or first.object_iri != self.family or first.difference is None:
+            return ""
+        return first.difference.place
+
 
 class Recogniser:
     """Recognises views against an index; what it keeps of stored views lies beside the index.

@@ -537,6 +537,9 @@ class SimilarObjects(TypedDict):
     suggestions: list[str]
     outcome: NotRequired[str]
     accepted: NotRequired[bool]
+    family: NotRequired[str]
+    differs: NotRequired[str]
+    ask_again: NotRequired[bool]
 
 
 class OfferedObject(TypedDict):
@@ -665,12 +668,15 @@ class Feedback(TypedDict):
 
 
 class Taught(TypedDict):
-    """The objects found or stored; fields with defaults are there only if something was stored."""
+    """The objects found or stored; its own fields are there only if something was stored."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
     outcome: NotRequired[str]
     accepted: NotRequired[bool]
+    family: NotRequired[str]
+    differs: NotRequired[str]
+    ask_again: NotRequired[bool]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]

@@ -104,9 +104,9 @@ def recognise(
     click.echo(f"{len(rows)} object{'' if len(rows) == 1 else 's'} seen, {recognised} recognised")
     for row in rows:
         verdict = _VERDICTS[row["outcome"]] + (", accepted" if row["accepted"] else "")
-        if row.get("family"):
+        if row["family"]:
             verdict = f"looks like a known object, but differs {row['differs']}"
-        elif row.get("ask_again"):
+        elif row["ask_again"]:
             verdict += ", another view may decide"
         pose = row["pose"]
         if pose is not None:
@@ -180,6 +180,9 @@ def _asked(
                     "box_px": [crop.x0, crop.y0, *crop.depth_m.shape[::-1]],
                     "outcome": answer["outcome"],
                     "accepted": answer["accepted"],
+                    "family": answer["family"],
+                    "differs": answer["differs"],
+                    "ask_again": answer["ask_again"],
                     "pose": None,
                     "matches": [
                         {
@@ -216,9 +219,7 @@ def _row(one: Seen) -> dict[str, Any]:
         "outcome": one.answer.outcome,
         "accepted": one.answer.accepted,
         "family": one.answer.family,
-        "differs": one.answer.matches[0].difference.place
-        if one.answer.family and one.answer.matches[0].difference is not None
-        else "",
+        "differs": one.answer.differs,
         "ask_again": one.answer.ask_again,
         "pose": _pose_row(one.pose),
         "matches": [

@@ -26,11 +26,21 @@ __all__ = ["View", "camera_options", "read_scene", "read_view", "save_picture"]
 
 log = logging.getLogger(__name__)
 
-_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG = b"\x89PNG"
 _IMAGES = (_PNG, b"\xff\xd8\xff")
 _RECORDINGS = (".bag", ".mcap", ".db3")
 _DEFAULT_FOCAL = 525.0 / 640
 _STORED_BYTES = 256 * 2**20
+_OPTIONS = {
+    "--colour": "colour",
+    "--depth-unit": "depth_unit_m",
+    "--focal": "focal",
+    "--focal-y": "focal_y",
+    "--centre": "centre",
+    "--distortion": "distortion",
+    "--camera": "camera",
+    "--at": "at_s",
+}
 
 
 @dataclass(frozen=True)
@@ -61,6 +71,16 @@ class View:
     distortion: tuple[float, ...] = ()
     camera: Path | None = None
     at_s: float = 0.0
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The options that differ from their defaults, as they are written."""
+        usual = View()
+        return tuple(
+            name
+            for name, field_name in _OPTIONS.items()
+            if repr(getattr(self, field_name)) != repr(getattr(usual, field_name))
+        )
 
 
 @dataclass(frozen=True)
@@ -174,9 +194,12 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
         As :func:`read_scene`.
     """
     from features.codec import CloudFormatError, decode
-    from features.codec.limits import Limits
+    from features.codec.limits import Limits, UnknownFormatError
 
     if file.suffix in _RECORDINGS or file.is_dir():
+        if file.is_dir() and not (file / "metadata.yaml").is_file():
+            raise UsageError(f"{file} is a folder, and no recording of ROS 2: no metadata.yaml")
+        _allow(file, "a recording, which tells its camera", view, ("--at",))
         return _recorded(file, view)
     # A local file may be larger than what a robot may send, but not what it unpacks to.
     limits = Limits(stored_bytes=_STORED_BYTES)
@@ -184,11 +207,24 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     try:
         if data.startswith(_IMAGES):
             return _picture(file, data, view, limits)
-        if view.colour is not None:
-            raise UsageError(f"--colour goes with a depth image; {file} is a cloud")
-        return decode(data, limits)
+        seen = decode(data, limits)
+    except UnknownFormatError:
+        begins = f"it starts with {data[:8].hex(' ')}" if data else "it is empty"
+        raise DataError(
+            f"{file}: no picture (JPEG, PNG), cloud (PCD, PLY), crop that robots send or recording "
+            f"({', '.join(_RECORDINGS)}): {begins}"
+        ) from None
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
+    _allow(file, "a cloud", view, ())
+    return seen
+
+
+def _allow(file: Path, kind: str, view: View, options: tuple[str, ...]) -> None:
+    """Refuse options that would have no effect on a file of this kind."""
+    without = [name for name in view.given if name not in options]
+    if without:
+        raise UsageError(f"{' and '.join(without)}: no use here, {file} is {kind}")
 
 
 def _recorded(file: Path, view: View) -> Frame | Cloud | Photo:
@@ -225,7 +261,9 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
         if view.colour is not None:
             kind = "an image of 8 bits"
             raise UsageError(f"{file} is {kind}; FILE must be a 16-bit depth image beside --colour")
+        _allow(file, "a photograph, read without a camera", view, ())
         return read_photo(data)
+    _allow(file, "a depth image", view, tuple(name for name in _OPTIONS if name != "--at"))
     depth = _image(file, data, limits)
     if depth.ndim == 3 or depth.dtype != np.uint16:
         raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
@@ -284,9 +322,13 @@ def _image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     import cv2
     import numpy as np
 
+    from features.codec import CloudFormatError
     from features.codec.image import image_size
 
-    limits.check_image(*image_size(data))
+    try:
+        limits.check_image(*image_size(data))
+    except CloudFormatError as error:
+        raise DataError(f"{file}: {error}") from error
     if data.startswith(_PNG) and b"IEND" not in data[-16:]:
         raise DataError(f"{file}: the PNG is cut off")
     try:

@@ -127,7 +127,11 @@ def _in_frame(frame: Frame, preset: str, selection: Selection) -> list[tuple[int
 def _crops(view: Frame, labels: NDArray[np.int32]) -> list[tuple[int, Frame]]:
     import numpy as np
 
+    from features.codec import CloudFormatError
+
     numbers = np.unique(labels[labels > 0]).tolist()
+    if not numbers:
+        raise CloudFormatError("the mask marks no pixel of the image: 0 is no object")
     return [(number, view.crop(labels == number)) for number in numbers]
 
 

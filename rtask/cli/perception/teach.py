@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +16,15 @@ from rtask.cli.perception.scene_file import View, camera_options, read_view
 from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.cli.things import find_object
-from rtask.errors import UsageError
+from rtask.errors import UnknownTermError, UsageError
 
 if TYPE_CHECKING:
-    from features.geometry import Frame
     from rtask.client import Client
 
 __all__ = ["teach"]
 
 _PHOTOS = (".jpg", ".jpeg", ".png")
+_FEW = 10  # agreeing keypoints that the engine asks for where nothing else is stored
 
 
 @click.command()
@@ -56,9 +57,12 @@ def teach(
 
     PHOTOS are files as `rtask recognise` reads them, or folders of photographs, each of one object.
     One is enough; more sides make the answers better. If an object has the name already, or NAME is
-    its IRI, the views are added to it. --mask may be a folder with a mask of each photograph's name
-    (.png or .json).
+    its IRI, the views are added to it, but for those that it has. Where one of the files cannot be
+    read, nothing is stored. --mask may be a folder with a mask of each photograph's name (.png or
+    .json).
     """
+    if not name.strip():
+        raise UsageError("NAME is blank: give the object a name, or the IRI of a known one")
     files = _files(photos)
     with (
         announce_compilation(),
@@ -66,21 +70,53 @@ def teach(
         connection(data, server, agent, creates=True) as client,
     ):
         thing = find_object(client.query, name)
+        if thing is None and "://" in name:
+            raise UnknownTermError(
+                f"the graph has no object {name}; `rtask objects list` shows what there is"
+            )
+        shown = [_shown(file, view, preset, _mask_of(mask, file), box) for file in files]
         entries = []
-        for file in files:
-            crop = _crop(file, view, preset, _mask_of(mask, file), box)
-            entry = _inserted(client, crop, thing, name, kind)
+        for one in shown:
+            entry = _inserted(client, one, thing, name, kind)
             thing = entry["object"]
-            entries.append({"file": str(file), **entry})
+            entries.append({"file": str(one.file), **entry})
     if as_json:
         print_json(entries)
         return
-    for entry in entries:
-        click.echo(f"{entry['file']}: {entry['features']} keypoints")
+    for one, entry in zip(shown, entries, strict=True):
+        click.echo(f"{one.file}: {_told(one, entry)}")
     for message in dict.fromkeys(entry["message"] for entry in entries if entry.get("message")):
         click.echo(message)
     what = "new" if entries[0]["new"] else "known"
-    click.echo(f"{len(entries)} view{'' if len(entries) == 1 else 's'} of {name} ({what}): {thing}")
+    stored = sum(entry["stored"] for entry in entries)
+    click.echo(f"{stored} view{'' if stored == 1 else 's'} of {name} ({what}): {thing}")
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """The crop of the object in a file, encoded.
+
+    Parameters
+    ----------
+    data
+        As robots send it.
+    is_flat
+        Whether it has no depth.
+    """
+
+    file: Path
+    data: bytes
+    is_flat: bool
+
+
+def _told(one: _Shown, entry: Mapping[str, Any]) -> str:
+    """Return what became of a file."""
+    if not entry["stored"]:
+        return "stored already"
+    found = f"{entry['features']} keypoints"
+    if one.is_flat and entry["features"] < _FEW:
+        return f"{found}; too few to be recognised: without depth, the print must show"
+    return found
 
 
 def _files(photos: Sequence[Path]) -> list[Path]:
@@ -107,13 +143,14 @@ def _mask_of(mask: Path | None, file: Path) -> Path | None:
     raise UsageError(f"{mask}: no {file.stem}.png or {file.stem}.json, the mask of {file}")
 
 
-def _crop(
+def _shown(
     file: Path,
     view: View,
     preset: str,
     mask: Path | None,
     box: tuple[float, float, float, float] | None,
-) -> Frame:
+) -> _Shown:
+    from features.codec import encode_frame
     from rtask.cli.perception.selecting import Selection, objects_in
 
     _, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
@@ -121,21 +158,20 @@ def _crop(
         raise UsageError(
             f"{file} shows {len(crops) or 'no'} objects; say which one by --box or --mask"
         )
-    return crops[0][1]
+    crop = crops[0][1]
+    return _Shown(file, encode_frame(crop, 92), not (crop.depth_m > 0).any())
 
 
 def _inserted(
-    client: Client, crop: Frame, thing: str | None, name: str, kind: str | None
+    client: Client, shown: _Shown, thing: str | None, name: str, kind: str | None
 ) -> dict[str, Any]:
-    from features.codec import encode_frame
-
-    item: dict[str, Any] = {"data": encode_frame(crop, 92)}
+    item: dict[str, Any] = {"data": shown.data}
     if thing is None:
         # It has a name of its own: what it looks like is no reason to take it for something else.
         item |= {"name": name, "class_description": kind, "merge": False}
     else:
         item |= {"object": thing}
     given = {key: value for key, value in item.items() if value is not None}
-    (entry,) = client.call("insert_object", objects=[given])["objects"]
-    told: dict[str, Any] = dict(entry)
-    return told
+    answer = client.call("insert_object", objects=[given])
+    (entry,) = answer["objects"]
+    return {**entry, "stored": answer["stored"]}

@@ -74,6 +74,12 @@ class SimilarObjects(Answer):
     """null, single or multiple: how many known objects fit"""
     accepted: bool = False
     """whether the first is the object"""
+    family: str = ""
+    """IRI of the object that it looks like, but differs from; empty otherwise"""
+    differs: str = ""
+    """where it differs from that: "at the top" and the like"""
+    ask_again: bool = False
+    """whether a look from another side may decide"""
 
 
 @operation("read", "list known objects that look like this one")
@@ -107,6 +113,9 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         suggestions=[],
         outcome=recognition.outcome,
         accepted=bool(recognition.accepted),
+        family=recognition.family,
+        differs=recognition.differs,
+        ask_again=bool(recognition.ask_again),
     )
 
 

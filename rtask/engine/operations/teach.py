@@ -14,11 +14,11 @@ from rtask.engine.operations.curate import author_of, object_meant
 from rtask.engine.operations.feedback import GiveFeedback, give_feedback
 from rtask.engine.operations.insert import InsertedObject, InsertObject, insert_object
 from rtask.engine.operations.operation import operation
-from rtask.engine.operations.search import SearchObject, SimilarObject, look_alikes, search_object
+from rtask.engine.operations.search import SearchObject, SimilarObjects, look_alikes, search_object
 from rtask.engine.perception.observation import Look, OptionalLook
 from rtask.engine.records.prepared import NewObject
 from rtask.errors import UsageError
-from rtask.wire.message import Answer, Message, read
+from rtask.wire.message import Message, read
 from rtask.wire.types import Iri, Text
 
 if TYPE_CHECKING:
@@ -54,13 +54,9 @@ class TeachObject(OptionalLook, _Wish):
     """remark of the person; default: none"""
 
 
-class Taught(Answer):
-    """The objects found or stored; fields with defaults are there only if something was stored."""
+class Taught(SimilarObjects):
+    """The objects found or stored; its own fields are there only if something was stored."""
 
-    similar_objects: list[SimilarObject]
-    suggestions: list[str]
-    outcome: str = "null"
-    accepted: bool = False
     stored: int = 0
     commit: str = ""
     objects: list[InsertedObject] = Field(default_factory=list)

@@ -106,8 +106,8 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
     name = (known.label if known is not None else "") or first.object_iri
     if recognition.accepted:
         return f"is {name}"
-    if recognition.family == first.object_iri and first.difference is not None:
-        return f"looks like {name}, but differs {first.difference.place}"
+    if recognition.differs:
+        return f"looks like {name}, but differs {recognition.differs}"
     return f"may be {name}" + ("; another view may decide" if recognition.ask_again else "")
 
 

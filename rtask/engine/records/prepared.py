@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -25,6 +26,8 @@ from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import KnownObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.durability.blobs import Blob
+from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import read
 from rtask.wire.types import Flag, Grasp, Iri, Number, Text
@@ -112,7 +115,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Repeated:
-    """An entry whose id is already stored."""
+    """An entry whose id is already stored, or whose view is."""
 
     task_id: str
     before: Earlier
@@ -151,6 +154,10 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
             raise UnknownTermError(f"the graph has no object {item.object}")
     elif item.merge and recognition.accepted and (kinds or not item.class_description):
         known = memory.objects.get(recognition.matches[0].object_iri)
+    if known is not None and _is_view_alone(item):
+        same = _view_with(context, iri(known.iri), seen.data)
+        if same:
+            return Repeated(item.task_id or "", Earlier(known.iri, view=same), gripper)
     resembles = None
     if known is None and item.merge and recognition.ask_again:
         first = recognition.matches[0]
@@ -210,6 +217,25 @@ def stored_before(
     author = context.author(access, gripper.robot_name if gripper else None)
     agents = [context.agent_iri(author), *([gripper.robot] if gripper else [])]
     return earlier(context, task_id, agents)
+
+
+def _is_view_alone(item: NewObject) -> bool:
+    """Tell whether an entry reports neither a grasp nor where the object is."""
+    told = (item.grasp, item.X, item.Y, item.Z, item.rad, item.outcome, item.frame_id)
+    return all(one is None for one in told)
+
+
+def _view_with(context: Context, thing: NamedNode, data: bytes) -> str:
+    """Return the view of an object that was made of these very bytes, or nothing.
+
+    Stored twice, one picture would confirm itself where views of an object are to confirm each
+    other.
+    """
+    blob = Blob(hashlib.sha256(data).hexdigest(), len(data), "").iri
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT ?view WHERE {{ ?content rt:hasBlob {blob} . ?view rt:viewContent ?content .
+  {thing} rt:hasView ?view }} ORDER BY ?view LIMIT 1""")
+    return next((str(row.value("view")) for row in rows), "")
 
 
 def _gripper(context: Context, item: NewObject, access: Access) -> KnownGripper | None:

@@ -125,6 +125,58 @@ def test_more_photographs_are_added_to_the_object_of_that_name(taught, tmp_path,
     assert len(shown["views"]) == 3
 
 
+def test_a_photograph_is_stored_once_and_again_after_it_was_forgotten(taught, tmp_path, capsys):
+    again = tmp_path / "tea" / "0.jpg"
+    said = run(capsys, "teach", "green tea", again, "-d", taught)
+    assert f"{again}: stored already" in said
+    assert "0 views of green tea (known)" in said
+    (entry,) = json.loads(run(capsys, "teach", "green tea", again, "-d", taught, "--json"))
+    assert entry["stored"] == 0
+    run(capsys, "objects", "forget", "green tea", entry["view"], "-d", taught)
+    assert "1 view of green tea (known)" in run(capsys, "teach", "green tea", again, "-d", taught)
+
+
+def test_nothing_is_stored_where_one_of_the_photographs_cannot_be_read(taught, tmp_path, capsys):
+    photo = save(tmp_path / "cocoa.jpg", photograph(3)[0])
+    for name, data, why in (
+        ("page.jpg", b"<html>", "no picture (JPEG, PNG), cloud (PCD, PLY)"),
+        ("empty.jpg", b"", "it is empty"),
+        ("cut.png", b"\x89PNG\r\n", "PNG is cut off"),
+    ):
+        bad = tmp_path / name
+        bad.write_bytes(data)
+        said = run(capsys, "teach", "cocoa", photo, bad, "-d", taught, code=1)
+        assert f"{bad}: " in said
+        assert why in said
+    assert "cocoa" not in run(capsys, "objects", "list", "-d", taught)
+
+
+def test_a_name_is_neither_blank_nor_the_address_of_nothing(tmp_path, capsys):
+    photo, store = save(tmp_path / "one.jpg", photograph(1)[0]), tmp_path / "store"
+    assert "NAME is blank" in run(capsys, "teach", " ", photo, "-d", store, code=2)
+    said = run(capsys, "teach", "http://example.org/mug", photo, "-d", store, code=1)
+    assert "no object http://example.org/mug" in said
+
+
+def test_a_picture_without_print_is_stored_with_a_warning(tmp_path, capsys):
+    plain = save(tmp_path / "plain.png", np.full((60, 60, 3), 90, np.uint8))
+    said = run(capsys, "teach", "wall", plain, "-d", tmp_path / "store")
+    assert "0 keypoints; too few to be recognised" in said
+
+
+def test_options_without_effect_are_refused(taught, tmp_path, capsys):
+    photo = save(tmp_path / "seen.jpg", photograph(1, -6, 7)[0])
+    for option, value in (("--focal", "nan"), ("--distortion", "0.1,0"), ("--at", "3")):
+        said = run(capsys, "recognise", photo, option, value, "-d", taught, code=2)
+        assert f"{option}: no use here" in said
+    blank = save(tmp_path / "blank.png", np.zeros((420, 400, 3), np.uint8))
+    said = run(capsys, "recognise", photo, "--mask", blank, "-d", taught, code=1)
+    assert "marks no pixel" in said
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    assert "no metadata.yaml" in run(capsys, "recognise", folder, "-d", taught, code=2)
+
+
 def test_what_cannot_be_taught_says_why(tmp_path, capsys):
     photo = save(tmp_path / "one.jpg", photograph(1)[0])
     empty = tmp_path / "empty"
@@ -193,6 +245,11 @@ def test_a_server_is_taught_and_asked_the_same_way(tmp_path, capsys):
         assert "green tea" in said
         told = run(capsys, "teach", "green tea", seen, "--server", server.url, "--json")
         assert not json.loads(told)[0]["new"]
+        other = photograph(1)[0].copy()
+        other[150:250, 130:260] = photograph(4)[0][150:250, 130:260]
+        changed = save(tmp_path / "changed.jpg", other)
+        said = run(capsys, "recognise", changed, "--server", server.url, code=1)
+        assert "looks like a known object, but differs" in said
         plot = tmp_path / "plot.png"
         options = ("--server", server.url, "--save-plot", plot)
         assert "--data alone" in run(capsys, "recognise", seen, *options, code=2)
