@@ -40,6 +40,7 @@ _KINDS = {
     "suction": (SuctionCup, "a suction cup"),
     "three-finger": (ThreeFingerHand, "a three-finger hand"),
 }
+_NAMED = {"nao": nao_hand, "panda": panda_hand}
 
 
 def end_effector_named(text: str) -> ParallelGripper | SuctionCup | ThreeFingerHand:
@@ -64,8 +65,10 @@ def end_effector_named(text: str) -> ParallelGripper | SuctionCup | ThreeFingerH
     if Path(text).suffix.lower() in _ENDINGS:
         return read_end_effector(Path(text))
     kind, _, size = text.partition(":")
-    if kind not in ("suction", "three"):
+    if kind == "jaw" or text in _NAMED:
         return gripper_named(text)
+    if kind not in ("suction", "three"):
+        raise ValueError(f"{_unknown(text)}, suction:RADIUS or three:OPENING in m")
     try:
         if kind == "suction":
             return SuctionCup("suction_cup", radius=float(size))
@@ -98,18 +101,21 @@ def gripper_named(text: str) -> ParallelGripper:
     if Path(text).suffix.lower() in _ENDINGS:
         return read_gripper(Path(text))
     kind, _, stroke = text.partition(":")
-    if kind == "jaw" and stroke:
+    if kind == "jaw":
         try:
             return parallel_jaw(float(stroke))
         except ValueError as error:
             raise ValueError(f"gripper {text!r}: expected a stroke in m, as in jaw:0.08") from error
-    named = {"nao": nao_hand, "panda": panda_hand}
-    if text not in named:
-        raise ValueError(
-            f"unknown gripper {text!r}: nao, panda, jaw:STROKE with a stroke in m, or a file "
-            f"({', '.join(_ENDINGS)})"
-        )
-    return named[text]()
+    if text not in _NAMED:
+        raise ValueError(_unknown(text))
+    return _NAMED[text]()
+
+
+def _unknown(text: str) -> str:
+    return (
+        f"unknown gripper {text!r}: {', '.join(_NAMED)}, a file ({', '.join(_ENDINGS)}), "
+        "jaw:STROKE with a stroke in m"
+    )
 
 
 def read_gripper(path: Path) -> ParallelGripper:

@@ -48,12 +48,15 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     import time
 
     from grasp.spatial.gripper_files import end_effector_named
+    from rtask.errors import UsageError
 
     gripper = end_effector_named(options["gripper"])
     if options["friction"] is not None:
         from dataclasses import replace
 
         gripper = replace(gripper, friction=options["friction"])
+    if options["save_grasps"] is not None and not options["save_grasps"].parent.is_dir():
+        raise UsageError(f"--save-grasps {options['save_grasps']}: there is no such folder")
     shape, note, known = _shape(source, data, options)
     start = time.perf_counter()
     with Working("planning"):
@@ -149,6 +152,9 @@ def _planned(
     if len(finite) and not options["floating"]:
         support = Support(float(finite[:, 2].min()))
     if isinstance(shape, Mesh):
+        for name in ("classifier", "viewpoint"):
+            if options[name]:
+                raise UsageError(f"--{name} is for clouds, and this is a mesh: it has all sides")
         if options["grasps"] is None:
             return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
         given = read_grasps(options["grasps"], gripper, shape).candidates

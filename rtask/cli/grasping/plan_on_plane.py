@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from rtask.cli.grasping.batch import batch
 from rtask.cli.grasping.executors import executor_options, open_named
@@ -119,7 +120,13 @@ grasp.add_command(batch)
     help="Standard deviation of the rotation, degrees.  [default: 0 for push, 5.73 in space]",
 )
 @click.option("--samples", default=100, show_default=True, help="Perturbed shapes or poses.")
-@click.option("--seed", default=0, show_default=True, help="Random seed of the perturbations.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Random seed of the perturbations.",
+)
 @click.option(
     "--density", default=1.5, show_default=True, help="Push: contacts on an edge of mean length."
 )
@@ -212,6 +219,7 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     if not 0 <= options["min_confidence"] <= 1:
         raise UsageError(f"--min-confidence {options['min_confidence']}: must be from 0 to 1")
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
+    _refuse_others(source, mode)
     try:
         with announce_compilation():
             if mode != "push":
@@ -228,6 +236,22 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     except OSError as error:
         raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error
     exit_if_empty(found)
+
+
+def _refuse_others(source: str, mode: str) -> None:
+    """Refuse options that were given and have no effect in a mode, by what their help says."""
+    from rtask.errors import UsageError
+
+    context = click.get_current_context()
+    others, here = ("Push:", "in space") if mode != "push" else ("Space:", "on a plane")
+    for parameter in context.command.params:
+        if context.get_parameter_source(parameter.name or "") is ParameterSource.DEFAULT:
+            continue
+        if isinstance(parameter, click.Option) and (parameter.help or "").startswith(others):
+            raise UsageError(
+                f"{parameter.opts[0]} has no effect here: grasps of {source} are planned {here} "
+                "(--mode)"
+            )
 
 
 def _make_folder(folder: Path) -> None:

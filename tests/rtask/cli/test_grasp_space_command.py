@@ -73,7 +73,13 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--gripper", "hook"], "unknown gripper"),
+        (["--gripper", "hook"], "suction:RADIUS or three:OPENING"),
+        (["--gripper", "jaw:"], "expected a stroke"),
+        (["--part", "2"], "--part has no effect here"),
+        (["--workers", "2"], "--workers has no effect here"),
+        (["--viewpoint", "0", "0", "1"], "is for clouds"),
+        (["--classifier", "shipped"], "is for clouds"),
+        (["--save-grasps", "nowhere/x.h5"], "no such folder"),
         (["--gripper", "jaw:0"], "stroke"),
         (["--scale", "0"], "scale"),
         (["--store"], "object of the graph"),
@@ -92,6 +98,15 @@ def test_bad_calls_are_one_line(tmp_path: Path, args: list[str], words: str) -> 
     done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
     assert done.exit_code != 0
     assert words in str(done.exception)
+
+
+def test_options_of_grasps_in_space_are_refused_on_a_plane(tmp_path: Path) -> None:
+    part = tmp_path / "part.json"
+    part.write_text("[[0, 0], [2, 0], [2, 1], [0, 1]]")
+    for option, value in (("--gripper", "nao"), ("--min-confidence", "0.2"), ("--mass", "1")):
+        done = _run(str(part), option, value)
+        assert f"{option} has no effect here" in str(done.exception)
+    assert _run(str(part), "--friction", "0.6", "--samples", "10").exit_code == 0
 
 
 @pytest.mark.parametrize(
