@@ -38,13 +38,27 @@ preset = click.option(
     type=click.Choice(["faithful", "fast"]),
     help="Physics and camera: as close to the real robot as possible, or fast.",
 )
-robot = click.option("--robot", default="nao", show_default=True, help="Kind of robot.")
+
+
+def _known(context: click.Context, parameter: click.Parameter, kinds: Any) -> Any:
+    """Refuse kinds of robots that there are not, before anything starts."""
+    from simulate.robots import describe
+
+    for kind in [kinds] if isinstance(kinds, str) else kinds:
+        describe(kind)
+    return kinds
+
+
+robot = click.option(
+    "--robot", default="nao", show_default=True, callback=_known, help="Kind of robot."
+)
 robots_in_turn = click.option(
     "--robot",
     "kinds",
     multiple=True,
     default=["nao"],
     show_default=True,
+    callback=_known,
     help="Kinds of the robots, in turn (nao, panda); repeatable.",
 )
 objects_per_robot = click.option(

@@ -106,6 +106,8 @@ def gripper_named(text: str) -> ParallelGripper:
             return parallel_jaw(float(stroke))
         except ValueError as error:
             raise ValueError(f"gripper {text!r}: expected a stroke in m, as in jaw:0.08") from error
+    if kind in ("suction", "three"):
+        raise ValueError(f"gripper {text!r}: two jaws are wanted here: nao, panda or jaw:STROKE")
     if text not in _NAMED:
         raise ValueError(_unknown(text))
     return _NAMED[text]()

@@ -9,6 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
+
+from simulate.commands import simulate
 
 pytestmark = pytest.mark.slow
 
@@ -52,3 +55,20 @@ def test_a_table_of_the_thesis_prints_json_and_nothing_else(
     words: tuple[str, ...], rows: dict[str, float]
 ) -> None:
     assert {row["object"]: row["thesis_s"] for row in _told(*words)} == rows
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["judging", "--robot", "foo"], "no robot is called 'foo'"),
+        (["piles", "--hand", "foo"], "the panda takes suction:RADIUS"),
+        (["piles", "--hand", "suction:-1"], "expected a radius"),
+    ],
+)
+def test_a_robot_or_hand_that_there_is_not_starts_no_trial(
+    tmp_path: Path, command: list[str], words: str
+) -> None:
+    folder = tmp_path / "study"
+    done = CliRunner().invoke(simulate, [*command, "-n", "3", "--out", str(folder)])
+    assert words in str(done.exception)
+    assert not folder.exists()
