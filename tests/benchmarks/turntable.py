@@ -163,5 +163,6 @@ def without_depth(view: ViewFeatures) -> ViewFeatures:
     from dataclasses import replace
 
     return replace(
-        view, points3d=np.full_like(view.points3d, np.nan), size_m=float("nan"), surface=None
-    )
+        view, points3d=np.full_like(view.points3d, np.nan), size_m=float("nan"),
+        surface=None, shape=None,
+    )  # fmt: skip
