@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 
 __all__ = ["SHAPE_SIZE", "shape_histogram"]
 
-_DISTANCES, _NORMALS, _SLOPES = 20, 4, 3
-SHAPE_SIZE = _DISTANCES * _NORMALS * _SLOPES
+_DISTANCE_BINS, _NORMAL_BINS, _SLOPE_BINS = 20, 4, 3
+SHAPE_SIZE = _DISTANCE_BINS * _NORMAL_BINS * _SLOPE_BINS
 
 _NEAREST_M, _FARTHEST_M = 0.002, 0.4
+"""Distances of the first and last bin, on a logarithmic scale."""
 _VOXELS_ACROSS = 32
 _MIN_VOXEL_M = 0.002
 _MAX_POINTS, _MAX_SURFLETS = 6_000, 256
@@ -66,11 +67,13 @@ def shape_histogram(points: NDArray[np.floating]) -> NDArray[np.float32] | None:
         np.abs((normals[first] * towards).sum(axis=1)),
         np.abs((normals[second] * towards).sum(axis=1)),
     )
-    angles = _bin(bend, _NORMALS) * _SLOPES + _bin(slope, _SLOPES)
-    place = np.log(np.maximum(distance, _NEAREST_M) / _NEAREST_M)
-    place = np.clip(place * _DISTANCES / np.log(_FARTHEST_M / _NEAREST_M), 0, _DISTANCES - 1.001)
-    low = place.astype(np.intp)
-    share, width = place - low, _NORMALS * _SLOPES
+    angles = _bin(bend, _NORMAL_BINS) * _SLOPE_BINS + _bin(slope, _SLOPE_BINS)
+    # A vote is shared between neighbouring distances: noise moves points across a border.
+    position = np.log(np.maximum(distance, _NEAREST_M) / _NEAREST_M)
+    position *= _DISTANCE_BINS / np.log(_FARTHEST_M / _NEAREST_M)
+    position = np.clip(position, 0, _DISTANCE_BINS - 1.001)
+    low = position.astype(np.intp)
+    share, width = position - low, _NORMAL_BINS * _SLOPE_BINS
     counts = np.bincount(low * width + angles, 1 - share, SHAPE_SIZE)
     counts += np.bincount((low + 1) * width + angles, share, SHAPE_SIZE)
     rooted: NDArray[np.float32] = np.sqrt(counts / max(counts.sum(), 1e-9)).astype(np.float32)
