@@ -51,13 +51,13 @@ def shape_histogram(points: NDArray[np.floating]) -> NDArray[np.float32] | None:
     >>> bool(standing @ shape_histogram(plate) > 0.99), bool(other @ shape_histogram(plate) < 0.97)
     (True, True)
     """
-    points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
-    if len(points) < _MIN_POINTS:
+    finite: NDArray[np.float64] = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    if len(finite) < _MIN_POINTS:
         return None
-    points = points[:: -(-len(points) // _MAX_POINTS)]
-    places = _thinned(points)
+    finite = finite[:: -(-len(finite) // _MAX_POINTS)]
+    places = _thinned(finite)
     places = places[np.linspace(0, len(places) - 1, min(_MAX_SURFLETS, len(places))).astype(int)]
-    normals = _normals(places, points)
+    normals = _normals(places, finite)
     first, second = np.triu_indices(len(places), 1)
     apart = places[first] - places[second]
     distance = np.linalg.norm(apart, axis=1)
