@@ -13,7 +13,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ConfidenceParams", "Evidence", "confidences", "decide", "is_size_plausible"]
+__all__ = [
+    "ConfidenceParams",
+    "Evidence",
+    "confidences",
+    "decide",
+    "is_size_plausible",
+    "likeness",
+]
 
 Outcome = Literal["null", "single", "multiple"]
 
@@ -56,6 +63,11 @@ class Evidence:
         Logarithmic odds by that comparison; None where too few matches agree.
     family_odds
         The same, had nothing contradicted.
+    likeness
+        In colours and shape, as :func:`likeness` measures it; None where the query or all stored
+        views of the object have no shape.
+    likeness_lead
+        The same minus that of the next object.
     """
 
     inliers: int
@@ -74,6 +86,8 @@ class Evidence:
     is_plain: bool = False
     print_odds: float | None = None
     family_odds: float | None = None
+    likeness: float | None = None
+    likeness_lead: float = 0.0
 
     def passes_on_print(self, confidence: float) -> bool:
         """Tell whether the comparison of print alone gives so much confidence."""
@@ -92,6 +106,12 @@ class ConfidenceParams:
     look_colour, look_lead, look_gap, look_rival, look_offset
         Weights of the logistic function of the look, for what carries no print. What agrees in
         places with another object does not look like this one by nature.
+    like_own, like_lead, like_offset
+        Weights of the same where both sides have a shape: an object has to be alike in colours and
+        shape, each to its most similar view, and more so than the next object.
+    shape_scale, usual_likeness, max_like_lead
+        A difference of shapes counts so many times one of colours; similarity of colours that
+        another object reaches anyhow; a larger lead says no more.
     colour_noise, gap_noise
         Differences of colours and sizes that two views of one object from one side have anyhow.
     min_colour
@@ -137,6 +157,12 @@ class ConfidenceParams:
     look_gap: float = 0.35
     look_rival: float = -1.0
     look_offset: float = -7.3
+    like_own: float = 1.19
+    like_lead: float = 1.99
+    like_offset: float = -5.55
+    shape_scale: float = 2.0
+    usual_likeness: float = 0.8
+    max_like_lead: float = 1.5
     colour_noise: float = 0.02
     gap_noise: float = 0.01
     min_colour: float = 0.65
@@ -220,6 +246,9 @@ def _by_places(e: Evidence, params: ConfidenceParams) -> float:
 
 def _look_odds(e: Evidence, params: ConfidenceParams) -> float:
     """Return the logarithmic odds by the look alone."""
+    if e.likeness is not None:
+        lead = min(max(e.likeness_lead, -params.max_like_lead), params.max_like_lead)
+        return params.like_own * e.likeness + params.like_lead * lead + params.like_offset
     gap = params.unknown_gap if e.size_gap is None else min(e.size_gap, params.max_gap)
     return float(
         params.look_colour * _closeness(e.colour, params)
@@ -228,6 +257,36 @@ def _look_odds(e: Evidence, params: ConfidenceParams) -> float:
         + params.look_rival * np.log2(1 + e.rival_inliers)
         + params.look_offset
     )
+
+
+def likeness(
+    colour: NDArray[np.floating], shape: NDArray[np.floating], params: ConfidenceParams
+) -> NDArray[np.float64]:
+    """Return how alike things are in both, by the less alike of the two.
+
+    Things of one colour differ in shape, and things of one shape in their print: either may say
+    that a thing is another one, and neither that it is the same.
+
+    Parameters
+    ----------
+    colour, shape : (k,) float
+        Similarities, -1 where a shape is not known: then colours decide alone.
+
+    Returns
+    -------
+    (k,) float64
+        1.0 to 3.9.
+
+    Examples
+    --------
+    >>> colour, shape = np.array([0.99, 0.99, 0.7]), np.array([0.99, 0.9, 0.99])
+    >>> likeness(colour, shape, ConfidenceParams()).round(1).tolist()
+    [3.2, 1.5, 1.1]
+    """
+    apart = 1.0 - np.clip(colour, params.min_colour, 1.0)
+    differ = np.where(shape < 0, 0.0, params.shape_scale * (1.0 - np.clip(shape, 0.0, 1.0)))
+    least: NDArray[np.float64] = -np.log(params.colour_noise + np.maximum(apart, differ))
+    return least
 
 
 def _closeness(similarity: float, params: ConfidenceParams) -> float:

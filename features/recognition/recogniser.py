@@ -16,7 +16,13 @@ from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.comparison.twins import Twins
-from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
+from features.recognition.confidence import (
+    Evidence,
+    confidences,
+    decide,
+    is_size_plausible,
+    likeness,
+)
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
 from features.recognition.index.snapshot import Matches, Snapshot
@@ -323,6 +329,7 @@ class _Ranking:
         order = np.argsort(-self._look, kind="stable")[:4]
         self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_min_objects
         self._by_look = [int(number) for number in order if self._look[number] >= 0]
+        self._alike = self._likeness_of_objects()
 
     def chosen(self) -> list[int]:
         """Return the three best objects of each sort."""
@@ -342,6 +349,7 @@ class _Ranking:
         ]
         next_look = next((float(self._look[k]) for k in self._by_look if k != number), 0.0)
         next_look = max(next_look, self._params.usual_look)
+        alike, alike_lead = self._likeness_and_lead(number)
         snapshot, features = self._snapshot, self._features
         views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)
         sizes = snapshot.measures(views)[:, 1]
@@ -374,8 +382,32 @@ class _Ranking:
             is_plain=len(features) < self._params.min_print_keypoints,
             print_odds=odds,
             family_odds=family,
+            likeness=alike,
+            likeness_lead=alike_lead,
         )
         return Candidate(number, evidence, fits, most_similar, printed)
+
+    def _likeness_of_objects(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
+        """Return the likeness of all objects (O,) and which of them have a shape (O,).
+
+        Removed ones have the likeness of nothing. None where the query has no shape.
+        """
+        if self._features.shape is None:
+            return None
+        snapshot, numbers = self._snapshot, self._snapshot.object_of_view
+        colour, shape = (np.full(len(snapshot.object_iris), -1.0) for _ in "cs")
+        np.maximum.at(colour, numbers, snapshot.colours(self._features.colour))
+        np.maximum.at(shape, numbers, snapshot.shapes(self._features.shape))
+        return likeness(colour, shape, self._params.confidence), shape >= 0
+
+    def _likeness_and_lead(self, number: int) -> tuple[float | None, float]:
+        """Return the likeness of one object, None where it has no shape, and its lead."""
+        if self._alike is None or not self._alike[1][number]:
+            return None, 0.0
+        constants, alike = self._params.confidence, self._alike[0]
+        usual = np.array([constants.usual_likeness])
+        rival = np.append(np.delete(alike, number), likeness(usual, np.ones(1), constants)).max()
+        return float(alike[number]), float(alike[number] - rival)
 
     def _likeness(self, view: int) -> _Likeness:
         """Compare the query with one view."""

@@ -6,6 +6,7 @@ import logging
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rtask.errors import MissingBlobError
@@ -62,16 +63,18 @@ class StoredView:
         except (MissingBlobError, ValueError) as error:
             log.warning("view %s cannot be indexed: %s", self.view, error)
             return None
-        return features if features.picture else _with_picture(kb, self.view, features)
+        has_shape = features.shape is not None or features.is_cut or not isfinite(features.size_m)
+        return features if features.picture and has_shape else _completed(kb, self.view, features)
 
 
-def _with_picture(kb: GraphCore, view: str, features: ViewFeatures) -> ViewFeatures:
-    """Take the picture of a view that was described before pictures were kept from its cloud."""
+def _completed(kb: GraphCore, view: str, features: ViewFeatures) -> ViewFeatures:
+    """Take from its cloud what was not kept yet when a view was described: picture and shape."""
     import numpy as np
 
     from features.codec import decode
     from features.geometry import Frame
     from features.recognition.views.picture import take_picture
+    from features.recognition.views.shape import shape_histogram
 
     rows = kb.select(f"""{PREFIXES}
 SELECT ?blob WHERE {{ <{view}> rt:viewContent ?content .
@@ -81,13 +84,17 @@ SELECT ?blob WHERE {{ <{view}> rt:viewContent ?content .
             frame = decode(kb.blobs.read(str(row.value("blob"))))
         except (MissingBlobError, ValueError):
             continue
-        if isinstance(frame, Frame) and frame.rgb is not None:
-            mask = frame.object_mask()
-            v, u = np.nonzero(mask)
-            box = [u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1] if len(u) else []
-            # A picture that came beside the cloud has pixels of its own.
-            if np.array_equal(box, features.mask_px):
-                return replace(features, picture=take_picture(frame.rgb, mask))
+        if not isinstance(frame, Frame):
+            continue
+        mask = frame.object_mask()
+        if features.shape is None and isfinite(features.size_m) and not features.is_cut:
+            features = replace(features, shape=shape_histogram(frame.points()[mask]))
+        v, u = np.nonzero(mask)
+        box = [u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1] if len(u) else []
+        # A picture that came beside the cloud has pixels of its own.
+        is_same_image = np.array_equal(box, features.mask_px)
+        if frame.rgb is not None and is_same_image and not features.picture:
+            features = replace(features, picture=take_picture(frame.rgb, mask))
     return features
 
 

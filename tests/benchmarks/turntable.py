@@ -93,13 +93,26 @@ _FITTED = frozenset(
 )
 
 
-def viewpoints(step_deg: int) -> list[tuple[float, float]]:
+LOW = (0.25, 0.6)
+"""Elevations of the views from the side, rad."""
+
+
+def viewpoints(
+    step_deg: int, first_deg: float = 0.0, elevations: tuple[float, ...] = LOW
+) -> list[tuple[float, float]]:
     """Return azimuth and elevation, rad."""
-    low = [(np.deg2rad(a), e) for e in (0.25, 0.6) for a in range(0, 360, step_deg)]
-    return [*low, *((np.deg2rad(a), 1.5) for a in range(0, 360, 90))]
+    low = [(np.deg2rad(a + first_deg), e) for e in elevations for a in range(0, 360, step_deg)]
+    return [*low, *((np.deg2rad(a + first_deg), 1.5) for a in range(0, 360, 90))]
 
 
-def render_views(folder: Path, name: str, step_deg: int, seed: int) -> Iterator[Picture]:
+def render_views(
+    folder: Path,
+    name: str,
+    step_deg: int,
+    seed: int,
+    first_deg: float = 0.0,
+    elevations: tuple[float, ...] = LOW,
+) -> Iterator[Picture]:
     """Render every view of one object."""
     from simulate.world.world import World
 
@@ -113,7 +126,7 @@ def render_views(folder: Path, name: str, step_deg: int, seed: int) -> Iterator[
         near, far = (DISTANCE_RADII - 2) * radius, (DISTANCE_RADII + 2) * radius
         fov = float(np.rad2deg(2 * np.arctan(SIDE_PX / 2 / FOCAL_PX)))
         projection = client.computeProjectionMatrixFOV(fov, 1, near, far)
-        for azimuth, elevation in viewpoints(step_deg):
+        for azimuth, elevation in viewpoints(step_deg, first_deg, elevations):
             towards = np.array(
                 [
                     np.cos(azimuth) * np.cos(elevation),
@@ -163,5 +176,6 @@ def without_depth(view: ViewFeatures) -> ViewFeatures:
     from dataclasses import replace
 
     return replace(
-        view, points3d=np.full_like(view.points3d, np.nan), size_m=float("nan"), surface=None
-    )
+        view, points3d=np.full_like(view.points3d, np.nan), size_m=float("nan"),
+        surface=None, shape=None,
+    )  # fmt: skip

@@ -29,7 +29,7 @@ class Delta:
     def __init__(self) -> None:
         self._rows = self._views = 0
         self._arrays: dict[str, NDArray[Any]] = Block.empty(4096, 16).arrays()
-        self._per_view = {"looks", "measures"}
+        self._per_view = {"looks", "measures", "shapes"}
         self._pictures: tuple[bytes | memoryview, ...] = ()
 
     def __len__(self) -> int:

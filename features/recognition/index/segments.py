@@ -21,6 +21,7 @@ from features.geometry import UInt8Array
 from features.recognition.index.cascade import build_tables
 from features.recognition.index.hashing import TABLES, Hasher, used_table_bits
 from features.recognition.views.appearance import APPEARANCE_SIZE
+from features.recognition.views.shape import SHAPE_SIZE
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["Block", "IndexCorruptError", "ViewName", "block_of_view", "load_block", "save_block"]
@@ -35,6 +36,7 @@ _LAYOUT: dict[str, tuple[str, str, int, str]] = {
     "view_of_row": ("view.i32", "<i4", 0, "row"),
     "looks": ("look.f32", "<f4", APPEARANCE_SIZE, "view"),
     "measures": ("measure.f32", "<f4", 3, "view"),
+    "shapes": ("shape.f32", "<f4", SHAPE_SIZE, "view"),
 }
 _NAMES = "views.jsonl"
 _PICTURES = "picture.bin"
@@ -74,6 +76,8 @@ class Block:
         Appearance vectors.
     measures : (V, 3) float32
         Longer side of the mask (px), visible diagonal (m or NaN), 1 where the object was cut.
+    shapes : (V, 240) float32
+        Histograms of shape, NaN where there is none.
     names
         Of each view.
     tables
@@ -91,6 +95,7 @@ class Block:
     view_of_row: NDArray[np.int32]
     looks: NDArray[np.float32]
     measures: NDArray[np.float32]
+    shapes: NDArray[np.float32]
     names: tuple[ViewName, ...] = ()
     tables: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
     pictures: tuple[bytes | memoryview, ...] = ()
@@ -162,6 +167,7 @@ def block_of_view(name: ViewName, features: ViewFeatures, hasher: Hasher) -> Blo
     """Return the block of a single view."""
     codes, buckets = hasher.encode(features.descriptors)
     measures = [features.side_px, features.size_m, float(features.is_cut)]
+    unknown = np.full(SHAPE_SIZE, np.nan, np.float32)
     return Block(
         descriptors=features.descriptors,
         codes=codes,
@@ -171,6 +177,7 @@ def block_of_view(name: ViewName, features: ViewFeatures, hasher: Hasher) -> Blo
         view_of_row=np.zeros(len(features), np.int32),
         looks=features.appearance[None, :],
         measures=np.array([measures], np.float32),
+        shapes=(unknown if features.shape is None else features.shape)[None, :],
         names=(name,),
         pictures=(features.picture,),
     )
@@ -221,7 +228,10 @@ def load_block(folder: Path) -> Block:
         columns = {
             field: _mapped(folder / name, dtype, (counts[per], width) if width else (counts[per],))
             for field, (name, dtype, width, per) in _LAYOUT.items()
+            if field != "shapes" or name in meta["crc32"]
         }
+        # A block that was written before shapes were kept has none.
+        columns.setdefault("shapes", np.full((counts["view"], SHAPE_SIZE), np.nan, np.float32))
         size = 2 ** int(meta["table_bits"]) + 1
         offsets = _mapped(folder / _TABLE_FILES["offsets"], "<i4", (TABLES, size))
         rows = _mapped(folder / _TABLE_FILES["rows"], "<i4", (TABLES, counts["row"]))

@@ -17,7 +17,7 @@ from features.geometry import UInt8Array
 from features.recognition.index.cascade import FAR, match_exact, match_flat, match_tables
 from features.recognition.index.hashing import Hasher
 from features.recognition.index.segments import Block
-from features.recognition.views.appearance import colour_of
+from features.recognition.views.appearance import colour_of, colour_similarities
 
 __all__ = ["EXACT_BELOW", "Matches", "Part", "Snapshot", "StoredView"]
 
@@ -218,6 +218,22 @@ class Snapshot:
             return np.empty(0, np.float32)
         similarity = np.concatenate([part.block.looks @ look for part in self.parts])
         return np.where(self.alive, similarity, np.float32(-1))
+
+    def colours(self, colour: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the similarity (V,) of a colour histogram (192,) to every view; removed: -1."""
+        if not self.parts:
+            return np.empty(0, np.float32)
+        similarity = np.concatenate(
+            [colour_similarities(part.block.looks, colour) for part in self.parts]
+        )
+        return np.where(self.alive, similarity, np.float32(-1))
+
+    def shapes(self, shape: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the similarity (V,) of a shape (240,) to every view; -1 where it has none."""
+        if not self.parts:
+            return np.empty(0, np.float32)
+        similarity = np.concatenate([part.block.shapes @ shape for part in self.parts])
+        return np.where(self.alive & np.isfinite(similarity), similarity, np.float32(-1))
 
     def measures(self, views: NDArray[np.integer]) -> NDArray[np.float32]:
         """Return mask side (px), visible diagonal (m), cut or not of the chosen views (k, 3)."""

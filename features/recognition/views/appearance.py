@@ -15,6 +15,7 @@ __all__ = [
     "appearance_vector",
     "colour_histogram",
     "colour_of",
+    "colour_similarities",
 ]
 
 HUES, SATURATIONS, VALUES = 16, 4, 3
@@ -65,3 +66,11 @@ def colour_of(look: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the colour histogram (192,) in an appearance vector (768,)."""
     colour: NDArray[np.float32] = look[:COLOUR_SIZE] / _HALF
     return colour
+
+
+def colour_similarities(
+    looks: NDArray[np.float32], colour: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return the similarity (V,) of a colour histogram (192,) to appearance vectors (V, 768)."""
+    similarity: NDArray[np.float32] = looks[:, :COLOUR_SIZE] @ (colour / _HALF)
+    return similarity

@@ -25,6 +25,7 @@ from features.recognition.views.bspline import (
 )
 from features.recognition.views.hog import HOG_SIZE, hog_of_crop
 from features.recognition.views.picture import take_picture
+from features.recognition.views.shape import SHAPE_SIZE, shape_histogram
 from features.recognition.views.sift import SiftParams, detect_keypoints
 
 __all__ = ["EXTRACTOR", "MAX_SIDE_PX", "ViewFeatures", "describe_frame", "describe_view"]
@@ -67,6 +68,9 @@ class ViewFeatures:
     picture
         Small picture of the object, as :func:`take_picture` encodes it; empty where it was
         described before pictures were kept.
+    shape : (240,) float32 or None
+        Of the visible surface, see :func:`shape_histogram`; None without depth, where the object is
+        cut, and where it was described before shapes were kept.
     """
 
     keypoints: NDArray[np.float32]
@@ -81,6 +85,7 @@ class ViewFeatures:
     surface: SurfaceSpline | None = None
     extractor: str = EXTRACTOR
     picture: bytes = b""
+    shape: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.keypoints)
@@ -92,6 +97,8 @@ class ViewFeatures:
             "hog": (HOG_SIZE,),
             "mask_px": (4,),
         }
+        if self.shape is not None:
+            expected["shape"] = (SHAPE_SIZE,)
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {getattr(self, name).shape}")
@@ -129,6 +136,8 @@ class ViewFeatures:
             arrays["surface_box"] = np.append(self.surface.box, self.surface.rms_m).astype("<f4")
         if self.picture:
             arrays["picture"] = np.frombuffer(self.picture, np.uint8)
+        if self.shape is not None:
+            arrays["shape"] = self.shape.astype("<f4")
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
         return buffer.getvalue()
@@ -167,6 +176,7 @@ class ViewFeatures:
             surface=surface,
             extractor=arrays["extractor"].tobytes().decode(),
             picture=arrays["picture"].astype(np.uint8).tobytes() if "picture" in arrays else b"",
+            shape=arrays["shape"].astype(np.float32) if "shape" in arrays else None,
         )
 
 
@@ -244,12 +254,14 @@ def describe_view(
     else:
         keypoints, descriptors = detect_keypoints(grey, mask, params)
     points3d = np.full((len(keypoints), 3), np.nan, np.float32)
-    size_m, surface = float("nan"), None
+    size_m, surface, shape = float("nan"), None, None
     if depth is not None and intrinsics is not None:
         inside = np.where(mask, depth, 0).astype(np.float32)
         points3d = _lift(keypoints, inside, intrinsics)
-        size_m = _visible_diagonal(points_from_depth(inside, intrinsics)[mask])
+        points = points_from_depth(inside, intrinsics)[mask]
+        size_m = _visible_diagonal(points)
         surface = fit_surface(inside, mask)
+        shape = None if _is_cut(mask) else shape_histogram(points)
     return ViewFeatures(
         keypoints=keypoints,
         descriptors=descriptors,
@@ -262,6 +274,7 @@ def describe_view(
         contour=fit_contour(mask),
         surface=surface,
         picture=take_picture(rgb, mask),
+        shape=shape,
     )
 
 

@@ -35,7 +35,8 @@ def stocked(card_views) -> RecognitionIndex:
 
 
 def without_depth(features: ViewFeatures) -> ViewFeatures:
-    return replace(features, points3d=np.full_like(features.points3d, np.nan), size_m=float("nan"))
+    unknown = np.full_like(features.points3d, np.nan)
+    return replace(features, points3d=unknown, size_m=float("nan"), shape=None)
 
 
 def test_a_card_is_recognised_at_another_yaw_tilt_light_and_noise(stocked, photo) -> None:

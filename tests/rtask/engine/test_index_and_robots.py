@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import rtask
 from rtask.engine import Engine
+from rtask.engine.stored import stored_views
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode
@@ -73,6 +76,21 @@ def test_rebuilding_the_index_changes_no_answer(bench, engine):
     before = robot.recognise(bench.sight(bench.BOX))["recognition"]
     assert engine.rebuild_index() == 2
     assert robot.recognise(bench.sight(bench.BOX))["recognition"] == before
+
+
+def test_what_old_views_lack_is_taken_from_their_clouds(bench, kb, engine):
+    """A view described before pictures and shapes were kept gets both when the index is rebuilt."""
+    fill(bench, engine)
+    for view in stored_views(kb):
+        kept = view.features(kb)
+        assert kept is not None
+        old = replace(kept, shape=None, picture=b"")
+        blob = kb.blobs.put(old.to_bytes(), "application/octet-stream")
+        completed = replace(view, blob=f"urn:sha256:{blob.sha256}").features(kb)
+        assert completed is not None
+        assert len(completed.picture) > 0
+        # The stored cloud is compressed: depth is rounded.
+        assert completed.shape @ kept.shape > 0.99
 
 
 def test_a_view_withdrawn_from_the_graph_leaves_the_index(bench, kb, engine):
