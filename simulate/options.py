@@ -86,7 +86,10 @@ def folder() -> click.Path:
 
 def seed(what: str = "products, tables and choices") -> Option:
     """Return the option for the seed, which determines ``what``."""
-    return click.option("--seed", default=0, show_default=True, help=f"Determines {what}.")
+    return click.option(
+        "--seed", default=0, show_default=True, type=click.IntRange(min=0),
+        help=f"Determines {what}.",
+    )  # fmt: skip
 
 
 def prior(default: bool) -> Option:

@@ -100,7 +100,10 @@ def lens_from_message(message: Mapping[str, Any]) -> Lens:
             numbers = [float(k[place]) for place in (0, 4, 2, 5)]
         else:
             numbers = [float(message[name]) for name in ("fx", "fy", "cx", "cy")]
-        camera = Intrinsics(int(message["width"]), int(message["height"]), *numbers)
+        size = [message[name] for name in ("width", "height")]
+        if not all(isinstance(pixels, int) for pixels in size):
+            raise ValueError(f"width and height must be whole numbers of px, got {size}")
+        camera = Intrinsics(size[0], size[1], *numbers)
     except KeyError as error:
         raise ValueError(f"the camera lacks {error.args[0]}") from None
     except TypeError as error:

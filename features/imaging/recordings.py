@@ -7,6 +7,7 @@ followed.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +30,9 @@ __all__ = ["first_view", "message_mapping", "views_of"]
 _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
+
+_DAMAGED = (ValueError, KeyError, IndexError, AssertionError, EOFError, MemoryError, struct.error)
+"""Errors of the reader where bytes are none of a recording's."""
 
 
 def first_view(path: Path, at_s: float = 0.0) -> Frame | Cloud | Photo:
@@ -80,6 +84,10 @@ def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]
                 yield rest
     except (AnyReaderError, OSError) as error:
         raise CloudFormatError(f"no recording of ROS: {error}") from error
+    except CloudFormatError:
+        raise
+    except _DAMAGED as error:
+        raise CloudFormatError(f"no recording of ROS, or a damaged one: {error}") from error
 
 
 def _has_space(topics: list[tuple[str, str]]) -> bool:

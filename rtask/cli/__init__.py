@@ -162,12 +162,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except RtaskError as error:
         if "--debug" in given:
             raise
-        click.echo(f"rtask: {error}{_advice(error)}", err=True)
+        click.echo(f"rtask: {_printable(str(error))}{_advice(error)}", err=True)
         sys.exit(error.exit_code)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        if "--debug" in given or error.filename is None:
+            raise
+        click.echo(f"rtask: {_printable(str(error.filename))}: {error.strerror}", err=True)
+        sys.exit(2)
     sys.exit(done if isinstance(done, int) else 0)
+
+
+def _printable(text: str) -> str:
+    r"""Return a message whose quotes of a file do not steer the terminal.
+
+    >>> _printable("no DXF: \x1b[2J")
+    'no DXF: \\x1b[2J'
+    """
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 def _advice(error: RtaskError) -> str:

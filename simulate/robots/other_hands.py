@@ -56,8 +56,11 @@ def other_hand(text: str) -> OtherHand | None:
         return None
     try:
         found = end_effector_named(text)
-    except (OSError, ValueError) as error:
-        raise RobotError(f"gripper {text!r}: {error}") from error
+    except OSError as error:
+        raise RobotError(f"gripper {text!r}: {error.strerror}") from error
+    except ValueError as error:
+        named = str(error) if text in str(error) else f"gripper {text!r}: {error}"
+        raise RobotError(named) from error
     if not isinstance(found, OtherHand):
         raise RobotError(
             f"gripper {text!r} describes jaws without links; an arm takes jaw:STROKE or a URDF file"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,12 @@ __all__ = [
 CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_BYTES = 64 * 1024 * 1024
+_NPY = b"\x93NUMPY"
+_HEAD_BYTES = 65_536
+_PLY_COUNT = re.compile(rb"^element\s+vertex\s+(\d+)", re.MULTILINE)
+_PCD_COUNT = re.compile(rb"^POINTS\s+(\d+)", re.MULTILINE)
+_POINT_BYTES, _COMPRESSED = 3, 300
+"""Of a point at least: three numbers of a byte; LZF makes at most some 260 of one byte."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +96,10 @@ def read_outline(path: Path, max_vertices: int = MAX_VERTICES, part: int = 1) ->
     height, unit = 0.0, ""
     notes: list[str] = []
     if ending == ".json":
-        ring, com, holes = outline_from_json(path.read_text("utf-8"))
+        ring, com, holes = outline_from_json(_text(path, "JSON"))
         rings = PartRings(ring, holes)
     elif ending == ".svg":
-        found, unit = rings_from_svg(path.read_text("utf-8"))
+        found, unit = rings_from_svg(_text(path, "SVG"))
         rings = outline_and_holes(found, "SVG", part)
     elif ending == ".dxf":
         drawing = rings_from_dxf(path.read_text("utf-8", errors="replace"))
@@ -218,6 +225,13 @@ def outline_from_json(
     return outline, mass, holes
 
 
+def _text(path: Path, kind: str) -> str:
+    try:
+        return path.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"no {kind}: byte {error.start} is no UTF-8 text") from error
+
+
 def read_cloud(path: Path) -> FloatArray:
     """Return the points (n, 3) of a file: .npy, .xyz (text), .pcd or .ply.
 
@@ -231,22 +245,51 @@ def read_cloud(path: Path) -> FloatArray:
         raise ValueError(f"{path.name} is no point cloud; those are {', '.join(CLOUD_ENDINGS)}")
     try:
         if ending == ".npy":
-            points = np.load(path, allow_pickle=False)
+            points = _load_numbers(path)
         elif ending == ".xyz":
             points = np.loadtxt(path, ndmin=2)
         else:
             import open3d
 
+            _check_count(path)
             with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
                 points = np.asarray(open3d.io.read_point_cloud(path).points)
             if len(points) == 0:
                 raise ValueError("no points could be read")
-    except (OSError, ValueError, EOFError) as error:
-        raise ValueError(f"{path.name} holds no point cloud: {error}") from error
+    except (OSError, ValueError, EOFError, MemoryError) as error:
+        said = str(error) or "its points do not fit into memory"
+        raise ValueError(f"{path.name} holds no point cloud: {said}") from error
     if points.ndim < 2 or points.shape[-1] < 3 or not np.issubdtype(points.dtype, np.number):
         raise ValueError(f"a cloud has shape (n, 3), got {points.shape}")
     flat = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
     return np.asarray(flat[np.isfinite(flat).all(axis=1)])
+
+
+def _load_numbers(path: Path) -> FloatArray:
+    """Return the array of a .npy file; its header may state more than the file holds."""
+    with path.open("rb") as file:
+        if file.read(len(_NPY)) != _NPY:
+            raise ValueError("it does not begin as a .npy file does")
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+
+
+def _check_count(path: Path) -> None:
+    """Refuse a .ply or .pcd file whose header is not one, or states more points than fit.
+
+    The reader would take memory for all of them before it reads the first.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    is_ply = path.suffix.lower() == ".ply"
+    if is_ply and not head.startswith(b"ply"):
+        raise ValueError("it does not begin with ply")
+    stated = re.search(_PLY_COUNT if is_ply else _PCD_COUNT, head)
+    if stated is None:
+        raise ValueError("its header does not state how many points there are")
+    each = 1 / _COMPRESSED if b"binary_compressed" in head else _POINT_BYTES
+    size = path.stat().st_size
+    if int(stated[1]) * each > size:
+        raise ValueError(f"its header states {int(stated[1])} points, the file has {size} bytes")
 
 
 def outline_from_cloud(points: FloatArray, cell_m: float | None = None) -> tuple[FloatArray, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -356,9 +357,11 @@ def _boosted(
 
 def _read(path: Path, wanted: str) -> dict[str, NDArray[Any]]:
     try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no .npz archive")
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: no file of grasp samples or models: {error}") from error
     if str(data.get("format")) != wanted:
         raise ValueError(f"{path}: expected {wanted}, found {data.get('format', 'something else')}")

@@ -20,6 +20,7 @@ __all__ = ["Mesh", "as_mesh", "enclosed_volume", "surfels"]
 
 _SMALL_M, _LARGE_M = 0.005, 1.0
 _MERGE = 1e-7
+_FARTHEST_M = 1e9
 _FLAT = 1e-12
 _VOTES = 7
 _SLITS = 0.005
@@ -119,8 +120,9 @@ def as_mesh(
     Raises
     ------
     ValueError
-        When shapes are wrong, a face names a vertex that does not exist, or ``scale`` is not
-        positive. A mesh without a usable face is no error: nothing will be found on it.
+        When shapes are wrong, a face names a vertex that does not exist, ``scale`` is not positive,
+        or a vertex is more than a million km away. A mesh without a usable face is no error:
+        nothing will be found on it.
     """
     v = np.asarray(vertices, dtype=np.float64)
     f = np.asarray(faces)
@@ -140,6 +142,9 @@ def as_mesh(
         notes.append(f"{int((~finite).sum())} vertices are not finite: dropped with their faces")
         f = f[finite[f].all(axis=1)]
         v = np.where(finite[:, None], v, 0.0)
+    far = float(np.abs(v).max(initial=0.0)) * scale
+    if far > _FARTHEST_M:
+        raise ValueError(f"a vertex is {far:.3g} m away: is a scale of {scale:g} m per unit right?")
     v, f = _without_waste(v * scale, f, notes)
     normals, areas = _normals(v, f)
     open_share, directed = _edges(f)

@@ -48,16 +48,16 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     import time
 
     from grasp.spatial.gripper_files import end_effector_named
-    from rtask.errors import UsageError
 
     gripper = end_effector_named(options["gripper"])
     if options["friction"] is not None:
         from dataclasses import replace
 
         gripper = replace(gripper, friction=options["friction"])
-    if options["save_grasps"] is not None and not options["save_grasps"].parent.is_dir():
-        raise UsageError(f"--save-grasps {options['save_grasps']}: there is no such folder")
+    _check_options(options)
     shape, note, known = _shape(source, data, options)
+    if known is None:
+        _check_for(source, shape, options)
     start = time.perf_counter()
     with Working("planning"):
         found = _planned(shape, known, gripper, options)
@@ -88,6 +88,31 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     return not _verdict(found, options)
 
 
+def _check_options(options: dict[str, Any]) -> None:
+    """Refuse before planning what only shows after it."""
+    import math
+
+    from rtask.errors import UsageError
+
+    for place in options["viewpoint"]:
+        if not all(map(math.isfinite, place)):
+            raise UsageError(f"--viewpoint {' '.join(map(str, place))}: expected numbers, m")
+    target: Path | None = options["save_grasps"]
+    if target is not None and not target.absolute().parent.is_dir():
+        raise UsageError(f"--save-grasps {target}: there is no folder {target.parent}")
+
+
+def _check_for(source: str, shape: Shape, options: dict[str, Any]) -> None:
+    """Refuse options that have no effect on a mesh."""
+    from grasp.spatial.meshes.mesh import Mesh
+    from rtask.errors import UsageError
+
+    if isinstance(shape, Mesh) and not options["scene"]:
+        for name in ("viewpoint", "classifier"):
+            if options[name]:
+                raise UsageError(f"--{name} is about clouds, and {source} is a mesh: leave it out")
+
+
 def _shape(
     source: str, data: Path, options: dict[str, Any]
 ) -> tuple[Shape, str, ObjectShape | None]:
@@ -107,6 +132,8 @@ def _shape(
         points = options["scale"] * read_cloud(path)
         return points, f"{len(points)} points", None
     if not data.exists():
+        if path.is_dir():
+            raise UsageError(f"{source} is a folder; give a file in it")
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
     from rtask.engine.engine import Engine
@@ -152,9 +179,6 @@ def _planned(
     if len(finite) and not options["floating"]:
         support = Support(float(finite[:, 2].min()))
     if isinstance(shape, Mesh):
-        for name in ("classifier", "viewpoint"):
-            if options[name]:
-                raise UsageError(f"--{name} is for clouds, and this is a mesh: it has all sides")
         if options["grasps"] is None:
             return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
         given = read_grasps(options["grasps"], gripper, shape).candidates

@@ -218,6 +218,8 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
         raise UsageError(f"--limit {options['top']}: must be at least 1")
     if not 0 <= options["min_confidence"] <= 1:
         raise UsageError(f"--min-confidence {options['min_confidence']}: must be from 0 to 1")
+    if options["workers"] < 0:
+        raise UsageError(f"--workers {options['workers']}: must be 0 or more")
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     _refuse_others(source, mode)
     try:
@@ -338,6 +340,8 @@ def _outline(source: str, data: Path, options: dict[str, Any]) -> tuple[Outline,
         given = path.suffix.lower() == ".json"
         return (outline if given else without_details(outline, *hidden)), ""
     if not data.exists():
+        if path.is_dir():
+            raise UsageError(f"{source} is a folder; give a file in it")
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
     from rtask.engine.engine import Engine

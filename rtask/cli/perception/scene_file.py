@@ -352,7 +352,10 @@ def _cameras(shape: tuple[int, ...], view: View) -> _Cameras:
         except ValueError as error:
             raise UsageError(f"--distortion: {error}") from error
     try:
-        told = json.loads(_bytes_of(view.camera, 2**20))
+        try:
+            told = json.loads(_bytes_of(view.camera, 2**20))
+        except ValueError as error:
+            raise ValueError(f"no JSON: {error}") from error
         if not isinstance(told, dict):
             raise ValueError("a JSON object is expected")
         depth = lens_from_message(told.get("depth", told))

@@ -55,7 +55,10 @@ def piles(
         raise click.UsageError("--with-agent clears tables: give --clear as well")
     if not (pushes or clear):
         raise click.UsageError("--no-pushes is about clearing tables: give --clear as well")
-    from simulate.robots import describe
+    if hand:
+        from simulate.robots import describe
+
+        describe("panda", hand=hand)  # raises before a folder is made
     from simulate.study.clutter.report import (
         COLUMNS,
         clear_study,
@@ -68,7 +71,6 @@ def piles(
     from simulate.study.commands import print_table
     from simulate.study.runner import run
 
-    describe("panda", hand=hand or None)  # a hand that there is not stops here, not in each trial
     study = (
         clear_study(trials, objects or 10, seed, preset, agent, pushes, hand)
         if clear

@@ -14,8 +14,10 @@ __all__ = ["grasp_quality"]
 
 @click.command("grasp-quality")
 @click.option("--objects", default=90, show_default=True, help="Of each hand, families in turn.")
-@click.option("-n", "--trials", default=4, show_default=True, help="Draws for each object.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every object and draw.")
+@click.option("-n", "--trials", default=4, show_default=True, type=click.IntRange(min=1),
+              help="Draws for each object.")  # fmt: skip
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0),
+              help="Fixes every object and draw.")  # fmt: skip
 @click.option(
     "--ycb",
     default=None,

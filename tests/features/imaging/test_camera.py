@@ -95,3 +95,10 @@ def test_an_organised_cloud_becomes_the_frame_of_its_camera():
     turned = np.eye(4)
     turned[:3, :3] = cv2.Rodrigues(np.array([0.5, 0.2, 0]))[0]
     assert camera_of_grid(transform(turned, points)) is None
+
+
+@pytest.mark.parametrize("width", ["a", "640", 640.5, None])
+def test_a_size_that_is_no_whole_number_is_named(width):
+    message = {"width": width, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
+    with pytest.raises(ValueError, match="width and height must be whole numbers of px, got"):
+        lens_from_message(message)

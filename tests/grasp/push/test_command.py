@@ -122,7 +122,7 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--samples", "1000000", "--density", "60"], "500000000 evaluations"),
         (["--samples", "10000000000", "--eliminate", "5,0.9"], "at most 1000000 samples"),
         (["--part", "2"], "part 2: a file .json holds one part"),
-        (["--workers", "-1"], "workers must be 0 or more"),
+        (["--workers", "-1"], "--workers -1: must be 0 or more"),
         (["--save-plots", "/proc/none/here"], "--save-plots /proc/none/here: No such file"),
     ],
 )
@@ -148,8 +148,38 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "null.json"
     path.write_text("null")
     assert "a part in JSON is" in str(_run(str(path)).exception)
-    done = _run(str(tmp_path), "--mode", "push", "-d", str(tmp_path / "none"))
-    assert "no such file" in str(done.exception)
+    for mode in ("push", "space"):
+        done = _run(str(tmp_path), "--mode", mode, "-d", str(tmp_path / "none"))
+        assert str(done.exception) == f"{tmp_path} is a folder; give a file in it"
+    path.write_bytes(b"{\xff")
+    assert str(_run(str(path)).exception) == f"{path}: no JSON: byte 1 is no UTF-8 text"
+
+
+_PLY = "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nend_header\n"
+_PCD = "# .PCD v.7\nPOINTS {}\nDATA {}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("x.ply", b"", "does not begin with ply"),
+        ("x.ply", b"ply\n", "its header does not state how many points"),
+        ("x.ply", _PLY.format(10**11).encode(), "header states 100000000000 points, the file has"),
+        ("x.pcd", _PCD.format(10**11, "binary").encode(), "header states 100000000000 points"),
+        ("x.pcd", _PCD.format(10**11, "binary_compressed").encode(), "100000000000 points"),
+        ("x.npy", b"junk", "does not begin as a .npy file"),
+        ("x.npy", b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, "
+         b"'shape': (99999999999, 3), }".ljust(117) + b"\n", "greater than file size"),
+    ],
+)  # fmt: skip
+def test_a_cloud_whose_header_promises_what_is_not_there_is_refused_unread(
+    tmp_path: Path, name: str, data: bytes, words: str
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    said = str(_run(str(tmp_path / name)).exception)
+    assert words in said
+    assert "pickle" not in said
+    assert said.startswith(str(tmp_path / name))
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from click.testing import CliRunner, Result
 
 import ontology
 import rtask
-from rtask.cli import cli
+import rtask.errors
+from rtask.cli import cli, main
 from rtask.engine.engine import Engine
 
 
@@ -77,9 +78,6 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--gripper", "jaw:"], "expected a stroke"),
         (["--part", "2"], "--part has no effect here"),
         (["--workers", "2"], "--workers has no effect here"),
-        (["--viewpoint", "0", "0", "1"], "is for clouds"),
-        (["--classifier", "shipped"], "is for clouds"),
-        (["--save-grasps", "nowhere/x.h5"], "no such folder"),
         (["--gripper", "jaw:0"], "stroke"),
         (["--scale", "0"], "scale"),
         (["--store"], "object of the graph"),
@@ -113,7 +111,7 @@ def test_options_of_grasps_in_space_are_refused_on_a_plane(tmp_path: Path) -> No
     ("name", "words"),
     [
         ("depth.png", "depth.png is no point cloud; those are .pcd, .ply, .npy, .xyz"),
-        ("torn.pcd", "torn.pcd holds no point cloud: no points could be read"),
+        ("torn.pcd", "torn.pcd holds no point cloud: its header does not state how many"),
     ],
 )
 def test_what_is_no_cloud_is_told_so_in_one_line(
@@ -271,3 +269,48 @@ def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
     done = _run(*usual)
     assert done.exit_code != 0
     assert "unknown field 'stroke'" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--workers", "-1"], "--workers -1: must be 0 or more"),
+        (["--viewpoint", "nan", "0", "0"], "--viewpoint nan 0.0 0.0: expected numbers, m"),
+        (["--viewpoint", "1", "0", "0"], "--viewpoint is about clouds"),
+        (["--classifier", "shipped"], "--classifier is about clouds"),
+        (["--save-grasps", "/nowhere/x.h5"], "--save-grasps /nowhere/x.h5: there is no folder"),
+        (["--scale", "1e300"], "is a scale of 1e+300 m per unit right?"),
+    ],
+)
+def test_what_cannot_have_an_effect_is_refused_before_planning(
+    tmp_path: Path, args: list[str], words: str
+) -> None:
+    done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
+    assert done.exit_code != 0
+    assert isinstance(done.exception, rtask.errors.UsageError)
+    assert words in str(done.exception)
+
+
+def test_what_is_quoted_from_a_file_does_not_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "junk.dxf"
+    path.write_bytes(b"\x1b[2J\x07\n0\n")
+    with pytest.raises(SystemExit) as stopped:
+        main(["grasp", "plan", str(path)])
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.strip().isprintable()
+    assert "\\x1b[2J" in said
+
+
+def test_samples_that_are_no_archive_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "junk.npz"
+    path.write_bytes(b"junk")
+    given = ["grasp", "train", str(path), "--out", str(tmp_path / "model.npz")]
+    done = CliRunner().invoke(cli, given)
+    assert (
+        str(done.exception) == f"{path}: no file of grasp samples or models: it is no .npz archive"
+    )
+    assert not (tmp_path / "model.npz").exists()

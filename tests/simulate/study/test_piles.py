@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from grasp.spatial.candidate import GraspCandidate, Proposals
+from rtask.cli import main
 from rtask.engine.perception.clutter import ClutterView
 from simulate.grasping import clearing
 from simulate.grasping.clutter import look_at_clutter, pick_from
@@ -129,3 +130,24 @@ def test_tables_are_resampled_whole():
     assert low == pytest.approx(0.4)
     assert high == 1.0
     assert shares["tables wholly cleared"]["hits"] == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--hand", "foo"], "gripper 'foo': the panda takes suction:RADIUS"),
+        (["--hand", "suction:nan"], "gripper 'suction:nan': expected a radius in m"),
+        (["--hand", "missing.toml"], "gripper 'missing.toml': No such file"),
+        (["--seed", "-1"], "-1 is not in the range"),
+        (["--out", "/proc/none"], "/proc/none: No such file or directory"),
+    ],
+)
+def test_wrong_options_are_one_line_before_anything_is_made(args, words, tmp_path, capsys):
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as stopped:
+        main(["simulate", "piles", "-n", "1", "--out", str(out), *args])
+    assert stopped.value.code in (1, 2)
+    said = capsys.readouterr().err.strip().splitlines()
+    assert words in said[-1]
+    assert sum(not line.startswith(("Usage:", "Try", "\n")) for line in said if line) == 1
+    assert not out.exists()
