@@ -1,7 +1,8 @@
 """One answer from several looks at the same thing.
 
 A look-alike that passes once seldom passes from another side, and what one photograph hides another
-shows: the best two of three decide.
+shows: the best two of three decide. But the more looks, the more likely is one in which only what
+siblings share is in view: what speaks for an object has to span more of it than in a single look.
 """
 
 from __future__ import annotations
@@ -26,17 +27,24 @@ class FusionParams:
     absent
         Stands for a look in which the object is no candidate.
     decisive
-        Mean of the best looks that is accepted.
+        Mean of the best looks that is accepted where one look alone accepted.
     best
         So many looks count, those that speak most for the object.
     most
         Bound of what one look can say.
+    agreeing
+        So many looks that accept an object by themselves agree: nothing more is asked of them.
+    min_extent
+        The widest span of matches, of the object's longer side, among the looks that accept it by
+        their print; for less the odds are at most even.
     """
 
     absent: float = -1.5
     decisive: float = 1.5
     best: int = 2
     most: float = 6.0
+    agreeing: int = 2
+    min_extent: float = 0.27
 
     @property
     def min_confidence(self) -> float:
@@ -52,8 +60,9 @@ def fuse(
 ) -> Recognition:
     """Return the answer of several looks at one object.
 
-    An object is accepted if the mean of its best looks suffices and at least one of them accepted
-    it by itself. A single look is returned as it is.
+    An object is accepted if two looks accepted it by themselves, or one did and the mean of its
+    best looks suffices; and if fewer looks accepted another object. A single look is returned as it
+    is.
 
     Parameters
     ----------
@@ -61,7 +70,8 @@ def fuse(
         Answers, each for one look. Movements of the answer refer to the camera of the first: a
         match that the first look lacks has none.
     min_confidence
-        Least confidence of an accepted answer; default: :attr:`FusionParams.decisive`.
+        Least confidence of an accepted answer that a single look accepts; default:
+        :attr:`FusionParams.decisive`.
 
     Examples
     --------
@@ -70,8 +80,8 @@ def fuse(
     ...     return Recognition("single", sure >= 0.7, (match,))
     >>> fuse([look(0.85), look(0.2), look(0.9)]).accepted
     True
-    >>> fuse([look(0.85), look(0.2)]).accepted
-    False
+    >>> fuse([look(0.77), look(0.77)]).accepted, fuse([look(0.85), look(0.2)]).accepted
+    (True, False)
     """
     params = params or FusionParams()
     if len(looks) == 1:
@@ -86,17 +96,23 @@ def fuse(
         odds = [_odds(match.confidence, params.most) for match in matches]
         odds += [params.absent] * (len(looks) - len(odds))
         mean = float(np.mean(sorted(odds, reverse=True)[: params.best]))
+        if _is_narrow(looks, thing, params):
+            mean = min(mean, 0.0)
         best = max(matches, key=lambda match: match.confidence)
         shown = here.get(thing) or replace(best, query_from_view=None, difference=None)
         found.append(replace(shown, confidence=_share(mean)))
     found.sort(key=lambda match: (-match.confidence, match.object_iri))
-    least = params.min_confidence if min_confidence is None else min_confidence
     constants = confidence or ConfidenceParams()
     if len(found) == 0:
         return Recognition("null", False)
+    first = found[0].object_iri
+    votes = sum(look.accepts(first) for look in looks)
+    least = params.min_confidence if min_confidence is None else min_confidence
+    if votes >= params.agreeing:
+        least = min(least, constants.threshold)
     outcome, accepted = decide(np.array([m.confidence for m in found]), least, constants)
-    accepted = accepted and any(look.accepts(found[0].object_iri) for look in looks)
-    family = next((look.family for look in looks if look.family == found[0].object_iri), "")
+    accepted = accepted and votes > sum(look.accepted for look in looks) - votes
+    family = next((look.family for look in looks if look.family == first), "")
     return Recognition(
         outcome if accepted or not family else "multiple",
         accepted,
@@ -104,6 +120,14 @@ def fuse(
         family="" if accepted else family,
         ask_again=not accepted and found[0].confidence >= constants.undecided_from,
     )
+
+
+def _is_narrow(looks: Sequence[Recognition], thing: str, params: FusionParams) -> bool:
+    """Tell whether an object is accepted by print alone, and all of that lies close together."""
+    accepting = [look.matches[0] for look in looks if look.accepts(thing)]
+    if not accepting or not all(match.by_print for match in accepting):
+        return False
+    return max(match.extent for match in accepting) < params.min_extent
 
 
 def _share(odds: float) -> float:

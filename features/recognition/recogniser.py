@@ -66,6 +66,9 @@ class Match:
     by_print
         The confidence is that of the print, compared place by place: it means the same however few
         objects are stored.
+    extent
+        Square root of the area between the matches whose print was compared, of the longer side of
+        the object in the query; 0 where none was.
     """
 
     object_iri: str
@@ -79,6 +82,7 @@ class Match:
     view_iri: str
     difference: Difference | None = None
     by_print: bool = False
+    extent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -304,6 +308,7 @@ class Candidate:
             view_iri=snapshot.view_iris[views[0]],
             difference=difference,
             by_print=self.evidence.passes_on_print(confidence),
+            extent=0.0 if self.printed is None else self.printed.evidence.extent,
         )
 
 

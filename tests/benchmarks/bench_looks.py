@@ -5,7 +5,7 @@
 ``FOLDER`` is laid out as for ``fit_print.py``. Of each draw a third of the products stays unknown,
 of each other product so many photographs are stored; what is asked are disjoint groups of one, two
 and three photographs of each product, answered by ``fuse``. Intervals of 90 % come from drawing
-products anew: photographs of one product are not independent.
+products again: photographs of one product are not independent.
 """
 
 from __future__ import annotations

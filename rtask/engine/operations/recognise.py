@@ -149,10 +149,10 @@ def recognise_for_grasp(
     seen, looks = observe_all(context, request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
-    least = _least(request, thresholds, bool(looks))
+    least = request.min_confidence if thresholds is None else thresholds.identity
     recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, least,
-        context.views.embeddings, looks,
+        context.views.embeddings, looks, _min_fused(request, thresholds),
     )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
@@ -190,18 +190,14 @@ def recognise_for_grasp(
     return Recognition(**fields, task_id=task, decision=decision, times=times)
 
 
-def _least(
-    request: RecogniseForGrasp, thresholds: Thresholds | None, has_looks: bool
-) -> float | None:
-    """Return the confidence that recognition requires; None = its own default.
+def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> float | None:
+    """Return the confidence required of looks that do not agree, or None if c_I is required.
 
-    Several looks are fused with a stricter default, which stays in force unless the request names
-    c_I.
+    The stricter default of the fusion stays in force unless the request names c_I.
     """
-    if thresholds is None:
-        return request.min_confidence
-    if not has_looks or request.min_identity is not None or request.min_confidence is not None:
-        return thresholds.identity
+    is_named = request.min_identity is not None or request.min_confidence is not None
+    if thresholds is None or is_named:
+        return None
     from features.recognition.fusion import FusionParams
 
     return max(thresholds.identity, FusionParams().min_confidence)

@@ -33,10 +33,19 @@ def recognise(
     min_confidence: float | None = None,
     embeddings: Embeddings | None = None,
     looks: Sequence[Observation] = (),
+    min_fused: float | None = None,
 ) -> Recognition:
     """Match a view, and further ``looks`` at the same object, against the index.
 
     Where no print was matched, ``embeddings`` propose objects below the confidence of acceptance.
+
+    Parameters
+    ----------
+    min_confidence
+        Least confidence of a single look that is accepted.
+    min_fused
+        The same of several looks of which one is accepted; two that are agree, and need no more.
+        None = ``min_confidence``, and where that is None, too, the default of the fusion.
     """
     from features.recognition.fusion import fuse
 
@@ -44,7 +53,7 @@ def recognise(
         _recognise_one(recogniser, one, policy, max_results, min_confidence, embeddings)
         for one in (seen, *looks)
     ]
-    return fuse(answers, min_confidence=min_confidence)
+    return fuse(answers, min_confidence=min_confidence if min_fused is None else min_fused)
 
 
 def _recognise_one(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import datetime as dt
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 import ontology
+from features.recognition import Recogniser, Recognition
 from rtask.engine import Engine, Policy
 from rtask.engine.memory.thresholds import Assessment, Thresholds, decide
 from rtask.engine.records import refusals
@@ -257,6 +259,24 @@ def test_what_another_view_may_recognise_is_grasped_only_by_a_task_that_takes_an
         for unknown in ("refuse", "if_new", "grasp")
     }
     assert told == {"refuse": "identity", "if_new": "identity", "grasp": ""}
+
+
+@pytest.mark.parametrize(("sure", "is_known"), [(0.77, True), (0.65, False)])
+def test_two_looks_that_each_suffice_suffice_in_a_decision(known, monkeypatch, sure, is_known):
+    robot, seen = known
+    recognise = Recogniser.recognise
+
+    def less_sure(self, features, min_confidence=None, max_results=10):
+        first = recognise(self, features, 0.0, max_results).matches[0]
+        accepted = sure >= (0.7 if min_confidence is None else min_confidence)
+        doubted = replace(first, confidence=sure, by_print=False, inliers=20)
+        return Recognition("single", accepted, (doubted,))
+
+    monkeypatch.setattr(Recogniser, "recognise", less_sure)
+    answer = robot.recognise(seen, looks=[seen], decide=True)
+    assert bool(answer["object"]) is is_known
+    # A threshold that the request names holds for each look.
+    assert not robot.recognise(seen, looks=[seen], min_identity=0.8)["object"]
 
 
 def test_a_robot_tells_once_what_it_did_after_a_refusal(kb, robots, known):
