@@ -15,7 +15,7 @@ from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
 from grasp.spatial.scoring.features import body_of, with_features
 from grasp.spatial.scoring.holding import assumed_mass, with_holding
@@ -25,7 +25,6 @@ __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "war
 
 
 _BODY_POINTS = 1500
-_SURFEL = 1.5
 _HALF = 0.5
 _MOST_PAIRS = 60
 
@@ -57,8 +56,7 @@ class SpatialOptions:
         Whether grasps of what is seen alone follow those of a completed cloud, in turns; without
         them a plan on one view takes less time and trusts the guess.
     pairs
-        Whether opposed contacts on the surface of a cloud are looked for besides hands that fit it;
-        a filter, which knows hands alone, does without.
+        Whether opposed contacts on the surface of a cloud are looked for besides hands that fit it.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -183,11 +181,12 @@ def plan_on_cloud(
     The confidence is that of small squares around the points, seen and completed. A grasp of which
     one side alone is known (label ``half``) counts half. Where a hidden side was completed, three
     grasps of the completed cloud are followed by two of what is seen alone, and so on: the guess
-    may be wrong. The best hand that fits comes first, pairs of contacts from the second place on.
+    may be wrong. Without a filter the best hand that fits comes first, pairs of contacts from the
+    second place on; a filter tells by itself which pairs come before hands.
     Grasps that differ from a better one by half a turn about the approach come last.
     """
     from grasp.spatial.hand_search.hand_search import propose_on
-    from grasp.spatial.hand_search.surface_pairs import propose_pairs
+    from grasp.spatial.hand_search.surface_pairs import known_surface, propose_pairs
 
     options = options or SpatialOptions()
     table = None if support is None else np.array([*support.normal, -support.height])
@@ -196,18 +195,20 @@ def plan_on_cloud(
     judge = chosen_filter(classifier, gripper)
 
     def plan(cloud: SurfaceCloud) -> tuple[Proposals, Proposals]:
-        known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
-        surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
+        surface = known_surface(cloud)
         body = cloud.points[cloud.target]
         hands = propose_on(
             cloud, gripper, max(options.tries // 10, 1), options.seed, classifier=judge
         )
         pairs = Proposals()
-        if options.pairs and judge is None and not cloud.reason:
+        if options.pairs and not cloud.reason:
             pairs = propose_pairs(
                 cloud, surface, gripper, support, options.noise, options.tries, options.seed
             )
-            pairs = replace(pairs, candidates=pairs.candidates[:_MOST_PAIRS])
+            kept = pairs.candidates[:_MOST_PAIRS]
+            if judge is not None:
+                kept = tuple(judge.judged(cloud, kept, gripper))
+            pairs = replace(pairs, candidates=kept)
         ranked = [
             _ranked(found, surface, body, gripper, support, options) if found else found
             for found in (hands, pairs)
@@ -215,7 +216,8 @@ def plan_on_cloud(
         return ranked[0], ranked[1]
 
     hands, pairs = plan(whole)
-    guessed = [*hands.candidates[:1], *rank([*hands.candidates[1:], *pairs])]
+    ahead = 1 if judge is None else 0
+    guessed = [*hands.candidates[:ahead], *rank([*hands.candidates[ahead:], *pairs])]
     safe: list[GraspCandidate] = []
     if options.hedge and whole.completed.any():
         seen_hands, seen_pairs = plan(seen)

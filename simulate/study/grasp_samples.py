@@ -1,4 +1,7 @@
-"""Training samples for the filter of grasp candidates: simulated views, labelled by the mesh."""
+"""Training samples for the filter of grasp candidates: simulated views, labelled by the mesh.
+
+Candidates are those of a plan on the completed cloud: hands of the search and pairs of contacts.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,14 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from grasp.spatial.clouds.cloud import prepare_cloud
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.classifier import GraspSamples, gripper_key
 from grasp.spatial.hand_search.closing_region import PICTURE, STATISTICS, closing_regions
 from grasp.spatial.hand_search.hand_search import propose_on
+from grasp.spatial.hand_search.surface_pairs import known_surface, propose_pairs
 from grasp.spatial.meshes.mesh import Mesh
 from simulate.study.grasp_shapes import FAMILIES, sample_shape
 from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
@@ -47,7 +52,7 @@ def collect_samples(
     seed: int = 0,
     candidates: int = 60,
 ) -> GraspSamples:
-    """Render meshes on a table, search for grasps and label them on the whole mesh.
+    """Render meshes on a table, look for hands and pairs, and label them on the whole mesh.
 
     Parameters
     ----------
@@ -58,7 +63,7 @@ def collect_samples(
     seed
         Of cameras, noise and search.
     candidates
-        Kept of each view.
+        Kept of each view: so many hands, and so many pairs of contacts.
 
     Returns
     -------
@@ -74,15 +79,16 @@ def collect_samples(
             seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
             cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
             cloud = complete_by_symmetry(cloud)
-            found = propose_on(cloud, gripper, seed=seed, max_candidates=candidates)
+            found = _candidates(cloud, gripper, seed, candidates)
             if not found:
                 continue
-            statistics, pictures = closing_regions(cloud, found.candidates, gripper)
+            statistics, pictures = closing_regions(cloud, found, gripper)
             rows["statistics"].append(statistics)
             rows["pictures"].append(pictures)
-            rows["right"].append(correct(found.candidates, mesh, gripper))
+            rows["right"].append(correct(found, mesh, gripper))
             rows["objects"].append(np.full(len(found), number))
-            rows["geometry"].append(np.array([c.scores["geometry"] for c in found], np.float32))
+            geometry = [one.scores.get("geometry", np.nan) for one in found]
+            rows["geometry"].append(np.array(geometry, np.float32))
             rows["one_sided"].append(np.array([c.antipodal != "full" for c in found]))
     empty = {
         "statistics": np.empty((0, len(STATISTICS)), np.float32),
@@ -94,3 +100,14 @@ def collect_samples(
     }
     joined = {name: np.concatenate([empty[name], *parts]) for name, parts in rows.items()}
     return GraspSamples(**joined, gripper=gripper_key(gripper))
+
+
+def _candidates(
+    cloud: SurfaceCloud, gripper: ParallelGripper, seed: int, most: int
+) -> list[GraspCandidate]:
+    """Return the first ``most`` hands and the first ``most`` pairs of contacts."""
+    if cloud.reason:
+        return []
+    hands = propose_on(cloud, gripper, seed=seed).candidates[:most]
+    pairs = propose_pairs(cloud, known_surface(cloud), gripper, cloud.support, seed=seed)
+    return [*hands, *pairs.candidates[:most]]

@@ -138,7 +138,8 @@ def table(name: str, results: list[tuple[bool, dict[str, np.ndarray]]]) -> None:
 
 def calibrate(samples: GraspSamples) -> None:
     """Print how often candidates were right by their geometric rank."""
-    for name, chosen in (("full", ~samples.one_sided), ("half", samples.one_sided)):
+    hand = np.isfinite(samples.geometry)
+    for name, chosen in (("full", hand & ~samples.one_sided), ("half", hand & samples.one_sided)):
         edges = np.quantile(samples.geometry[chosen], np.linspace(0, 1, 9))
         for low, high in pairwise(edges):
             within = chosen & (samples.geometry >= low) & (samples.geometry <= high)
@@ -173,9 +174,10 @@ def main() -> None:
     unseen = collect_samples(shapes(options.tests, FIRST_TEST_SEED), gripper)
     kinds = ("boosting", "svm") if options.svm else ("boosting",)
     models = {kind: train(samples, kind) for kind in kinds}
+    hand = np.isfinite(unseen.geometry)
     print(
-        f"on {len(unseen)} candidates of unseen shapes: AUC geometry "
-        f"{auc(unseen.geometry, unseen.right):.3f}"
+        f"on {len(unseen)} candidates of unseen shapes, {hand.sum()} of them hands, of which AUC "
+        f"geometry {auc(unseen.geometry[hand], unseen.right[hand]):.3f}"
     )
     for kind, model in models.items():
         raw = model.score(unseen.statistics, unseen.pictures)

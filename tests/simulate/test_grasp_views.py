@@ -126,7 +126,11 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
     once, again = (collect_samples(meshes, panda_hand(), candidates=8) for _ in range(2))
     assert once.digest == again.digest
     assert set(once.objects.tolist()) <= {0, 1}
-    assert np.bincount(once.objects).max() <= 8
+    # So many hands, which geometry ranks, and so many pairs of contacts, which it does not.
+    for kind in (np.isfinite(once.geometry), np.isnan(once.geometry)):
+        counts = np.bincount(once.objects[kind], minlength=2)
+        assert counts.min() > 0
+        assert counts.max() <= 8
     assert len(collect_samples([], panda_hand())) == 0
 
 
@@ -145,7 +149,7 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     assert json.loads(done.stdout)
     assert GraspClassifier.load(model).about["digest"] == GraspSamples.load(views).digest
     wrong = CliRunner().invoke(train, [str(model), "--out", str(model)])
-    assert "expected rtask-grasp-samples-1" in str(wrong.exception)
+    assert "expected rtask-grasp-samples-2" in str(wrong.exception)
     view = depth_view(sample_shape("can", 3), CAMERA, SensorNoise(), 0)
     np.save(tmp_path / "cloud.npy", view.points[view.points[:, 2] > 0.008])
     asked = [str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "20", "--json"]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from grasp.arrays import FloatArray
 from grasp.spatial.clouds.neighbours import PointGrid
 from grasp.spatial.clouds.surfaces import estimate_normals
+from grasp.spatial.collision import Support
 
 __all__ = ["SurfaceCloud", "prepare_cloud"]
 
@@ -80,6 +81,14 @@ class SurfaceCloud:
     def centroid(self) -> FloatArray:
         """Mean of the object's points (3,), m."""
         return np.asarray(self.points[self.target].mean(axis=0))
+
+    @property
+    def support(self) -> Support | None:
+        """The table as what a gripper keeps off; None without a table."""
+        if self.table is None:
+            return None
+        x, y, z, offset = (float(value) for value in self.table)
+        return Support(-offset, (x, y, z))
 
     def with_points(self, points: FloatArray, normals: FloatArray) -> SurfaceCloud:
         """Return the cloud and points (m, 3) with normals that are assumed, not seen."""

@@ -1,6 +1,6 @@
 """Classifier of candidates from one view, trained on simulated views.
 
-Two models: gradient boosting over fifteen statistics, and the linear machine over gradients of a
+Two models: gradient boosting over 26 statistics, and the linear machine over gradients of a
 picture (ten Pas and Platt 2015, 5). Both are calibrated by isotonic regression on objects that
 they were not trained on. Training takes the extra ``classifier``; a stored model is numbers and
 text alone, evaluated here.
@@ -12,7 +12,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +27,7 @@ from grasp.spatial.hand_search.closing_region import (
     PICTURE,
     STATISTICS,
     closing_regions,
+    closing_statistics,
     hog,
 )
 
@@ -34,8 +35,8 @@ __all__ = ["GraspClassifier", "GraspSamples", "ModelKind", "gripper_key", "train
 
 ModelKind = Literal["boosting", "svm"]
 
-_FORMAT = "rtask-grasp-classifier-1"
-_SAMPLES = "rtask-grasp-samples-1"
+_FORMAT = "rtask-grasp-classifier-2"
+_SAMPLES = "rtask-grasp-samples-2"
 _TREES, _DEPTH, _RATE = 150, 4, 0.1
 _HELD_OUT = 0.25
 _LEAF = -1
@@ -47,14 +48,14 @@ class GraspSamples:
 
     Parameters
     ----------
-    statistics : (n, 15) float32
+    statistics : (n, 26) float32
     pictures : (n, 80, 100) bool
         Both of :func:`grasp.spatial.hand_search.closing_region.closing_regions`.
     right : (n,) bool
     objects : (n,) int64
         Which object each was found on: learning and testing never share one.
     geometry : (n,) float32
-        The rank that geometry gave, 0..1.
+        The rank that geometry gave a hand, 0..1; NaN for a pair of contacts.
     one_sided : (n,) bool
         Nothing opposes one of the jaws: left out of training.
     gripper : str
@@ -89,9 +90,12 @@ class GraspSamples:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over all values, hexadecimal."""
+        """SHA-256 over statistics, outcomes and objects, hexadecimal.
+
+        Pictures are left out: they show the points that the statistics count.
+        """
         state = hashlib.sha256(self.gripper.encode())
-        for array in (self.statistics, np.packbits(self.pictures), self.right, self.objects):
+        for array in (self.statistics, self.right, self.objects):
             state.update(np.ascontiguousarray(array).tobytes())
         return state.hexdigest()
 
@@ -179,7 +183,22 @@ class GraspClassifier:
             )
         if len(candidates) == 0:
             return np.empty(0)
-        return self.probability(*closing_regions(cloud, candidates, gripper))
+        if self.kind == "svm":
+            return self.probability(*closing_regions(cloud, candidates, gripper))
+        statistics = closing_statistics(cloud, candidates, gripper)
+        return self.probability(statistics, np.empty((len(statistics), *PICTURE), bool))
+
+    def judged(
+        self,
+        cloud: SurfaceCloud,
+        candidates: Sequence[GraspCandidate],
+        gripper: ParallelGripper,
+    ) -> list[GraspCandidate]:
+        """Return the candidates with :meth:`judge`'s probability as ``scores["classifier"]``."""
+        return [
+            replace(one, scores={**one.scores, "classifier": float(p)})
+            for one, p in zip(candidates, self.judge(cloud, candidates, gripper), strict=True)
+        ]
 
     def save(self, path: Path) -> None:
         """Write an ``.npz`` of plain arrays and text."""

@@ -1,4 +1,4 @@
-"""Features of the part of a cloud that lies between the fingers.
+"""Features of the part of a cloud that lies between the fingers, and of where the hand stands.
 
 The picture and its gradients after ten Pas and Platt 2015, 5; histograms of oriented gradients
 after Dalal and Triggs 2005; the statistics are our own.
@@ -16,8 +16,10 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.antipodal import REFERENCE_VOXEL_M
+from grasp.spatial.hand_search.closing_kernel import sum_between
+from grasp.spatial.scoring.features import FEATURES, body_of, with_features
 
-__all__ = ["HOG_LENGTH", "PICTURE", "STATISTICS", "closing_regions", "hog"]
+__all__ = ["HOG_LENGTH", "PICTURE", "STATISTICS", "closing_regions", "closing_statistics", "hog"]
 
 
 PICTURE = (80, 100)
@@ -42,11 +44,27 @@ STATISTICS = (
     "over_table",
     "curvature",
     "view",
+    "offset",
+    "height",
+    "approach",
+    "alignment",
+    "near_left",
+    "near_right",
+    "clearance",
+    "completed",
+    "elongation",
+    "flatness",
+    "size",
 )
 """The features of :func:`closing_regions`: logarithms of counts and mean heights of the points in
 thirds of the width; shares whose normals oppose the jaws or face the palm; share that was
 completed; width, depth and height over the table on the scale of the hand; how much the normals
-differ; cosine between approach and view ray."""
+differ; cosine between approach and view ray; and of :data:`grasp.spatial.scoring.features.FEATURES`
+those that take no score: where the grasp is on the object, what is near each contact, how the
+object is shaped."""
+
+_FIRST_PLACED = FEATURES.index("offset")
+_LEFT, _RIGHT = STATISTICS.index("near_left"), STATISTICS.index("near_right")
 
 _CELL_M = 0.001
 _SLICE_M = 0.004
@@ -58,7 +76,7 @@ _BINS, _SIDE, _WINDOW = 9, 8, 64
 def closing_regions(
     cloud: SurfaceCloud, candidates: Sequence[GraspCandidate], gripper: ParallelGripper
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Measure what lies between the fingers of each candidate.
+    """Measure what lies between the fingers of each candidate, and draw it.
 
     Parameters
     ----------
@@ -67,32 +85,86 @@ def closing_regions(
 
     Returns
     -------
-    (n, 15) float32
+    (n, 26) float32
         See :data:`STATISTICS`.
     (n, 80, 100) bool
         Which cells hold a point that was seen, first row at the first surface, closing axis
         turned away from the camera.
     """
-    statistics = np.zeros((len(candidates), len(STATISTICS)), np.float32)
     pictures = np.zeros((len(candidates), *PICTURE), bool)
-    points = cloud.points[cloud.target]
-    normals = cloud.normals[cloud.target]
-    completed = cloud.completed[cloud.target]
+    seen = cloud.points[cloud.target & ~cloud.completed]
     for k, candidate in enumerate(candidates):
         pose = candidate.frame_from_gripper
-        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        local = (seen - pose[:3, 3]) @ pose[:3, :3]
         near = np.abs(local[:, 1]) < gripper.finger_width / 2 + _SLICE_M
         near &= np.abs(local[:, 0]) < (candidate.opening or gripper.max_opening) / 2
-        # Seen from the camera the same grasp of two equal jaws looks the same either way round.
-        ray = _view_ray(cloud, pose[:3, 3])
-        sign = -1.0 if pose[:3, 0] @ ray < 0 else 1.0
-        along = normals[near] @ pose[:3, :3] * (sign, 1.0, 1.0)
-        region = local[near] * (sign, 1.0, 1.0)
-        statistics[k] = _statistics(
-            cloud, region, along, completed[near], candidate, gripper, float(pose[:3, 2] @ ray)
-        )
-        pictures[k] = _picture(region[~completed[near]])
-    return statistics, pictures
+        pictures[k] = _picture(local[near] * (_turned(cloud, pose), 1.0, 1.0))
+    return closing_statistics(cloud, candidates, gripper), pictures
+
+
+def closing_statistics(
+    cloud: SurfaceCloud, candidates: Sequence[GraspCandidate], gripper: ParallelGripper
+) -> NDArray[np.float32]:
+    """Return the statistics (n, 26) of :func:`closing_regions` without its pictures."""
+    if len(candidates) == 0:
+        return np.zeros((0, len(STATISTICS)), np.float32)
+    low, high = gripper.fingertip - gripper.finger_length, gripper.fingertip
+    poses = np.stack([one.frame_from_gripper for one in candidates])
+    signs = np.array([_turned(cloud, pose) for pose in poses])
+    widths = np.array([one.width for one in candidates])
+    openings = np.array([one.opening or gripper.max_opening for one in candidates])
+    boxes = np.empty((len(candidates), 5))
+    boxes[:, 0], boxes[:, 1] = openings / 2, gripper.finger_width / 2 + _SLICE_M
+    boxes[:, 2:4], boxes[:, 4] = (low, high), widths / 6
+    of = cloud.target
+    sums = sum_between(
+        cloud.points[of], cloud.normals[of], cloud.completed[of], poses, signs, boxes, _COS
+    )
+    count = np.maximum(sums[:, :1], 1.0)
+    # As many points as there would be at the usual distance between them.
+    scale = (cloud.voxel / REFERENCE_VOXEL_M) ** 2
+    parts, heights = sums[:, 1:4], sums[:, 4:7]
+    heights = (heights / np.maximum(parts, 1.0) - low) / gripper.finger_length
+    table = np.zeros(len(candidates))
+    if cloud.table is not None:
+        table = np.stack([one.centre for one in candidates]) @ cloud.table[:3] + cloud.table[3]
+    rays = np.stack([_view_ray(cloud, pose[:3, 3]) for pose in poses])
+    between = np.column_stack(
+        [
+            np.log1p(scale * parts),
+            np.where(parts > 0, heights, 0.0),
+            sums[:, 7:11] / count,
+            widths / gripper.max_opening,
+            np.array([one.depth for one in candidates]) / gripper.finger_length,
+            table / _SCALE_M,
+            1.0 - np.linalg.norm(sums[:, 11:], axis=1) / count[:, 0],
+            np.einsum("ni,ni->n", poses[:, :3, 2], rays),
+        ]
+    )
+    statistics = np.hstack([between, _placed(cloud, candidates, gripper)])
+    turned = signs < 0
+    statistics[turned, _LEFT], statistics[turned, _RIGHT] = (
+        statistics[turned, _RIGHT],
+        statistics[turned, _LEFT],
+    )
+    return statistics.astype(np.float32)
+
+
+def _placed(
+    cloud: SurfaceCloud, candidates: Sequence[GraspCandidate], gripper: ParallelGripper
+) -> FloatArray:
+    """Return the features (n, 11) of where each grasp is on the object."""
+    body, support = body_of(cloud.points[cloud.target]), cloud.support
+    rows = [with_features(one, body, gripper, support).features for one in candidates]
+    return np.array([row[_FIRST_PLACED:] for row in rows if row is not None])
+
+
+def _turned(cloud: SurfaceCloud, pose: FloatArray) -> float:
+    """Return -1 where the closing axis looks at the camera, else 1.
+
+    Seen from the camera the same grasp of two equal jaws looks the same either way round.
+    """
+    return -1.0 if pose[:3, 0] @ _view_ray(cloud, pose[:3, 3]) < 0 else 1.0
 
 
 def hog(pictures: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -137,52 +209,6 @@ def _view_ray(cloud: SurfaceCloud, at: FloatArray) -> FloatArray:
         return np.zeros(3)
     ray = at - cloud.viewpoints[0]
     return np.asarray(ray / max(float(np.linalg.norm(ray)), 1e-9))
-
-
-def _statistics(
-    cloud: SurfaceCloud,
-    region: FloatArray,
-    along: FloatArray,
-    completed: NDArray[np.bool_],
-    candidate: GraspCandidate,
-    gripper: ParallelGripper,
-    view: float,
-) -> FloatArray:
-    low, high = gripper.fingertip - gripper.finger_length, gripper.fingertip
-    inside = (region[:, 2] > low) & (region[:, 2] < high)
-    region, along, completed = region[inside], along[inside], completed[inside]
-    count = max(len(region), 1)
-    third = candidate.width / 6
-    parts = (
-        region[:, 0] < -third,
-        np.abs(region[:, 0]) <= third,
-        region[:, 0] > third,
-    )
-    # As many points as there would be at the usual distance between them.
-    scale = (cloud.voxel / REFERENCE_VOXEL_M) ** 2
-    counts = [np.log1p(scale * part.sum()) for part in parts]
-    heights = [
-        float(region[part, 2].mean() - low) / gripper.finger_length if part.any() else 0.0
-        for part in parts
-    ]
-    table = 0.0
-    if cloud.table is not None:
-        table = float(candidate.centre @ cloud.table[:3] + cloud.table[3])
-    return np.array(
-        [
-            *counts,
-            *heights,
-            np.sum(along[:, 0] < -_COS) / count,
-            np.sum(along[:, 0] > _COS) / count,
-            np.sum(along[:, 2] < -_COS) / count,
-            completed.sum() / count,
-            candidate.width / gripper.max_opening,
-            candidate.depth / gripper.finger_length,
-            table / _SCALE_M,
-            1.0 - float(np.linalg.norm(along.sum(axis=0))) / count,
-            view,
-        ]
-    )
 
 
 def _picture(region: FloatArray) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
-from grasp.spatial.collision import Room, Support, Surroundings, room_around
+from grasp.spatial.collision import Room, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.antipodal import antipodal_label, support_needed
 from grasp.spatial.hand_search.classifier import GraspClassifier
@@ -186,13 +186,9 @@ def _judged(
     classifier: GraspClassifier,
 ) -> list[GraspCandidate]:
     """Return candidates with the classifier's probability, best first."""
-    probability = classifier.judge(cloud, candidates, gripper)
     judged = [
-        replace(
-            candidate,
-            scores={**candidate.scores, "classifier": float(p), "confidence": float(p)},
-        )
-        for candidate, p in zip(candidates, probability, strict=True)
+        replace(one, scores={**one.scores, "confidence": one.scores["classifier"]})
+        for one in classifier.judged(cloud, candidates, gripper)
     ]
     # Calibration makes ties; geometry breaks them.
     return sorted(judged, key=lambda c: (-c.scores["classifier"], -c.scores["geometry"]))
@@ -203,17 +199,14 @@ def _room(
 ) -> Room:
     """Return what the whole gripper would touch on a straight approach, completed points too."""
     table = cloud.table
-    support = None
     obstacles = cloud.points[~cloud.target]
     if table is not None:
-        up = (float(table[0]), float(table[1]), float(table[2]))
-        support = Support(-float(table[3]), up)
         obstacles = obstacles[obstacles @ table[:3] + table[3] > 3 * cloud.voxel]
     return room_around(
         hands.poses[chosen],
         hands.column("opening")[chosen],
         gripper,
-        Surroundings(support, obstacles),
+        Surroundings(cloud.support, obstacles),
         cloud=cloud.points[cloud.target],
     )
 

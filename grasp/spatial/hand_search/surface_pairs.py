@@ -17,12 +17,19 @@ from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.scoring.confidence import PoseNoise
 
-__all__ = ["propose_pairs"]
+__all__ = ["known_surface", "propose_pairs"]
 
 _OVER_TABLE_VOXELS = 3
+_SURFEL = 1.5
+
+
+def known_surface(cloud: SurfaceCloud) -> Mesh:
+    """Return the target of a cloud, seen and completed, as small squares."""
+    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
+    return surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
 
 
 def propose_pairs(
@@ -41,7 +48,7 @@ def propose_pairs(
     cloud
         Of one object, ready; its points that are no target are obstacles.
     surface
-        Its target as small squares; see :func:`grasp.spatial.meshes.mesh.surfels`.
+        Its target as small squares; see :func:`known_surface`.
     support
         In the frame of the cloud.
     noise, tries, seed

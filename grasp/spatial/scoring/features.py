@@ -53,6 +53,17 @@ class Body:
     points: FloatArray
 
     @cached_property
+    def _heights(self) -> dict[tuple[float, ...], float]:
+        return {}
+
+    def height(self, up: FloatArray) -> float:
+        """Return the extent along ``up`` (3,), m; kept for the next candidate."""
+        key = tuple(up.tolist())
+        if key not in self._heights:
+            self._heights[key] = float(np.ptp(self.points @ up))
+        return self._heights[key]
+
+    @cached_property
     def tree(self) -> cKDTree:
         """Of the points, for those near a jaw."""
         return cKDTree(self.points)
@@ -84,7 +95,7 @@ def with_features(
     """
     up = np.array([0.0, 0.0, 1.0]) if support is None else support.up
     size = max(float(body.lengths.max()), 1e-6)
-    height = max(float(np.ptp(body.points @ up)), 1e-6)
+    height = max(body.height(up), 1e-6)
     offset = candidate.centre - body.centroid
     down = np.clip(-candidate.approach @ up, -1.0, 1.0)
     along = np.clip(abs(candidate.closing @ body.axes[:, 0]), 0.0, 1.0)

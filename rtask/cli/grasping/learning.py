@@ -96,7 +96,7 @@ def benchmark(
     type=click.Choice(["boosting", "svm"]),
     default="boosting",
     show_default=True,
-    help="Boosting over 15 statistics, or a linear SVM over image gradients.",
+    help="Boosting over 26 statistics, or a linear SVM over image gradients.",
 )
 @click.option(
     "--seed", default=0, show_default=True, help="Random seed of the split and the training."

@@ -162,6 +162,9 @@ def test_a_half_seen_can_shows_one_side() -> None:
     assert value["opposing_left"] > 0.1
     assert value["opposing_right"] == 0
     assert value["hidden"] == 0
+    # More was seen near the jaw in front; straight down is 0, level is a half.
+    assert value["near_left"] > value["near_right"]
+    assert value["approach"] == pytest.approx(np.arccos(-along.approach[2]) / np.pi, abs=1e-6)
     assert value["over_table"] == pytest.approx(along.centre[2] / 0.1, abs=1e-6)
     assert picture[:, : PICTURE[1] // 2].sum() > picture[:, PICTURE[1] // 2 :].sum()
 
@@ -172,7 +175,9 @@ def test_a_picture_is_the_same_for_both_ways_round() -> None:
     grasp = propose_on(cloud, JAW, 40)[0]
     pose = grasp.frame_from_gripper.copy()
     pose[:3, :2] *= -1
-    rows, pictures = closing_regions(cloud, [grasp, replace(grasp, frame_from_gripper=pose)], JAW)
+    assert grasp.contacts is not None
+    turned = replace(grasp, frame_from_gripper=pose, contacts=grasp.contacts[::-1])
+    rows, pictures = closing_regions(cloud, [grasp, turned], JAW)
     assert np.allclose(rows[0], rows[1])
     assert np.array_equal(pictures[0], pictures[1])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -30,16 +32,20 @@ def _surface(cloud: SurfaceCloud) -> Mesh:
     return surfels(cloud.points[known], cloud.normals[known], 1.5 * cloud.voxel)
 
 
-def test_a_cup_wider_than_the_hand_is_taken_by_its_rim_from_above() -> None:
+@pytest.mark.parametrize("classifier", [None, "shipped"], ids=["plain", "filter"])
+def test_a_cup_wider_than_the_hand_is_taken_by_its_rim_from_above(
+    classifier: Literal["shipped"] | None,
+) -> None:
     hand = nao_hand()
     cup = _standing(cup_mesh(0.036, 0.07, 0.003))  # 72 mm across, the hand opens 50 mm
     seen = depth_view(cup, EYE)
-    found = plan_on_cloud(seen.points, hand, Support(), EYE[None], FEW)
+    found = plan_on_cloud(seen.points, hand, Support(), EYE[None], FEW, classifier)
     right = correct(list(found), cup, hand)
     assert right[:5].any()
     best = found[int(np.argmax(right))]
     assert best.approach[2] < -0.9
     assert best.width < 0.012
+    assert all(("classifier" in one.scores) == bool(classifier) for one in found)
 
 
 def test_a_contact_that_was_not_seen_marks_its_grasp_as_completed() -> None:
