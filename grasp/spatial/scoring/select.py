@@ -22,7 +22,7 @@ __all__ = ["diverse", "hedged", "rank", "rank_by_confidence", "rank_by_holding",
 _EQUAL = 1e-7
 _APART_M, _APART_RAD = 0.01, float(np.deg2rad(15.0))
 _NEARLY, _TILTED, _LEANING, _FULL_PATCH = 0.05, 0.2, 0.1, 0.4
-_LEVER_STEP_M, _EPSILON_STEP = 0.005, 0.01
+_LEVER_STEP_M, _EPSILON_STEP = 0.005, 1e-6
 _GUESSED, _SEEN = 3, 2
 
 
@@ -80,12 +80,11 @@ def rank_by_confidence(
 ) -> list[GraspCandidate]:
     """Return the candidates, best first by the confidence in their closing.
 
-    By confidence; where it does not tell them apart by epsilon, in steps of .01: eight edges leave
-    a friction cone, and with it epsilon, up to 8 % short. Equal ones go by confidence after all,
-    then the one with the shorter lever, in steps of 5 mm, the one that approaches more steeply, the
-    one with more clearance, and the one given first. Where a filter has judged all of them, by
-    confidence times its probability: one tells how far a grasp bears errors of the pose, if the
-    object is what it is thought to be, the other whether it is.
+    By confidence; where it does not tell them apart by epsilon, in steps above its rounding. Equal
+    ones go by confidence after all, then the one with the shorter lever, in steps of 5 mm, the one
+    that approaches more steeply, the one with more clearance, and the one given first. Where a
+    filter has judged all of them, by confidence times its probability: one tells how far a grasp
+    bears errors of the pose, if the object is what it is thought to be, the other whether it is.
 
     Parameters
     ----------
