@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,9 +11,7 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import FREE, Support, Surroundings, room_around
 from grasp.spatial.drawing import candidates_svg
 from grasp.spatial.gripper import nao_hand, panda_hand
-from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, sphere_mesh
-from grasp.spatial.scoring.confidence import score_grasps
 from grasp.spatial.scoring.features import FEATURES, body_of, with_features
 from grasp.spatial.scoring.select import diverse, hedged, rank, select_grasp
 
@@ -123,24 +119,6 @@ def test_rounding_does_not_decide_between_grasps_of_equal_epsilon() -> None:
     # A real difference of epsilon still goes first.
     strong = near(0.03, lever=0.03, confidence=0.85)
     assert rank([surer, strong], up)[0] is strong
-
-
-def test_grasps_of_equal_epsilon_keep_their_order_when_the_object_is_moved() -> None:
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("xyz", [0.4, 1.1, -0.7]).as_matrix()
-    turn[:3, 3] = 0.3, -0.2, 0.5
-    bar = box_mesh((0.03, 0.12, 0.03))
-    few = {"tries": 60, "seed": 0}
-    planned = list(propose_on_mesh(bar, HAND, Surroundings(), **few))
-    moved = [replace(c, frame_from_gripper=turn @ c.frame_from_gripper,
-                     contacts=c.contacts @ turn[:3, :3].T + turn[:3, 3],
-                     normals=c.normals @ turn[:3, :3].T) for c in planned]  # fmt: skip
-    orders = []
-    for found, mesh in ((planned, bar), (moved, bar.moved(turn))):
-        scored = score_grasps(found, mesh, HAND, samples=30)
-        place = {id(one): k for k, one in enumerate(scored)}
-        orders.append([place[id(one)] for one in rank(scored)])
-    assert orders[0] == orders[1]
 
 
 def test_with_a_filter_the_order_is_by_confidence_times_its_probability() -> None:
