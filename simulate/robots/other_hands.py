@@ -141,9 +141,7 @@ def cup_with_wrist(robot: RobotDescription, arm: Arm) -> SuctionCup:
     angle = 2 * np.pi * np.arange(_WAYS) / _WAYS
     ways = np.outer(np.cos(angle), closing) + np.outer(np.sin(angle), np.cross(approach, closing))
     radius = float((points[behind] @ ways.T).max(axis=0).min())
-    side = radius * float(np.sqrt(np.pi))
-    long = float(depth[behind].max()) - _LIFTED_M - cup.length
-    return replace(cup, wrist=(side, side, long))
+    return cup.flanged(radius, float(depth[behind].max()) - _LIFTED_M - cup.length)
 
 
 def _plate(hand: OtherHand) -> _Plate:

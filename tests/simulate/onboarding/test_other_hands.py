@@ -15,6 +15,7 @@ from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper_files import end_effector_named
 from grasp.spatial.meshes.shapes import box_mesh
 from grasp.spatial.suction import plan_suction
+from grasp.spatial.suction_cup import SuctionCup
 from rtask.engine.engine import Engine
 from rtask.errors import RobotError
 from simulate.act.service import ActService
@@ -234,6 +235,12 @@ def test_a_hand_registers_as_what_it_is() -> None:
         held = {one.robot_name: one.gripper for one in engine.context.grippers.all()}
     assert held["one"].contact_kind == "suction"
     assert held["one"].finger_width == pytest.approx(0.03)
+    cup_on_flange, known = hand_of(cup, "right"), held["one"]
+    assert isinstance(cup_on_flange, SuctionCup)
+    assert isinstance(known, SuctionCup)
+    assert known.wrist is not None
+    # Sizes are kept to the micrometre.
+    assert known.flange_radius == pytest.approx(cup_on_flange.flange_radius, abs=1e-6)
     assert held["two"].contact_kind == "three_fingers"
     # Each finger's share of the closing force, and the sizes that planning asks for.
     assert held["two"] == hand_of(three, "right")
