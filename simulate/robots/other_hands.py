@@ -132,7 +132,8 @@ def cup_with_wrist(robot: RobotDescription, arm: Arm) -> SuctionCup:
     assert cup is not None
     approach = np.array(arm.approach)
     lip = np.array(arm.tcp) - STAND_OFF_M * approach
-    points = np.concatenate([shape_points(shape) for shape in robot.link(arm.wrist).shapes]) - lip
+    shapes = [shape_points(shape) for shape in robot.link(arm.wrist).shapes]
+    points = np.concatenate([np.zeros((0, 3)), *shapes]) - lip
     depth = -points @ approach
     behind = depth > _LIFTED_M + cup.length + _SLACK_M
     if cup.wrist is not None or not behind.any():
@@ -141,6 +142,8 @@ def cup_with_wrist(robot: RobotDescription, arm: Arm) -> SuctionCup:
     angle = 2 * np.pi * np.arange(_WAYS) / _WAYS
     ways = np.outer(np.cos(angle), closing) + np.outer(np.sin(angle), np.cross(approach, closing))
     radius = float((points[behind] @ ways.T).max(axis=0).min())
+    if radius <= 0:  # nothing is around the axis, it is all beside it
+        return cup
     return cup.flanged(radius, float(depth[behind].max()) - _LIFTED_M - cup.length)
 
 
