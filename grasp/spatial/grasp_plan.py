@@ -18,7 +18,8 @@ from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
 from grasp.spatial.scoring.features import body_of, with_features
-from grasp.spatial.scoring.holding import assumed_mass, with_holding
+from grasp.spatial.scoring.holding import with_holding
+from grasp.spatial.scoring.object_load import ObjectLoad
 from grasp.spatial.scoring.select import diverse, hedged, rank
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
@@ -108,14 +109,10 @@ def plan_on_mesh(
     )
     if not found:
         return found
-    mass = options.mass
-    if mass is None:
-        mass = assumed_mass(mesh)
-        found = replace(
-            found, notes=(*found.notes, f"ordered for an assumed mass of {mass:.2g} kg")
-        )
+    load = ObjectLoad.of(mesh, options.mass, around.support)
+    found = replace(found, notes=(*found.notes, *load.notes))
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
-    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
+    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, load.mass)
 
 
 def plan_given(
@@ -148,7 +145,7 @@ def plan_given(
     if not free:
         reason = "the gripper would touch something on its way to every given grasp"
         return Proposals(reason=reason, counts=counts)
-    mass = options.mass or assumed_mass(mesh)
+    mass = ObjectLoad.of(mesh, options.mass, around.support).mass
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
     found = Proposals(tuple(free), counts=counts)
     return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
@@ -193,6 +190,7 @@ def plan_on_cloud(
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
     whole = complete_by_symmetry(seen)
     judge = chosen_filter(classifier, gripper)
+    up = None if support is None else support.up
 
     def plan(cloud: SurfaceCloud) -> tuple[Proposals, Proposals]:
         surface = known_surface(cloud)
@@ -217,11 +215,11 @@ def plan_on_cloud(
 
     hands, pairs = plan(whole)
     ahead = 1 if judge is None else 0
-    guessed = [*hands.candidates[:ahead], *rank([*hands.candidates[ahead:], *pairs])]
+    guessed = [*hands.candidates[:ahead], *rank([*hands.candidates[ahead:], *pairs], up)]
     safe: list[GraspCandidate] = []
     if options.hedge and whole.completed.any():
         seen_hands, seen_pairs = plan(seen)
-        safe = rank([*seen_hands, *seen_pairs])
+        safe = rank([*seen_hands, *seen_pairs], up)
     both = hedged(guessed, safe, gripper, options.most)
     counts = {**hands.counts, **({"pairs": pairs.counts["pairs"]} if pairs else {})}
     reason = "" if both else hands.reason

@@ -21,7 +21,7 @@ from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
-from grasp.spatial.scoring.holding import assumed_mass
+from grasp.spatial.scoring.object_load import ObjectLoad, load_to_plan_for
 from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
 from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.suction_cup import SuctionCup
@@ -36,6 +36,7 @@ _STEEP = float(np.cos(np.deg2rad(50.0)))
 _SCREENED, _SCORED = 400, 60
 _GRAVITY = 9.81
 _SHAKEN_G = 1.5
+_NO_ROOM = "the cup touches something, or cannot be brought there, wherever it would seal"
 _SURFEL = 1.5
 
 
@@ -142,6 +143,11 @@ def _asked(
     return np.asarray(asked.max(axis=1))
 
 
+def _levers(poses: FloatArray, com: FloatArray) -> FloatArray:
+    """Return the distances (n,), m, of a centre of mass from the axes of cups at poses."""
+    return np.asarray(np.linalg.norm(np.cross(com - poses[:, :3, 3], poses[:, :3, 2]), axis=1))
+
+
 def plan_suction(
     mesh: Mesh,
     cup: SuctionCup,
@@ -159,7 +165,8 @@ def plan_suction(
     -------
     Proposals
         Ranked. ``confidence`` is the share of pose errors under which the lip seals; ``lift`` and
-        ``carry`` how likely it also holds the load, shaken by 1.5 g for ``carry``.
+        ``carry`` how likely it also holds the load, shaken by 1.5 g for ``carry``. What a stated
+        ``mass`` exceeds is left out; an assumed one only orders, halved until a place bears it.
 
     Examples
     --------
@@ -171,13 +178,17 @@ def plan_suction(
     ([0, 0, -1], True)
     """
     options, around = options or SpatialOptions(), surroundings or Surroundings()
-    if len(mesh.faces) == 0:
-        return Proposals(reason="the mesh has no face", notes=mesh.notes)
-    mass = options.mass if options.mass is not None else assumed_mass(mesh)
-    notes = mesh.notes
-    if options.mass is None:
-        notes = (*notes, f"ordered for an assumed mass of {mass:.2g} kg")
-    up = np.array([0.0, 0.0, 1.0]) if around.support is None else around.support.up
+    load = load_to_plan_for(mesh, options.mass, around.support)
+    if isinstance(load, Proposals):
+        return load
+    return _plan(mesh, cup, around, options, load)
+
+
+def _plan(
+    mesh: Mesh, cup: SuctionCup, around: Surroundings, options: SpatialOptions, load: ObjectLoad
+) -> Proposals:
+    """Return the proposals of :func:`plan_suction` for a load."""
+    notes, mass, up = (*mesh.notes, *load.notes), load.mass, load.up
     points, faces = mesh.sample(options.tries, np.random.default_rng(options.seed))
     poses = _facing(points, mesh.normals[faces], up)
     counts = {"tried": options.tries}
@@ -187,27 +198,37 @@ def plan_suction(
     if not len(poses):
         reason = f"the lip of {1000 * cup.radius:.0f} mm radius seals nowhere on the object"
         return Proposals(reason=reason, notes=notes, counts=counts)
-    asked = _asked(cup, poses, mesh.com, mass, _loads(up, shaken=True))
-    strong = asked < 1
-    counts["vacuum too weak"] = int((~strong).sum())
-    if not strong.any():
-        reason = f"{cup.force:.0f} N of vacuum do not bear {mass:.2g} kg when shaken"
-        return Proposals(reason=reason, notes=notes, counts=counts)
-    # Rounded, so that rigid motions change nothing.
-    order = np.argsort(np.round(np.where(strong, asked, np.inf), 9), kind="stable")
-    poses = poses[order[: min(int(strong.sum()), _SCREENED)]]
     room = room_around(poses, np.zeros(len(poses)), cup, around, mesh)
     for k, name in enumerate(HIT_BY):
         if k and (room.hit == k).any():
             counts[f"touches the {name}"] = int((room.hit == k).sum())
+    poses, away = poses[room.free], room.clearance[room.free]
+    if not len(poses):
+        return Proposals(reason=_NO_ROOM, notes=notes, counts=counts)
+    shaken = _loads(up, shaken=True)
+    asked = _asked(cup, poses, mesh.com, mass, shaken)
+    if not (asked < 1).any():
+        reason = f"{cup.force:.0f} N of vacuum do not bear {mass:.2g} kg when shaken"
+        if not load.is_assumed:
+            counts["vacuum too weak"] = len(asked)
+            return Proposals(reason=reason, notes=notes, counts=counts)
+        # If the cup can take the object at all, it is lighter than was assumed.
+        while not (asked < 1).any():
+            mass /= 2
+            asked = _asked(cup, poses, mesh.com, mass, shaken)
+        notes = (*notes, f"{reason}: ordered for {mass:.2g} kg")
+    # Rounded, so that rigid motions change nothing; what exceeds the vacuum goes by its lever.
+    order = np.lexsort((np.round(_levers(poses, mesh.com), 9), np.round(asked, 9)))
+    if not load.is_assumed:
+        counts["vacuum too weak"] = int((asked >= 1).sum())
+        order = order[asked[order] < 1]
     candidates = [
-        GraspCandidate(pose, 0.0, opening=cup.give, scores={"clearance": float(away)})
-        for pose, free, away in zip(poses, room.free, room.clearance, strict=True)
-        if free and (options.reachable is None or options.reachable(pose))
+        GraspCandidate(poses[i], 0.0, opening=cup.give, scores={"clearance": float(away[i])})
+        for i in order[:_SCREENED]
+        if options.reachable is None or options.reachable(poses[i])
     ]
     if not candidates:
-        reason = "the cup touches something, or cannot be brought there, wherever it would seal"
-        return Proposals(reason=reason, notes=notes, counts=counts)
+        return Proposals(reason=_NO_ROOM, notes=notes, counts=counts)
     kept = diverse(candidates, cup, most=_SCORED)
     scored = _scored(kept, mesh, cup, mass, up, options)
     return Proposals(tuple(rank(scored, up)[: options.most]), notes=notes, counts=counts)
@@ -268,14 +289,10 @@ def plan_suction_on_cloud(
     surface = surfels(cloud.points[seen], cloud.normals[seen], _SURFEL * cloud.voxel)
     solid = whole.target & (np.linalg.norm(whole.normals, axis=1) > 0)
     body = surfels(whole.points[solid], whole.normals[solid], _SURFEL * whole.voxel)
-    notes = whole.notes
-    if options.mass is None:
-        mass = assumed_mass(body)
-        options = replace(options, mass=mass)
-        notes = (*notes, f"ordered for an assumed mass of {mass:.2g} kg")
+    load = ObjectLoad.of(body, options.mass, support)
     around = Surroundings(support, neighbours)
-    found = plan_suction(replace(surface, com=body.com), cup, around, options)
-    return replace(found, notes=(*notes, *found.notes))
+    found = _plan(replace(surface, com=body.com), cup, around, options, load)
+    return replace(found, notes=(*whole.notes, *found.notes))
 
 
 def _facing(points: FloatArray, normals: FloatArray, up: FloatArray) -> FloatArray:
@@ -309,9 +326,8 @@ def _scored(
         }
 
     found = []
-    for one in candidates:
-        pose = one.frame_from_gripper
-        lever = float(np.linalg.norm(np.cross(mesh.com - pose[:3, 3], pose[:3, 2])))
+    levers = _levers(np.stack([c.frame_from_gripper for c in candidates]), mesh.com)
+    for one, lever in zip(candidates, levers.tolist(), strict=True):
         scored = scored_under_errors(one, options.noise, options.samples, options.seed, judge)
         found.append(replace(scored, scores={**scored.scores, "lever": lever}))
     return found

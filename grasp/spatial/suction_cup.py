@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ __all__ = ["SuctionCup"]
 
 _LIFTED_M = 0.004
 """The stem stays clear of the surface by this, m: it is the lip that touches."""
+
+_FLANGE_M = 0.05
+"""Depth of a flange of which only the radius is known, m: a straight approach makes it longer."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class SuctionCup:
     stem_radius
         m; None = .8 of the lip's.
     wrist
-        Size of the box behind the stem, m; None = none.
+        Size of the box behind the stem, m; None = none. See :meth:`flanged`.
     max_payload
         Largest mass that the arm lifts, kg.
     parent_from_gripper : (4, 4) or None
@@ -132,6 +135,27 @@ class SuctionCup:
         found = np.array(boxes, dtype=np.float64)
         found[:, 0, 2] -= sweep_m
         return found
+
+    def flanged(self, radius: float, depth: float = _FLANGE_M) -> SuctionCup:
+        """Return the cup on a round flange: its wrist is a box of the same section.
+
+        Parameters
+        ----------
+        radius, depth
+            Of the flange and what is as wide behind it, m.
+
+        Examples
+        --------
+        >>> [round(side, 3) for side in SuctionCup("cup").flanged(0.044).wrist or ()]
+        [0.078, 0.078, 0.05]
+        """
+        side = radius * float(np.sqrt(np.pi))
+        return replace(self, wrist=(side, side, depth))
+
+    @property
+    def flange_radius(self) -> float:
+        """Radius of a flange with the section of the wrist, m; 0 where there is none."""
+        return 0.0 if self.wrist is None else float(np.sqrt(self.wrist[0] * self.wrist[1] / np.pi))
 
     def joint_positions(self, opening_m: float) -> dict[str, float]:
         """Return the value of the switch: on where nothing is open.

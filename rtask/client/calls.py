@@ -72,6 +72,10 @@ class EndEffector(TypedDict, total=False):
     """of the lip of a suction cup, which needs it; default: no lip (m)"""
     lip_compliance: float
     """difference in depth at which a lip still seals; default: 0.4 of its radius (m)"""
+    flange_radius: float
+    """of the arm's flange behind the stem of a suction cup, kept off what stands around; 0: none
+    (m); default: 0.0
+    """
     pressure: float
     """of a suction cup, below that of the air; default: 60,000 (Pa)"""
     max_force: float

@@ -110,6 +110,7 @@ _SIZES = {
     "min_opening": "minOpening", "max_opening": "maxOpening", "jaw_width": "jawWidth",
     "finger_length": "fingerLength", "max_payload": "maxPayload", "max_force": "maxForce",
     "lip_radius": "lipRadius", "lip_compliance": "lipCompliance", "pressure": "vacuumPressure",
+    "flange_radius": "flangeRadius",
 }  # fmt: skip
 """Property of the graph for each size of a hand, as :func:`hand_of` takes them."""
 
@@ -145,6 +146,9 @@ def hand_of(name: str, gripper_type: str, kind: str, sizes: Mapping[str, float])
     --------
     >>> hand_of("vacuum", "cup_30", "SuctionCup", {"lip_radius": 0.015}).contact_kind
     'suction'
+    >>> sizes = {"lip_radius": 0.015, "flange_radius": 0.044}
+    >>> [round(side, 3) for side in hand_of("vacuum", "cup_30", "SuctionCup", sizes).wrist]
+    [0.078, 0.078, 0.05]
     """
     if kind == "SuctionCup":
         named = _named(
@@ -153,7 +157,8 @@ def hand_of(name: str, gripper_type: str, kind: str, sizes: Mapping[str, float])
         )  # fmt: skip
         if "radius" not in named:
             raise ValueError(f"suction cup {name!r}: lip_radius is missing")
-        return SuctionCup(name, gripper_type=gripper_type, **named)
+        cup = SuctionCup(name, gripper_type=gripper_type, **named)
+        return cup.flanged(sizes["flange_radius"]) if "flange_radius" in sizes else cup
     named = _named(sizes, min_opening="min_opening", max_opening="max_opening",
                    finger_width="jaw_width", finger_length="finger_length",
                    max_payload="max_payload")  # fmt: skip

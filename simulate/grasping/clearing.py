@@ -92,7 +92,7 @@ def clear_clutter(
     """
     failed: list[GraspCandidate] = []
     in_a_row = 0
-    hand = hand_of(executor.robot.arm(arm))
+    hand = hand_of(executor.robot.description, arm)
     base = options or SceneOptions()
     for number in range(most_moves):
         view = look_at_clutter(executor)

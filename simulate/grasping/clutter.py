@@ -18,7 +18,8 @@ from simulate.grasping.executor import Executor
 from simulate.grasping.hand_rules import ParallelJaws
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.collision import PointField
-from simulate.robots.description import Arm
+from simulate.robots.description import RobotDescription
+from simulate.robots.other_hands import cup_with_wrist
 
 __all__ = ["Pick", "hand_of", "look_at_clutter", "pick_from"]
 
@@ -39,11 +40,13 @@ def look_at_clutter(executor: Executor) -> ClutterView | None:
     )  # fmt: skip
 
 
-def hand_of(arm: Arm) -> EndEffector:
+def hand_of(robot: RobotDescription, name: str) -> EndEffector:
     """Return the hand of an arm with its whole shape, about the arm's tool centre point."""
-    other = arm.cup or arm.three
-    if other is not None:
-        return other
+    arm = robot.arm(name)
+    if arm.cup is not None:
+        return cup_with_wrist(robot, arm)
+    if arm.three is not None:
+        return arm.three
     told = ParallelGripper(
         arm.end_effector, arm.gripper_type, 0.0, arm.mouth, max_payload=arm.max_payload
     )

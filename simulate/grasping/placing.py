@@ -33,6 +33,10 @@ _LARGE = 0.08
 _RISES = (1.0, 0.67, 0.33)
 """Shares of what an end of the object hangs down by which the hand first rises, best first."""
 _HANGS_M = 0.005
+_CLIMB_M, _HIGHEST_CLIMB_M = 0.02, 0.40
+"""Steps in which the hand rises while the load overlaps what stands around it, and their sum."""
+_ASIDE_M = 0.004
+"""By which an overlap may deepen on the way up: the arm follows a line within some millimetres."""
 _HIGHEST_M = 0.08
 """Over the ground of a box: what is seen higher is the robot's arm, which hides what lies there."""
 _TOP_SHARE = 0.95
@@ -156,7 +160,8 @@ def plan_place(
 ) -> PlacePlan | str:
     """Plan the transport of a held object to a place.
 
-    Where an end of it hangs down, the hand first rises by as much.
+    Where an end of it hangs down, the hand first rises by as much; where the load overlaps what
+    stands around it, until it is free or as high as the arm gets.
 
     Parameters
     ----------
@@ -194,6 +199,9 @@ def plan_place(
     _, lifted = chain.tool_poses(plan.lift.positions[-1:])
     higher = float(base_from_tool[2, 3] - lifted[0, 2])
     rise = _rise(chain, loaded, around, slack, start, hangs - higher)
+    rise = _climb(chain, loaded, around, slack, rise)
+    if loaded.clearances(rise[-1:], around, slack)[0] < -_LOAD_TOLERANCE:
+        return "place_plan"
     for ground, (release, above) in product(spot.grounds, spot.descents):
         for x, y in spot.centres:
             height = ground + tool_over_bottom + release
@@ -305,6 +313,27 @@ def _rise(
             if line is not None and (loaded.clearances(line, around, slack) >= free).all():
                 return line
     return start[None]
+
+
+def _climb(
+    chain: Chain, loaded: ArmSpheres, around: Surroundings, slack: Floats, line: Floats
+) -> Floats:
+    """Return a line (k, dof) continued straight up until the load is free, if it is not yet.
+
+    It ends where the arm gets no higher, or where anything but what the load overlaps already
+    would be touched.
+    """
+    if loaded.clearances(line[-1:], around, slack)[0] >= -_LOAD_TOLERANCE:
+        return line
+    out = loaded.forgiving(line[-1], around, slack)
+    for _ in range(round(_HIGHEST_CLIMB_M / _CLIMB_M)):
+        up = follow_line(chain, line[-1], np.array([0.0, 0.0, _CLIMB_M]), points=4, tolerance=0.006)
+        if up is None or (loaded.clearances(up, around, out) < -_ASIDE_M).any():
+            break
+        line = np.concatenate([line, up[1:]])
+        if loaded.clearances(line[-1:], around, slack)[0] >= 0:
+            break
+    return line
 
 
 def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:

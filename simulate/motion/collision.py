@@ -320,6 +320,14 @@ class ArmSpheres:
         """
         return np.asarray(self._pairs(q, surroundings, slack).min(axis=(1, 2)))
 
+    def forgiving(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
+        """Return the slack (m, n), m, with what a posture (dof,) overlaps already allowed as well.
+
+        With it a way out of an overlap is free if it gets no deeper and nothing else is touched.
+        """
+        pairs = self._pairs(q[None], surroundings, slack)[0]
+        return np.asarray(slack + np.maximum(-pairs, 0.0))
+
     def nearest(self, q: Floats, surroundings: Surroundings, slack: Floats) -> tuple[str, str]:
         """Return (obstacle name, sphere group) of the tightest pair of one posture (dof,)."""
         pairs = self._pairs(q[None], surroundings, slack)[0]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulate.motion.collision import link_poses
-from simulate.robots.description import Arm, Floats, Joint, RobotDescription, Shape, Vector
-from simulate.robots.mesh_cover import read_vertices
+from simulate.robots.description import Arm, Floats, Joint, RobotDescription, Vector
+from simulate.robots.mesh_cover import shape_points
 from simulate.robots.other_hands import FINGERS
 
 __all__ = [
@@ -41,7 +41,6 @@ _TOOL_ABOVE_TIP_M = 0.009
 _MIN_STROKE_M = 0.008
 _ALIGNED = 0.94
 """Cosine of the angle below which a direction is taken to be the wrist's axis."""
-_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 @dataclass(frozen=True)
@@ -325,7 +324,7 @@ def _approach(
 
 def points_of(robot: RobotDescription, link: str, wrist_from_link: Floats) -> Floats:
     """Return points (n, 3) m on the shapes of a link, in the wrist frame."""
-    parts = [_points(shape) for shape in robot.link(link).shapes]
+    parts = [shape_points(shape) for shape in robot.link(link).shapes]
     points = np.concatenate(parts) if parts else np.zeros((0, 3))
     return np.asarray(points @ wrist_from_link[:3, :3].T + wrist_from_link[:3, 3])
 
@@ -347,20 +346,6 @@ def tip_gap(robot: RobotDescription, arm: Arm, opening: float) -> float:
     if not (sides[True] and sides[False]):
         return 0.0
     return max(min(sides[True]) - max(sides[False]), 0.0)
-
-
-def _points(shape: Shape) -> Floats:
-    """Return points (n, 3) m on a shape, in the frame of its link."""
-    if shape.kind == "mesh":
-        local = read_vertices(shape.path) * np.array(shape.size)
-    elif shape.kind == "box":
-        local = _CORNERS * np.array(shape.size)
-    else:
-        radius = shape.size[0]
-        length = shape.size[1] if shape.kind == "cylinder" else 2 * radius
-        local = _CORNERS * np.array([2 * radius, 2 * radius, length])
-    pose = shape.pose.matrix
-    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _middle(values: Floats) -> float:

@@ -6,18 +6,20 @@ The physics engine reads the meshes itself.
 from __future__ import annotations
 
 import functools
+import itertools
 from pathlib import Path
 
 import numpy as np
 
-from simulate.robots.description import Floats
+from simulate.robots.description import Floats, Shape
 from simulate.robots.mesh_files import load_mesh
 
-__all__ = ["cover_mesh", "cover_surface", "mesh_box", "read_vertices"]
+__all__ = ["cover_mesh", "cover_surface", "mesh_box", "read_vertices", "shape_points"]
 
 _FINEST_M = 0.012
 _ALONG, _ACROSS = 0.8, 1.3
 _PATCH_M = 0.02
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 _STEPS = 4
 """Points along the edge of a patch, at least."""
 
@@ -102,3 +104,17 @@ def cover_surface(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
         centres.append(centre)
         radii.append(float(np.linalg.norm(part - centre, axis=1).max()))
     return np.array(centres), np.array(radii)
+
+
+def shape_points(shape: Shape) -> Floats:
+    """Return the corners or vertices (n, 3) m of a shape, in the frame of its link."""
+    if shape.kind == "mesh":
+        local = read_vertices(shape.path) * np.array(shape.size)
+    elif shape.kind == "box":
+        local = _CORNERS * np.array(shape.size)
+    else:
+        radius = shape.size[0]
+        length = shape.size[1] if shape.kind == "cylinder" else 2 * radius
+        local = _CORNERS * np.array([2 * radius, 2 * radius, length])
+    pose = shape.pose.matrix
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])

@@ -15,10 +15,23 @@ from grasp.spatial.gripper_files import end_effector_named
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 from rtask.errors import RobotError
-from simulate.robots.description import Arm, Floats, Inertial, Joint, Link, Pose, Shape
+from simulate.robots.description import (
+    Arm,
+    Floats,
+    Inertial,
+    Joint,
+    Link,
+    Pose,
+    RobotDescription,
+    Shape,
+)
+from simulate.robots.mesh_cover import shape_points
 from simulate.robots.urdf_reader import ReadRobot
 
-__all__ = ["FINGERS", "MOUNT", "STAND_OFF_M", "OtherHand", "arm_with", "links_of", "other_hand"]
+__all__ = [
+    "FINGERS", "MOUNT", "STAND_OFF_M", "OtherHand", "arm_with", "cup_with_wrist", "links_of",
+    "other_hand",
+]  # fmt: skip
 
 MOUNT = "made_hand"
 """The link that both kinds begin with, and the frame that is left of it on a welded robot."""
@@ -33,6 +46,9 @@ _DESCRIBED = (".json", ".toml")
 _SPEED_M_S = 0.15
 _WIDEST_M = 0.3
 _LIFTED_M = 0.004
+_SLACK_M = 0.001
+_WAYS = 16
+"""Directions about the axis of a cup in which the width of its arm's flange is taken."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +123,31 @@ def arm_with(arm: Arm, hand: OtherHand, wrist_from_mount: Floats) -> Arm:
         finger_length=hand.finger_length, max_force=3 * hand.max_force,
         close_effort=3 * hand.max_force, open_effort=3 * hand.max_force,
     )  # fmt: skip
+
+
+def cup_with_wrist(robot: RobotDescription, arm: Arm) -> SuctionCup:
+    """Return the cup of an arm with a box for the link that carries it, as planning takes it.
+
+    A cup may turn about its axis, so that only what is around the axis at any turn counts: the box
+    has the section of a round flange as wide as the link in the direction where it is narrowest.
+    """
+    cup = arm.cup
+    assert cup is not None
+    approach = np.array(arm.approach)
+    lip = np.array(arm.tcp) - STAND_OFF_M * approach
+    shapes = [shape_points(shape) for shape in robot.link(arm.wrist).shapes]
+    points = np.concatenate([np.zeros((0, 3)), *shapes]) - lip
+    depth = -points @ approach
+    behind = depth > _LIFTED_M + cup.length + _SLACK_M
+    if cup.wrist is not None or not behind.any():
+        return cup
+    closing = np.array(arm.closing)
+    angle = 2 * np.pi * np.arange(_WAYS) / _WAYS
+    ways = np.outer(np.cos(angle), closing) + np.outer(np.sin(angle), np.cross(approach, closing))
+    radius = float((points[behind] @ ways.T).max(axis=0).min())
+    if radius <= 0:  # nothing is around the axis, it is all beside it
+        return cup
+    return cup.flanged(radius, float(depth[behind].max()) - _LIFTED_M - cup.length)
 
 
 def _plate(hand: OtherHand) -> _Plate:

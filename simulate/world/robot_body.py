@@ -25,6 +25,7 @@ from simulate.robots.description import (
     Stance,
     transform_from,
 )
+from simulate.robots.other_hands import cup_with_wrist
 from simulate.world.arm_cup import ArmCup
 from simulate.world.world import World
 
@@ -423,7 +424,7 @@ class RobotBody:
             "name": name,
             "model": robot.model,
             "simulated": True,
-            "end_effectors": [_hand_message(arm) for arm in self.arms.values()],
+            "end_effectors": [_hand_message(robot, arm) for arm in self.arms.values()],
             "cameras": [_camera_message(camera) for camera in robot.cameras.values()],
             "frames": [self.base_frame, *robot.frames],
         }
@@ -435,7 +436,7 @@ class RobotBody:
         return cameras[name] if name is not None else next(iter(cameras.values()))
 
 
-def _hand_message(arm: Arm) -> dict[str, Any]:
+def _hand_message(robot: RobotDescription, arm: Arm) -> dict[str, Any]:
     common = {
         "name": arm.end_effector,
         "gripper_type": arm.gripper_type,
@@ -452,6 +453,7 @@ def _hand_message(arm: Arm) -> dict[str, Any]:
             "lip_radius": arm.cup.radius,
             "lip_compliance": arm.cup.give,
             "pressure": arm.cup.pressure,
+            "flange_radius": cup_with_wrist(robot, arm).flange_radius,
         }
     return {
         **common,

@@ -11,6 +11,7 @@ from simulate.grasping.attempt.run import AttemptRun
 from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import Answer, HeightMap, Judgement
 from simulate.grasping.placing import PlaceSpot, held_load, plan_place
+from simulate.motion.collision import Obstacle
 from simulate.robots.description import Floats
 from simulate.world.hidden import NO_SECRET
 from simulate.world.objects import ObjectSpec, product
@@ -121,6 +122,40 @@ def test_the_end_that_hangs_from_the_hand_is_carried_over_the_wall_of_the_box(tu
     assert heights[0] == pytest.approx(0.06, abs=0.01)
     assert heights.max() > 0.09  # it rises before it goes aside
     assert load.bottom(_pose(rotations[-1], positions[-1])) > box.rim
+
+
+@pytest.mark.parametrize(("height", "rises"), [(0.16, True), (0.60, False)])
+def test_a_load_beside_high_neighbours_rises_until_it_is_free(height: float, rises: bool) -> None:
+    """6 cm over the table, where the lift ends, it still stands between them, as they are seen."""
+    with Workcell("panda", preset="fast") as cell:
+        table = cell.world.table_height
+        request = GraspRequest(0.47, -0.12, 0.0, width=0.04, length=0.06, height=0.08,
+                               table_height=table)  # fmt: skip
+        plan = cell.executor.plan(request, seed=1)
+        assert isinstance(plan, PlannedGrasp)
+        middle = table + height / 2
+        walls = [  # each reaches 2 cm into the load
+            Obstacle.box("neighbour", (0.47, -0.12 + side * 0.04, middle), (0.02, 0.06, height))
+            for side in (-1, 1)
+        ]
+        space, box = cell.executor.space_of(plan.stance), cell.world.place_boxes["right"]
+        crowded = replace(plan, obstacles=tuple(walls))
+        start = plan.lift.positions[-1]
+        way = plan_place(space, crowded, start, PlaceSpot.in_box(box, 0, 0.08))
+        chain = space.chains[plan.arm]
+        if not rises:  # the arm gets no higher than they are
+            assert way == "place_plan"
+            return
+        assert not isinstance(way, str)
+        rotations, tools = chain.tool_poses(way.transport.positions)
+        load = held_load(plan, chain)
+        bottoms = np.array(
+            [load.bottom(_pose(r, t)) for r, t in zip(rotations, tools, strict=True)]
+        )
+        beside = np.linalg.norm(tools[:, :2] - tools[0, :2], axis=1)
+    # It goes aside only above them, but for the 4 mm that it may touch; lines are kept within 2 mm.
+    assert bottoms[0] < table + 0.08
+    assert bottoms[beside > 0.02][0] > table + height - 0.006
 
 
 @pytest.mark.slow

@@ -282,7 +282,9 @@ def score_grasps(
     load: Load | None = None,
     seed: int = 0,
 ) -> list[GraspCandidate]:
-    """Return the candidates with ``confidence``, ``lower_95`` and ``epsilon`` among their scores.
+    """Return the candidates with ``confidence``, ``lower_95``, ``lever`` and ``epsilon`` as scores.
+
+    ``lever`` is the distance (m) from the centre of mass to the middle of the contacts.
 
     Parameters
     ----------
@@ -313,6 +315,7 @@ def score_grasps(
             **candidate.scores,
             "confidence": float(found.value[i]),
             "lower_95": float(found.lower_95[i]),
+            "lever": float(np.linalg.norm(middles[i] - mesh.com)),
         }
         if candidate.contacts is not None and candidate.normals is not None:
             contacts = Contacts(

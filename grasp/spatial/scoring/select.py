@@ -22,7 +22,7 @@ __all__ = ["diverse", "hedged", "rank", "rank_by_confidence", "rank_by_holding",
 _EQUAL = 1e-7
 _APART_M, _APART_RAD = 0.01, float(np.deg2rad(15.0))
 _NEARLY, _TILTED, _LEANING, _FULL_PATCH = 0.05, 0.2, 0.1, 0.4
-_LEVER_STEP_M = 0.005
+_LEVER_STEP_M, _EPSILON_STEP = 0.005, 1e-6
 _GUESSED, _SEEN = 3, 2
 
 
@@ -38,7 +38,7 @@ def rank(
     """
     if candidates and all({"lift", "carry", "lever"} <= set(c.scores) for c in candidates):
         return rank_by_holding(candidates, up)
-    return rank_by_confidence(candidates)
+    return rank_by_confidence(candidates, up)
 
 
 def rank_by_holding(
@@ -63,10 +63,8 @@ def rank_by_holding(
     value = value * [min(c.scores.get("patch", 1.0) / _FULL_PATCH, 1.0) for c in candidates]
     value = value - [_LEANING * c.scores.get("taper", 0.0) for c in candidates]
     value = np.nan_to_num(np.round(value, 9), nan=-np.inf)
-    lever = np.round([c.scores["lever"] / _LEVER_STEP_M - _EQUAL for c in candidates])
-    steep = np.zeros(len(candidates))
-    if up is not None:
-        steep = np.round([-float(c.approach @ up) for c in candidates], 6)
+    lever = _steps([c.scores["lever"] for c in candidates], _LEVER_STEP_M)
+    steep = _steepness(candidates, up)
     order = np.argsort(-value, kind="stable")
     ranked: list[GraspCandidate] = []
     while len(order):
@@ -77,32 +75,52 @@ def rank_by_holding(
     return ranked
 
 
-def rank_by_confidence(candidates: Sequence[GraspCandidate]) -> list[GraspCandidate]:
+def rank_by_confidence(
+    candidates: Sequence[GraspCandidate], up: FloatArray | None = None
+) -> list[GraspCandidate]:
     """Return the candidates, best first by the confidence in their closing.
 
-    By confidence; where it does not tell them apart by epsilon, then by clearance, then in the
-    given order. Where a filter has judged all of them, by confidence times its probability: one
-    tells how far a grasp bears errors of the pose, if the object is what it is thought to be, the
-    other whether it is.
+    By confidence; where it does not tell them apart by epsilon, in steps above its rounding. Equal
+    ones go by confidence after all, then the one with the shorter lever, in steps of 5 mm, the one
+    that approaches more steeply, the one with more clearance, and the one given first. Where a
+    filter has judged all of them, by confidence times its probability: one tells how far a grasp
+    bears errors of the pose, if the object is what it is thought to be, the other whether it is.
+
+    Parameters
+    ----------
+    up : (3,) or None
+        Unit vector against gravity in the candidates' frame; None = no approach is steep.
     """
     confidence = np.nan_to_num([c.scores.get("confidence", 0.0) for c in candidates])
     if candidates and all("classifier" in c.scores for c in candidates):
         sure = np.round(confidence * [c.scores["classifier"] for c in candidates], 9)
         return [candidates[i] for i in np.argsort(-sure, kind="stable")]
-    order = np.argsort(-confidence, kind="stable").tolist()
+    clearance = np.round([c.scores.get("clearance", 0.0) for c in candidates], 6)
+    lever = _steps([c.scores.get("lever", 0.0) for c in candidates], _LEVER_STEP_M)
+    epsilon = _steps([c.scores.get("epsilon", 0.0) for c in candidates], _EPSILON_STEP)
+    sure = np.round(confidence, 9)
+    finer = (-clearance, -_steepness(candidates, up), lever, -sure, -epsilon)
+    order = np.argsort(-sure, kind="stable")
     ranked: list[GraspCandidate] = []
-    while order:
-        best = candidates[order[0]]
-        least = best.scores.get("lower_95", confidence[order[0]])
-        group = [i for i in order if confidence[i] >= least]
-        ranked += [candidates[i] for i in sorted(group, key=lambda i: (_finer(candidates[i]), i))]
-        order = order[len(group) :]
+    while len(order):
+        near = sure[order] >= candidates[order[0]].scores.get("lower_95", sure[order[0]])
+        near[0] = True
+        group = np.sort(order[near])
+        ranked += [candidates[i] for i in group[np.lexsort([key[group] for key in finer])]]
+        order = order[~near]
     return ranked
 
 
-def _finer(candidate: GraspCandidate) -> tuple[float, float]:
-    scores = candidate.scores
-    return -scores.get("epsilon", 0.0), -scores.get("clearance", 0.0)
+def _steps(values: Sequence[float], step: float) -> FloatArray:
+    """Return values (n,) as whole steps; halves, which shapes by numbers bring, go down."""
+    return np.round(np.array(values, dtype=np.float64) / step - _EQUAL)
+
+
+def _steepness(candidates: Sequence[GraspCandidate], up: FloatArray | None) -> FloatArray:
+    """Return how steeply each approaches from above (n,), 1 = vertically; 0 without a vertical."""
+    if up is None:
+        return np.zeros(len(candidates))
+    return np.round([-float(c.approach @ up) for c in candidates], 6)
 
 
 def diverse(

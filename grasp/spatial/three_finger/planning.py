@@ -19,7 +19,8 @@ from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.meshes.mesh import Mesh, surfels
-from grasp.spatial.scoring.holding import CARRY_G, LIFT_G, assumed_mass
+from grasp.spatial.scoring.holding import CARRY_G, LIFT_G
+from grasp.spatial.scoring.object_load import load_to_plan_for
 from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
 from grasp.spatial.scoring.select import diverse, rank
 from grasp.spatial.three_finger.closing import Closing, close
@@ -79,13 +80,10 @@ def plan_three_finger(
     (0.06, True)
     """
     options, around = options or SpatialOptions(), surroundings or Surroundings()
-    if len(mesh.faces) == 0:
-        return Proposals(reason="the mesh has no face", notes=mesh.notes)
-    mass, notes = options.mass, mesh.notes
-    if mass is None:
-        mass = assumed_mass(mesh)
-        notes = (*notes, f"ordered for an assumed mass of {mass:.2g} kg")
-    up = np.array([0.0, 0.0, 1.0]) if around.support is None else around.support.up
+    load = load_to_plan_for(mesh, options.mass, around.support)
+    if isinstance(load, Proposals):
+        return load
+    notes, mass, up = (*mesh.notes, *load.notes), load.mass, load.up
     closed = close(mesh, hand, _starts(mesh, hand, up, options.seed))
     fits = closed.holds & (2 * closed.radius + _LEAST_ROOM_M <= hand.max_opening)
     counts = {"tried": len(fits), "fingers do not close on it": int((~closed.holds).sum())}

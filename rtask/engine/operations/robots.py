@@ -53,6 +53,8 @@ class EndEffector(Message):
     """of the lip of a suction cup, which needs it; default: no lip"""
     lip_compliance: Annotated[Number, Unit("m"), Ge(1e-5)] | None = None
     """difference in depth at which a lip still seals; default: 0.4 of its radius"""
+    flange_radius: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    """of the arm's flange behind the stem of a suction cup, kept off what stands around; 0: none"""
     pressure: Annotated[Number, Unit("Pa"), Ge(1)] | None = None
     """of a suction cup, below that of the air; default: 60,000"""
     max_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
@@ -156,7 +158,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
 
 _STATED = (
     "min_opening", "max_opening", "jaw_width", "finger_length", "lip_radius", "lip_compliance",
-    "pressure", "max_force", "max_payload",
+    "flange_radius", "pressure", "max_force", "max_payload",
 )  # fmt: skip
 _LEAST_OPENING_M = 1e-3
 
@@ -164,10 +166,11 @@ _LEAST_OPENING_M = 1e-3
 def _check(effector: EndEffector, path: str) -> None:
     """Refuse an end effector with missing or contradictory dimensions."""
     sizes = {name: value for name in _STATED if (value := getattr(effector, name)) is not None}
-    if not effector.max_opening:
-        del sizes["max_opening"]
+    for name in ("max_opening", "flange_radius"):
+        if not getattr(effector, name):
+            del sizes[name]
     is_cup = effector.kind == "SuctionCup"
-    for name in ("lip_radius", "lip_compliance", "pressure"):
+    for name in ("lip_radius", "lip_compliance", "flange_radius", "pressure"):
         if name in sizes and not is_cup:
             where = f"{path}.{name}"
             raise UsageError(f"{where} is of suction cups, not of a {effector.kind}", field=where)
@@ -207,6 +210,7 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
                 RT.fingerLength: effector.finger_length,
                 RT.lipRadius: effector.lip_radius,
                 RT.lipCompliance: effector.lip_compliance,
+                RT.flangeRadius: effector.flange_radius or None,
                 RT.vacuumPressure: effector.pressure,
                 RT.maxForce: effector.max_force,
                 RT.maxPayload: effector.max_payload,

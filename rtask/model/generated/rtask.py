@@ -3512,6 +3512,8 @@ class EndEffector(Device):
         From an end effector to its robot, in CORA's direction.
     finger_length
         The reach of the fingers. [M]
+    flange_radius
+        The radius of the arm's flange behind the stem of a suction cup. [M]
     jaw_width
         The width of a jaw's face (Kehoe 2014, 3.4, w). [M]
     lip_compliance
@@ -3538,6 +3540,7 @@ class EndEffector(Device):
 
     end_effector_of: Link[Robot] = Link(_RT + "endEffectorOf", _CORA + "Robot", inverse=_RT + "hasEndEffector", stored=False)
     finger_length: One[float] = One(_RT + "fingerLength", _XSD + "double", unit="M")
+    flange_radius: One[float] = One(_RT + "flangeRadius", _XSD + "double", unit="M")
     jaw_width: One[float] = One(_RT + "jawWidth", _XSD + "double", unit="M")
     lip_compliance: One[float] = One(_RT + "lipCompliance", _XSD + "double", unit="M")
     lip_radius: One[float] = One(_RT + "lipRadius", _XSD + "double", unit="M")

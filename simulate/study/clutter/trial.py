@@ -113,7 +113,7 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
             (seed, _NOISE, number),
         )  # fmt: skip
         # Things for jaws whatever the arm carries, so that all hands meet the same piles.
-        hand = hand_of(describe("panda").arm(ARM))
+        hand = hand_of(describe("panda"), ARM)
         assert isinstance(hand, ParallelGripper)
         rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
         things = {}
@@ -154,7 +154,7 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         result: dict[str, Any] = {"objects": len(table.things), "touching": table.touching}
         cell = table.cell
         view = look_at_clutter(cell.executor)
-        hand = hand_of(cell.robot.arm(ARM))
+        hand = hand_of(cell.robot.description, ARM)
         found = None if view is None else plan_in_view(view, hand)
         pick = None
         if view is not None and found is not None:

@@ -100,6 +100,27 @@ def test_confidence_goes_first_then_what_tells_equals_apart() -> None:
     assert rank([]) == []
 
 
+def test_rounding_does_not_decide_between_grasps_of_equal_epsilon() -> None:
+    """Of grasps that are alike but for noise, the surer, nearer and steeper one goes first."""
+    up = np.array([0.0, 0.0, 1.0])
+    told = {"confidence": 0.9, "lower_95": 0.7, "epsilon": 0.3, "lever": 0.01}
+    from_above = np.diag([1.0, -1.0, -1.0, 1.0])
+
+    def near(noise: float, pose: np.ndarray | None = None, **scores: float) -> GraspCandidate:
+        pose = np.eye(4) if pose is None else pose
+        return GraspCandidate(pose, 0.04, scores={**told, **scores, "epsilon": 0.3 + noise})
+
+    surer = near(-1e-9, confidence=0.95)
+    nearer, steeper, last = near(-2e-9, lever=0.004), near(-3e-9, from_above), near(4e-9)
+    wide = near(-4e-9, clearance=0.02)
+    assert rank([last, wide, steeper, nearer, surer], up) == [surer, nearer, steeper, wide, last]
+    # Without a vertical no approach is steep; then the clearance counts.
+    assert rank([last, steeper, wide])[0] is wide
+    # A real difference of epsilon still goes first.
+    strong = near(0.03, lever=0.03, confidence=0.85)
+    assert rank([surer, strong], up)[0] is strong
+
+
 def test_with_a_filter_the_order_is_by_confidence_times_its_probability() -> None:
     """One says how a grasp bears errors if the object is as thought, the other whether it is."""
     guessed = _at(confidence=0.95, lower_95=0.9, epsilon=0.9, classifier=0.5)

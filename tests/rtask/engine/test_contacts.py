@@ -215,6 +215,10 @@ def test_contacts_of_jaws_are_refused(bench: Any, engine: Any, first: Any, box: 
         ({"kind": "SuctionCup", "lip_radius": 0.01, "max_opening": 0.1}, "opens to no width"),
         ({"kind": "ThreeFingerHand"}, "max_opening is missing"),
         ({"kind": "Hand", "max_opening": 0.1, "lip_radius": 0.01}, "lip_radius is of suction cups"),
+        (
+            {"kind": "Hand", "max_opening": 0.1, "flange_radius": 0.04},
+            "flange_radius is of suction cups",
+        ),
     ],
 )
 def test_a_hand_states_what_its_kind_needs(

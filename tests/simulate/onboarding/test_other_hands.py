@@ -11,7 +11,11 @@ import numpy as np
 import pytest
 
 import rtask
+from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper_files import end_effector_named
+from grasp.spatial.meshes.shapes import box_mesh
+from grasp.spatial.suction import plan_suction
+from grasp.spatial.suction_cup import SuctionCup
 from rtask.engine.engine import Engine
 from rtask.errors import RobotError
 from simulate.act.service import ActService
@@ -22,7 +26,7 @@ from simulate.onboarding.check import check_robot_body
 from simulate.onboarding.guess import guess_robot
 from simulate.robots import RobotDescription, describe
 from simulate.robots.description import Pose
-from simulate.robots.other_hands import MOUNT
+from simulate.robots.other_hands import MOUNT, cup_with_wrist
 from simulate.robots.robot_files import load_robot, save_robot
 from simulate.world.objects import ObjectSpec
 
@@ -77,12 +81,32 @@ def test_a_cup_takes_a_thing_lower_than_its_neighbours_if_the_flange_stays_clear
     with Workcell(describe("panda", hand="suction:0.015"), preset="fast") as cell:
         request = posed(cell)
         top = request.table_height + SIZE[2]
-        edge, sides = np.linspace(-0.03, 0.03, 13), PLACE[0] + np.array([-0.045, 0.045])
+        place = np.eye(4)
+        place[:3, 3] = *PLACE, request.table_height + SIZE[2] / 2
+        box = box_mesh(SIZE).moved(place)
+        edge, sides = np.linspace(-0.03, 0.03, 13), PLACE[0] + np.array([-0.036, 0.036])
         for higher, says in ((0.045, "planned"), (0.09, "grasp_collision")):
             heights = np.arange(request.table_height, top + higher, 0.004)
             beside = np.stack(np.meshgrid(sides, PLACE[1] + edge, heights), axis=-1)
             plan = cell.executor.plan(request, [beside.reshape(-1, 3)])
             assert (plan if isinstance(plan, str) else "planned") == says
+            # What is planned on the points knows of the flange, too.
+            around = Surroundings(Support(request.table_height), beside.reshape(-1, 3))
+            found = plan_suction(box, hand_of(cell.robot.description, "right"), around)
+            from_above = any(one.approach[2] < -0.99 for one in found)
+            assert from_above == (says == "planned")
+
+
+def test_the_wrist_behind_a_cup_is_as_wide_as_the_flange_of_its_arm() -> None:
+    panda = describe("panda", hand="suction:0.015")
+    arm = panda.arm("right")
+    x, y, z = cup_with_wrist(panda, arm).wrist or (0.0, 0.0, 0.0)
+    # The flange of link 7 is round, 44 mm in radius, and its mesh ends 55 mm behind the stem.
+    assert x * y == pytest.approx(np.pi * 0.044**2, rel=0.02)
+    assert z == pytest.approx(0.055, abs=0.001)
+    assert arm.cup is not None
+    told = replace(arm, cup=replace(arm.cup, wrist=(0.1, 0.1, 0.02)))
+    assert cup_with_wrist(panda, told) == told.cup
 
 
 def test_where_nothing_stands_nothing_is_held(cell: Workcell) -> None:
@@ -163,7 +187,8 @@ def test_a_robot_of_a_urdf_takes_the_hand_and_its_settings_keep_it(
     save_robot(made.settings, made.guessed, tmp_path / "kuka.toml")
     loaded = load_robot(tmp_path / "kuka.toml")
     assert loaded.arms == made.robot.arms
-    assert hand_of(loaded.arm("right")) == end_effector_named(hand)
+    arm = loaded.arm("right")
+    assert (arm.cup or arm.three) == end_effector_named(hand)
     findings = list(check_robot_body(loaded))
     assert all(finding.passed for finding in findings), findings
 
@@ -210,11 +235,17 @@ def test_a_hand_registers_as_what_it_is() -> None:
         held = {one.robot_name: one.gripper for one in engine.context.grippers.all()}
     assert held["one"].contact_kind == "suction"
     assert held["one"].finger_width == pytest.approx(0.03)
+    cup_on_flange, known = hand_of(cup, "right"), held["one"]
+    assert isinstance(cup_on_flange, SuctionCup)
+    assert isinstance(known, SuctionCup)
+    assert known.wrist is not None
+    # Sizes are kept to the micrometre.
+    assert known.flange_radius == pytest.approx(cup_on_flange.flange_radius, abs=1e-6)
     assert held["two"].contact_kind == "three_fingers"
     # Each finger's share of the closing force, and the sizes that planning asks for.
-    assert held["two"] == hand_of(three.arm("right"))
+    assert held["two"] == hand_of(three, "right")
 
 
 def test_a_pile_is_picked_by_the_hand_that_the_arm_carries() -> None:
-    cup, three = (hand_of(describe("panda", hand=hand).arm("right")) for hand in HANDS)
+    cup, three = (hand_of(describe("panda", hand=hand), "right") for hand in HANDS)
     assert (cup.contact_kind, three.contact_kind) == ("suction", "three_fingers")

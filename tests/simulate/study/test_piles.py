@@ -76,7 +76,7 @@ def test_a_push_that_did_not_arrive_says_why(monkeypatch):
     ):  # fmt: skip
         monkeypatch.setattr(clearing, name, lambda *args, value=value: value)
     run = SimpleNamespace(pretend=lambda: "tracking")
-    executor = SimpleNamespace(robot=SimpleNamespace(arm=str), begin=lambda plan: run)
+    executor = SimpleNamespace(robot=SimpleNamespace(description=None), begin=lambda plan: run)
     moves = list(clearing.clear_clutter(executor, "arm"))
     assert [(move.kind, move.reason) for move in moves] == [
         *[("push", "tracking")] * 4, ("none", nothing.reason)

@@ -89,6 +89,15 @@ def test_neighbours_and_the_load_count() -> None:
     assert heavy[0].scores["carry"] < alone[0].scores["carry"] - 0.3
 
 
+def test_an_assumed_mass_orders_grasps_and_refuses_none() -> None:
+    """Fingers of .1 N do not bear the ball as wood; it may be hollow."""
+    weak = replace(HAND, max_force=0.1)
+    found = plan_three_finger(BALL, weak, Surroundings(Support(-0.03)), replace(FEW, mass=None))
+    assert "ordered for an assumed mass of 0.079 kg" in found.notes
+    assert found[0].scores["carry"] < 0.1
+    assert not plan_three_finger(replace(BALL, faces=BALL.faces[:0]), weak)
+
+
 def test_a_view_of_a_can_is_enough() -> None:
     rng, eye = np.random.default_rng(0), np.array([0.4, 0.0, 0.45])
     points, faces = CAN.sample(20_000, rng)
