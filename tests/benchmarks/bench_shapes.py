@@ -9,7 +9,8 @@ the print shuffled, its hue turned, tools tinted. In some of the stores half of 
 stored as well. Each query is decided twice, by the look alone (colours, outline, size) and by
 likeness in colours and shape; intervals are of 90 %, by resampling objects. The fit holds the sign
 of both weights, a wrong candidate weighs five times a right one, and ``_CAUTION`` is taken off the
-offset. Ten minutes of one core each.
+offset. The shipped constants come from other draws of the same half.
+Either takes ten minutes of one core.
 """
 
 from __future__ import annotations
