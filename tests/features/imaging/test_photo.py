@@ -60,6 +60,17 @@ def test_the_object_is_told_from_the_background():
     assert np.array_equal(found, find_foreground(image))
 
 
+def test_what_is_held_in_the_middle_is_kept_whole_though_part_of_it_looks_like_the_background():
+    rng = np.random.default_rng(3)
+    image = cv2.GaussianBlur(rng.integers(60, 120, (400, 300, 3)).astype(np.uint8), (0, 0), 3)
+    image[60:170, 80:220], image[230:340, 80:220] = (200, 60, 30), (40, 60, 190)
+    mask = np.zeros(image.shape[:2], bool)
+    mask[60:340, 80:220] = True
+    found = find_foreground(image)
+    assert (found & mask).sum() > 0.95 * mask.sum()
+    assert (found & ~mask).sum() < 0.1 * mask.sum()
+
+
 def test_where_nothing_can_be_told_the_whole_box_is_kept():
     plain = np.full((100, 120, 3), 90, np.uint8)
     assert find_foreground(plain, [20, 10, 50, 60]).sum() == 50 * 60
