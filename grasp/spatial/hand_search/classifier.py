@@ -90,12 +90,9 @@ class GraspSamples:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over statistics, outcomes and objects, hexadecimal.
-
-        Pictures are left out: they show the points that the statistics count.
-        """
+        """SHA-256 over all values, hexadecimal."""
         state = hashlib.sha256(self.gripper.encode())
-        for array in (self.statistics, self.right, self.objects):
+        for array in (self.statistics, np.packbits(self.pictures), self.right, self.objects):
             state.update(np.ascontiguousarray(array).tobytes())
         return state.hexdigest()
 

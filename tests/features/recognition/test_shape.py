@@ -176,12 +176,11 @@ def test_likeness_replaces_the_look_and_its_gates_stay() -> None:
         size_gap=0.1, is_plain=True, likeness=3.4, likeness_lead=1.4,
     )  # fmt: skip
     assert confidences([alike])[0] > 0.7
-    changes: tuple[dict[str, object], ...] = (
-        {"likeness": None},
-        {"likeness": 2.0},
-        {"likeness_lead": 0.3},
-        {"size_ok": False},
-        {"is_plain": False, "has_print": True},
-    )
-    for change in changes:
-        assert confidences([replace(alike, **change)])[0] < 0.7, change  # type: ignore[arg-type]
+    for changed in (
+        replace(alike, likeness=None),
+        replace(alike, likeness=2.0),
+        replace(alike, likeness_lead=0.3),
+        replace(alike, size_ok=False),
+        replace(alike, is_plain=False, has_print=True),
+    ):
+        assert confidences([changed])[0] < 0.7, changed
