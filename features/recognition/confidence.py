@@ -112,6 +112,9 @@ class ConfidenceParams:
     shape_scale, usual_likeness, max_like_lead
         A difference of shapes counts so many times one of colours; similarity of colours that
         another object reaches anyhow; a larger lead says no more.
+    light_gain, light_tint
+        Taken off the similarity of colours in another light, for each power of two of brightness
+        and of red against blue: what looks alike as it is comes first.
     colour_noise, gap_noise
         Differences of colours and sizes that two views of one object from one side have anyhow.
     min_colour
@@ -157,12 +160,14 @@ class ConfidenceParams:
     look_gap: float = 0.35
     look_rival: float = -1.0
     look_offset: float = -7.3
-    like_own: float = 1.19
-    like_lead: float = 1.99
-    like_offset: float = -5.55
+    like_own: float = 0.12
+    like_lead: float = 3.53
+    like_offset: float = -2.85
     shape_scale: float = 2.0
-    usual_likeness: float = 0.8
+    usual_likeness: float = 0.9
     max_like_lead: float = 1.5
+    light_gain: float = 0.03
+    light_tint: float = 0.1
     colour_noise: float = 0.02
     gap_noise: float = 0.01
     min_colour: float = 0.65

@@ -26,6 +26,7 @@ from features.recognition.confidence import (
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
 from features.recognition.index.snapshot import Matches, Snapshot
+from features.recognition.views.light import light_costs, relit_colours
 from features.recognition.views.stored import stored_features
 from features.recognition.views.view import ViewFeatures, describe_view
 
@@ -340,7 +341,9 @@ class _Ranking:
         """Return the three best objects of each sort."""
         by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
         by_print = sorted(self._printed, key=lambda k: -self._printed[k].evidence.matches)
-        return list(dict.fromkeys(by_places[:3] + by_print[:3] + self._by_look[:3]))
+        return list(
+            dict.fromkeys(by_places[:3] + by_print[:3] + self._by_look[:3] + self._most_alike()[:3])
+        )
 
     def candidate(self, number: int) -> Candidate:
         """Collect what speaks for an object."""
@@ -400,10 +403,21 @@ class _Ranking:
         if self._features.shape is None:
             return None
         snapshot, numbers = self._snapshot, self._snapshot.object_of_view
+        constants = self._params.confidence
         colour, shape = (np.full(len(snapshot.object_iris), -1.0) for _ in "cs")
-        np.maximum.at(colour, numbers, snapshot.colours(self._features.colour))
+        lit = relit_colours(self._features.colour, self._features.picture)
+        costs = light_costs(constants.light_gain, constants.light_tint)[: len(lit)]
+        np.maximum.at(colour, numbers, snapshot.colours(lit, costs))
         np.maximum.at(shape, numbers, snapshot.shapes(self._features.shape))
-        return likeness(colour, shape, self._params.confidence), shape >= 0
+        return likeness(colour, shape, constants), shape >= 0
+
+    def _most_alike(self) -> list[int]:
+        """Return the objects that are alike in colours and shape, the most alike first."""
+        if self._alike is None:
+            return []
+        alike, has_shape = self._alike
+        order = np.argsort(-alike, kind="stable")
+        return [int(number) for number in order if has_shape[number] and self._look[number] >= 0]
 
     def _likeness_and_lead(self, number: int) -> tuple[float | None, float]:
         """Return the likeness of one object, None where it has no shape, and its lead."""

@@ -1,16 +1,14 @@
 """Ask for rendered objects with depth, with and without the evidence of shape.
 
     python tests/benchmarks/bench_shapes.py --cache FOLDER            # those that fitted nothing
-    python tests/benchmarks/bench_shapes.py --cache FOLDER --fitted   # the others; the constants
+    python tests/benchmarks/bench_shapes.py --cache FOLDER --fitted   # the others
 
 Stores hold eight of ten objects, or 29 of all, with 8 or 3 views each. Unknown are the other
 objects, each stored one while it is taken out, and look-alikes of stored ones on the same mesh:
 the print shuffled, its hue turned, tools tinted. In some of the stores half of the look-alikes are
 stored as well. Each query is decided twice, by the look alone (colours, outline, size) and by
-likeness in colours and shape; intervals are of 90 %, by resampling objects. The fit holds the sign
-of both weights, a wrong candidate weighs five times a right one, and ``_CAUTION`` is taken off the
-offset. The shipped constants come from other draws of the same half.
-Either takes ten minutes of one core.
+likeness in colours and shape; intervals are of 90 %, by resampling objects. ``bench_light.py`` fits
+the constants. Either takes ten minutes of one core.
 """
 
 from __future__ import annotations
@@ -27,7 +25,6 @@ from zlib import crc32
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from turntable import LOW, is_fitted, render_views, ycb_folder, ycb_names
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
@@ -79,7 +76,6 @@ TOOLS = frozenset(
         "spoon",
     ]
 )
-_STRENGTH, _WRONG_COUNTS, _CAUTION = 0.2, 5.0, 0.2
 
 
 @dataclass(frozen=True)
@@ -279,10 +275,10 @@ def report(queries: list[Query]) -> None:
             for query, (before, after) in zip(mine, answers, strict=True)
             if query.truth is not None
         ]
-        print(f"{line} recall {_interval(gains)}")
+        print(f"{line} recall {interval(gains)}")
 
 
-def _interval(gains: list[tuple[str, float]]) -> str:
+def interval(gains: list[tuple[str, float]]) -> str:
     """Return the mean of gains, each with the object it is of, and its interval."""
     things = sorted({thing for thing, _ in gains})
     sums = np.zeros((len(things), 2))
@@ -292,41 +288,6 @@ def _interval(gains: list[tuple[str, float]]) -> str:
     again = sums[drawn].sum(axis=1)
     low, high = np.quantile(again[:, 0] / again[:, 1], [0.05, 0.95])
     return f"{sums[:, 0].sum() / sums[:, 1].sum():+.3f} ({low:+.3f} to {high:+.3f})"
-
-
-def fit(queries: list[Query]) -> None:
-    """Print offset and weights of likeness and its lead, beside the shipped ones."""
-    constants = ConfidenceParams()
-    terms, right = [], []
-    for query in queries:
-        for name, e in query.candidates:
-            # Where the look may decide at all; what print has to confirm says nothing of it.
-            is_plain = e.is_plain and (e.print_odds or 0.0) >= constants.contradicting_odds
-            if e.size_ok and e.likeness is not None and (is_plain or e.is_among_many):
-                lead = np.clip(e.likeness_lead, -constants.max_like_lead, constants.max_like_lead)
-                terms.append((e.likeness, lead))
-                right.append(name == query.truth)
-    found = np.array(terms)
-    is_right = np.array(right)
-    mean, spread = found.mean(axis=0), found.std(axis=0)
-    scaled = (found - mean) / spread
-    weight = np.where(is_right, 1.0, _WRONG_COUNTS)
-
-    def loss(p: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        z = p[0] + scaled @ p[1:]
-        slope = _STRENGTH * weight * (1 / (1 + np.exp(-z)) - is_right)
-        value = _STRENGTH * (weight * np.logaddexp(0, np.where(is_right, -z, z))).sum()
-        gradient = np.append(slope.sum(), scaled.T @ slope + p[1:])
-        return value + 0.5 * (p[1:] ** 2).sum(), gradient
-
-    bounds = [(None, None), (0.0, None), (0.0, None)]
-    best = minimize(loss, np.zeros(3), jac=True, method="L-BFGS-B", bounds=bounds).x
-    weights = best[1:] / spread
-    offset = best[0] - weights @ mean - _CAUTION
-    print(
-        f"fitted: offset {offset:.2f}, likeness {weights[0]:.2f}, lead {weights[1]:.2f}; ", end=""
-    )
-    print(f"shipped: {constants.like_offset}, {constants.like_own}, {constants.like_lead}")
 
 
 def main() -> None:
@@ -344,8 +305,6 @@ def main() -> None:
         file.write_bytes(pickle.dumps(gather(half, views, others)))
     queries: list[Query] = pickle.loads(file.read_bytes())
     report(queries)
-    if args.fitted:
-        fit(queries)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import os
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from features.geometry import UInt8Array
 from features.recognition.index.cascade import build_tables
 from features.recognition.index.hashing import TABLES, Hasher, used_table_bits
-from features.recognition.views.appearance import APPEARANCE_SIZE
+from features.recognition.views.appearance import APPEARANCE_SIZE, colours_of
+from features.recognition.views.light import spread
 from features.recognition.views.shape import SHAPE_SIZE
 from features.recognition.views.view import ViewFeatures
 
@@ -103,6 +105,11 @@ class Block:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.descriptors)
+
+    @cached_property
+    def colours(self) -> NDArray[np.float32]:
+        """Colour histograms (V, 192) of the views, :func:`spread`."""
+        return spread(colours_of(self.looks))
 
     def rows_of(self, view: int) -> slice:
         """Return the rows of one view."""

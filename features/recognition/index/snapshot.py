@@ -17,7 +17,8 @@ from features.geometry import UInt8Array
 from features.recognition.index.cascade import FAR, match_exact, match_flat, match_tables
 from features.recognition.index.hashing import Hasher
 from features.recognition.index.segments import Block
-from features.recognition.views.appearance import colour_of, colour_similarities
+from features.recognition.views.appearance import colour_of
+from features.recognition.views.light import spread
 
 __all__ = ["EXACT_BELOW", "Matches", "Part", "Snapshot", "StoredView"]
 
@@ -219,14 +220,25 @@ class Snapshot:
         similarity = np.concatenate([part.block.looks @ look for part in self.parts])
         return np.where(self.alive, similarity, np.float32(-1))
 
-    def colours(self, colour: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the similarity (V,) of a colour histogram (192,) to every view; removed: -1."""
+    def colours(
+        self, colours: NDArray[np.float32], costs: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Return the similarity (V,) of colours to those of every view; removed: -1.
+
+        Parameters
+        ----------
+        colours : (L, 192) float32
+            Histograms of the query in several lights; the light that suits a view best counts.
+        costs : (L,) float32
+            Taken off the similarity in each light.
+        """
         if not self.parts:
             return np.empty(0, np.float32)
-        similarity = np.concatenate(
-            [colour_similarities(part.block.looks, colour) for part in self.parts]
-        )
-        return np.where(self.alive, similarity, np.float32(-1))
+        asked = spread(colours)
+        similarity = [
+            (asked @ part.block.colours.T - costs[:, None]).max(axis=0) for part in self.parts
+        ]
+        return np.where(self.alive, np.concatenate(similarity), np.float32(-1))
 
     def shapes(self, shape: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the similarity (V,) of a shape (240,) to every view; -1 where it has none."""

@@ -12,10 +12,14 @@ from features.recognition.views.hog import HOG_SIZE
 __all__ = [
     "APPEARANCE_SIZE",
     "COLOUR_SIZE",
+    "HUES",
+    "SATURATIONS",
+    "VALUES",
     "appearance_vector",
+    "colour_bins",
     "colour_histogram",
     "colour_of",
-    "colour_similarities",
+    "colours_of",
 ]
 
 HUES, SATURATIONS, VALUES = 16, 4, 3
@@ -48,13 +52,18 @@ def colour_histogram(rgb: UInt8Array, mask: NDArray[np.bool_]) -> NDArray[np.flo
     >>> float(colour_histogram(red, everywhere) @ colour_histogram(red, everywhere))
     1.0
     """
-    hsv = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV))[mask].astype(np.intp)
-    hue = hsv[:, 0] * HUES // 180
-    saturation, value = hsv[:, 1] * SATURATIONS // 256, hsv[:, 2] * VALUES // 256
-    bins = (hue * SATURATIONS + saturation) * VALUES + value
-    counts = np.bincount(bins, minlength=COLOUR_SIZE)
+    counts = np.bincount(colour_bins(rgb[mask][None]).ravel(), minlength=COLOUR_SIZE)
     share: NDArray[np.float32] = np.sqrt(counts / counts.sum()).astype(np.float32)
     return share
+
+
+def colour_bins(rgb: UInt8Array) -> NDArray[np.intp]:
+    """Return the bin (h, w) of the HSV histogram that each pixel (h, w, 3) counts in."""
+    hsv = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)).astype(np.intp)
+    hue = hsv[..., 0] * HUES // 180
+    saturation, value = hsv[..., 1] * SATURATIONS // 256, hsv[..., 2] * VALUES // 256
+    bins: NDArray[np.intp] = (hue * SATURATIONS + saturation) * VALUES + value
+    return bins
 
 
 def appearance_vector(colour: NDArray[np.float32], hog: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -68,9 +77,7 @@ def colour_of(look: NDArray[np.float32]) -> NDArray[np.float32]:
     return colour
 
 
-def colour_similarities(
-    looks: NDArray[np.float32], colour: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Return the similarity (V,) of a colour histogram (192,) to appearance vectors (V, 768)."""
-    similarity: NDArray[np.float32] = looks[:, :COLOUR_SIZE] @ (colour / _HALF)
-    return similarity
+def colours_of(looks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the colour histograms (V, 192) in appearance vectors (V, 768)."""
+    colours: NDArray[np.float32] = looks[:, :COLOUR_SIZE] / _HALF
+    return colours

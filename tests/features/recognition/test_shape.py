@@ -178,7 +178,7 @@ def test_likeness_replaces_the_look_and_its_gates_stay() -> None:
     assert confidences([alike])[0] > 0.7
     for changed in (
         replace(alike, likeness=None),
-        replace(alike, likeness=2.0),
+        replace(alike, likeness=2.0, likeness_lead=-0.1),
         replace(alike, likeness_lead=0.3),
         replace(alike, size_ok=False),
         replace(alike, is_plain=False, has_print=True),
