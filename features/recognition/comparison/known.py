@@ -54,7 +54,7 @@ class Known:
         ((2,), None, [0, 1, 2])
         """
         votes, compared = self.votes, (*self.own, *self.others)
-        cells = next((len(pair.valid) for pair in self.pairs.values() if pair is not None), 0)
+        cells = max((len(pair.valid) for pair in self.pairs.values() if pair is not None), default=0)
         chunks = [
             _COUNTS.pack(len(votes.view), len(self.own), len(self.others), cells),
             *(array.astype("<i8").tobytes() for array in (votes.view, votes.rival_view)),
@@ -65,7 +65,9 @@ class Known:
             chunks.append(struct.pack("<qi", number, -1 if pair is None else len(pair.rows)))
             if pair is not None:
                 chunks.append(pair.rows.astype("<i4").tobytes())
-                chunks += [pair.valid.tobytes(), pair.agreeing.tobytes()]
+                # A view of another object has no cells; in the file every pair has as many.
+                chunks += [pair.valid.tobytes().ljust(cells, b"\0")]
+                chunks += [pair.agreeing.tobytes().ljust(cells, b"\0")]
         return b"".join(chunks)
 
     @classmethod

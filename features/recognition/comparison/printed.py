@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,7 +86,12 @@ def proposed_views(
 
 
 def printed_objects(
-    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, views: Iterable[int]
+    query: ViewFeatures,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    views: Iterable[int],
+    wanted: Collection[int],
+    first: int,
 ) -> dict[int, PrintedView]:
     """Return the best view of every object whose print agrees in enough places.
 
@@ -94,6 +99,9 @@ def printed_objects(
     ----------
     views
         Numbers of the views to compare.
+    wanted, first
+        Objects that are asked about, besides so many with most matches: of the others some may be
+        left out, since the facts of a view take long where it was not compared before.
     """
     if not query.picture or len(query) < 2:
         return {}
@@ -106,7 +114,32 @@ def printed_objects(
             aligned.append((view, found))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
     drawn = [_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED]]
-    return with_leads(_best_of_objects(query, snapshot, facts, [one for one in drawn if one]))
+    found = [one for one in drawn if one is not None]
+    objects = [int(snapshot.object_of_view[one.view]) for one in found]
+    spare = spare_objects(objects, [len(one.alignment) for one in found], max(first, 2)) - {*wanted}
+    found = [one for one, number in zip(found, objects, strict=True) if number not in spare]
+    return with_leads(_best_of_objects(query, snapshot, facts, found))
+
+
+def spare_objects(objects: Sequence[int], matches: Sequence[int], first: int) -> set[int]:
+    """Return the objects that are not among the first by matches, whichever view stands for each.
+
+    Parameters
+    ----------
+    objects, matches
+        Of every view that may stand for its object.
+
+    Examples
+    --------
+    >>> spare_objects([7, 7, 8, 9, 9], [30, 20, 25, 6, 19], 2), spare_objects([7, 8], [9, 9], 1)
+    ({9}, set())
+    """
+    least: dict[int, int] = {}
+    most: dict[int, int] = {}
+    for number, count in zip(objects, matches, strict=True):
+        least[number] = min(count, least.get(number, count))
+        most[number] = max(count, most.get(number, count))
+    return {k for k in most if sum(one > most[k] for one in least.values()) >= first}
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +28,16 @@ from features.recognition.comparison.evidence import ViewFacts
 from features.recognition.comparison.facts_file import FactsFile, Record
 from features.recognition.comparison.kept import Kept
 from features.recognition.comparison.known import Known
-from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
+from features.recognition.comparison.support import (
+    MIN_MATCHES,
+    ViewPair,
+    facts_of,
+    shared_keypoints,
+    view_pair,
+)
 from features.recognition.comparison.votes import (
     MAX_ADDED,
+    NO_VOTES,
     Changes,
     Moment,
     Votes,
@@ -105,6 +112,23 @@ class StoreFacts:
         held = self._facts.get(number)
         if held is None or held[0] is not known.pairs:
             held = self._facts.put(number, (known.pairs, self._followed(snapshot, view, known)))
+        return held[1]
+
+    def supported(self, snapshot: Snapshot, view: int) -> ViewFacts:
+        """Return the facts of a view with a picture that its object's other views alone give.
+
+        This takes half as long where nothing is known of the view, for it is not matched with
+        everything. No keypoint counts as shared.
+        """
+        moment = self._changes.at(snapshot)
+        number = int(moment.numbers[view])
+        known = self._held(number)
+        if known is None or known.place != moment.place:
+            known = self._kin(known, moment, view)
+        held = self._facts.get(-number)
+        if held is None or held[0] is not known.pairs:
+            found = self._followed(snapshot, view, replace(known, others=()))
+            held = self._facts.put(-number, (known.pairs, found))
         return held[1]
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
@@ -195,13 +219,39 @@ class StoreFacts:
             return number, known
         known = self._known.put(number, self._brought_up(known, moment, view))
         self._places[number] = known.place
-        if self._file is not None:
-            with self._writing:
-                self._unwritten[number] = known
-                is_much = len(self._unwritten) >= _MAX_UNWRITTEN
-            if is_much:
-                self._write()
+        self._note(number, known)
         return number, known
+
+    def _kin(self, known: Known | None, moment: Moment, view: int) -> Known:
+        """Return what the object's other views say of a view as of now, without votes.
+
+        It is kept under the view's number with a minus.
+        """
+        number = int(moment.numbers[view])
+        kin = self._held(-number)
+        if kin is not None and kin.place == moment.place:
+            return kin
+        own = self._own(known, moment, view)
+        if own is None:
+            own = self._own(kin, moment, view) or self._siblings(moment, view)
+        if kin is None or own != kin.own:
+            pairs = self._pairs(moment, view, own, known, kin)
+        else:
+            pairs = kin.pairs
+        found = self._known.put(-number, Known(moment.place, NO_VOTES, own, (), pairs))
+        self._note(-number, found)
+        return found
+
+    def _note(self, number: int, known: Known) -> None:
+        """Keep what was computed for the file."""
+        if self._file is None:
+            return
+        with self._writing:
+            self._unwritten.pop(-number, None)
+            self._unwritten[number] = known
+            is_much = len(self._unwritten) >= _MAX_UNWRITTEN
+        if is_much:
+            self._write()
 
     def _write(self) -> None:
         """Write what was computed since the last time, with the changes that it is based on."""
@@ -223,35 +273,54 @@ class StoreFacts:
                 [
                     Record(number, known.place, known.to_bytes())
                     for number, known in records.items()
-                    if number < len(moment.view_of) and moment.view_of[number] >= 0
+                    if abs(number) < len(moment.view_of) and moment.view_of[abs(number)] >= 0
                 ],
             )
             self._filed, self._filed_place = present, moment.place
 
     def _brought_up(self, known: Known | None, moment: Moment, view: int) -> Known:
         """Return what is known of a view at a moment, with as much of what was known as holds."""
-        snapshot = moment.snapshot
+        votes = None
         changes = None if known is None else self._changes.between(known.place, moment.place)
-        votes = own = None
         if known is not None and changes is not None:
-            added, gone = changes
-            descriptors = snapshot.stored_view(view).descriptors
-            votes = updated_votes(known.votes, descriptors, moment, added, gone)
-            arrived = snapshot.object_of_view[moment.stored(added)]
-            if len(gone) == 0 and not (arrived == snapshot.object_of_view[view]).any():
-                own = known.own
+            descriptors = moment.snapshot.stored_view(view).descriptors
+            votes = updated_votes(known.votes, descriptors, moment, *changes)
         votes = votes or cast_votes(moment, view)
+        own = self._own(known, moment, view)
         if own is None:
-            own = tuple(int(moment.numbers[k]) for k in _siblings(snapshot, view))
+            own = self._siblings(moment, view)
         others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
-        pairs = {} if known is None else known.pairs
-        if known is None or (own, others) != (known.own, known.others):
-            pairs = {
-                number: pairs[number] if number in pairs
-                else self._compared(snapshot, view, int(moment.view_of[number]))
-                for number in (*own, *others)
-            }  # fmt: skip
+        if known is not None and (own, others) == (known.own, known.others):
+            return Known(moment.place, votes, own, others, known.pairs)
+        kin = self._held(-int(moment.numbers[view]))
+        pairs = self._pairs(moment, view, (*own, *others), known, kin)
         return Known(moment.place, votes, own, others, pairs)
+
+    def _own(self, known: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
+        """Return the other views of the object as they were known, None where they may differ."""
+        changes = None if known is None else self._changes.between(known.place, moment.place)
+        if known is None or changes is None:
+            return None
+        added, gone = changes
+        objects = moment.snapshot.object_of_view
+        is_touched = len(gone) > 0 or (objects[moment.stored(added)] == objects[view]).any()
+        return None if is_touched else known.own
+
+    def _siblings(self, moment: Moment, view: int) -> tuple[int, ...]:
+        return tuple(int(moment.numbers[k]) for k in _siblings(moment.snapshot, view))
+
+    def _pairs(
+        self, moment: Moment, view: int, wanted: tuple[int, ...], *known: Known | None
+    ) -> dict[int, ViewPair | None]:
+        """Return the comparisons of a view with others, those that are known already included."""
+        before: dict[int, ViewPair | None] = {}
+        for one in known:
+            before.update({} if one is None else one.pairs)
+        return {
+            number: before[number] if number in before
+            else self._compared(moment.snapshot, view, int(moment.view_of[number]))
+            for number in wanted
+        }  # fmt: skip
 
     def _followed(self, snapshot: Snapshot, view: int, known: Known) -> ViewFacts:
         picture = self.picture(snapshot, view)
@@ -274,14 +343,19 @@ class StoreFacts:
         return _first_by(counted, snapshot, most, _MIN_VOTES)
 
     def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
+        """Return how a view agrees with another one; of another object, only in which keypoints."""
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
-        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
         side_px = float(snapshot.measures(np.array([view]))[0, 0])
-        if here is None or there is None:
+        if len(first.picture) == 0 or len(second.picture) == 0:
             return None
         found = align_views(first, second, side_px)
         if found is None or len(found) < MIN_MATCHES:
             return None
+        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
+        if here is None or there is None:
+            return None
+        if snapshot.object_of_view[view] != snapshot.object_of_view[other]:
+            return shared_keypoints(found)
         places = first.keypoints[found.query_rows, :2]
         return view_pair(found, compare_pictures(here, there, found.query_from_view, places))
 

@@ -13,7 +13,7 @@ from features.recognition.comparison.alignment import Alignment
 from features.recognition.comparison.difference import Comparison
 from features.recognition.comparison.evidence import ViewFacts
 
-__all__ = ["ViewPair", "facts_of", "view_pair"]
+__all__ = ["ViewPair", "facts_of", "shared_keypoints", "view_pair"]
 
 MIN_MATCHES = 8
 """Matches from which another view says something about a view's keypoints and cells."""
@@ -29,6 +29,7 @@ class ViewPair:
         Keypoints of the first that the second confirms.
     valid, agreeing : (bytes,) uint8
         Cells of its picture that both show, and those where the print is the same; one bit each.
+        None for a view of another object, of which only the keypoints count.
     """
 
     rows: NDArray[np.int32]
@@ -45,6 +46,12 @@ def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
         valid=np.packbits(comparison.near),
         agreeing=np.packbits(same),
     )
+
+
+def shared_keypoints(alignment: Alignment) -> ViewPair:
+    """Return what a view of another object says of the first view: which keypoints both have."""
+    nothing = np.empty(0, np.uint8)
+    return ViewPair(alignment.query_rows.astype(np.int32), nothing, nothing)
 
 
 def facts_of(

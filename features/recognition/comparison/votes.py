@@ -18,7 +18,7 @@ from features.recognition.comparison.facts_file import FactsFile, FiledView, con
 from features.recognition.index.cascade import FAR, match_exact
 from features.recognition.index.snapshot import Snapshot
 
-__all__ = ["MAX_ADDED", "Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
+__all__ = ["MAX_ADDED", "NO_VOTES", "Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
 
 MAX_ADDED = 64
 """More views that arrived since are matched with everything at once, by the index."""
@@ -174,6 +174,12 @@ class Votes:
             near = moment.view_of[numbers[(numbers > 0) & (distances < distance_cap)]]
             votes += np.bincount(near, minlength=len(votes))
         return votes
+
+
+NO_VOTES = Votes(
+    np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0, np.int32)
+)
+"""Of a view that has not voted."""
 
 
 def cast_votes(moment: Moment, view: int) -> Votes:
