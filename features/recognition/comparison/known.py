@@ -32,6 +32,8 @@ class Known:
         The views of the same object and of others that it was compared with.
     pairs
         What came of it; None where two views do not agree.
+    different
+        Views of other objects that show another print, whatever else is stored.
     """
 
     place: int
@@ -39,6 +41,7 @@ class Known:
     own: tuple[int, ...]
     others: tuple[int, ...]
     pairs: Mapping[int, ViewPair | None]
+    different: frozenset[int] = frozenset()
 
     def to_bytes(self) -> bytes:
         """Return everything but the place, numbers little-endian.
@@ -48,10 +51,11 @@ class Known:
         >>> one, near = np.ones(2, np.int64), np.zeros(2, np.int32)
         >>> cells = np.packbits(np.ones(9, bool))
         >>> pair = ViewPair(np.arange(3, dtype=np.int32), cells, cells)
-        >>> known = Known(7, Votes(one, near, one, near), (2,), (5,), {2: pair, 5: None})
+        >>> pairs = {2: pair, 5: None}
+        >>> known = Known(7, Votes(one, near, one, near), (2,), (5,), pairs, frozenset({9}))
         >>> again = Known.from_bytes(7, known.to_bytes())
-        >>> again.own, again.pairs[5], again.pairs[2].rows.tolist()
-        ((2,), None, [0, 1, 2])
+        >>> again.own, again.pairs[5], again.pairs[2].rows.tolist(), set(again.different)
+        ((2,), None, [0, 1, 2], {9})
         """
         votes, compared = self.votes, (*self.own, *self.others)
         cells = max((len(pair.valid) for pair in self.pairs.values() if pair is not None), default=0)
@@ -68,6 +72,8 @@ class Known:
                 # A view of another object has no cells; in the file every pair has as many.
                 chunks += [pair.valid.tobytes().ljust(cells, b"\0")]
                 chunks += [pair.agreeing.tobytes().ljust(cells, b"\0")]
+        # Earlier versions read up to here.
+        chunks.append(np.array(sorted(self.different), "<i8").tobytes())
         return b"".join(chunks)
 
     @classmethod
@@ -87,9 +93,9 @@ class Known:
                 if rows >= 0
                 else None
             )
-        compared = tuple(pairs)
+        compared, different = tuple(pairs), frozenset(reader.rest("<i8").tolist())
         votes = Votes(view, nearest, rival_view, rival)
-        return cls(place, votes, compared[:own], compared[own:], pairs)
+        return cls(place, votes, compared[:own], compared[own:], pairs, different)
 
 
 class _Reader:
@@ -103,3 +109,7 @@ class _Reader:
         found = np.frombuffer(self._data, dtype, count, self._position)
         self._position += found.nbytes
         return found
+
+    def rest(self, dtype: str) -> NDArray[Any]:
+        """Return all that follow."""
+        return np.frombuffer(self._data[self._position :], dtype)

@@ -28,6 +28,7 @@ from features.recognition.comparison.evidence import ViewFacts
 from features.recognition.comparison.facts_file import FactsFile, Record
 from features.recognition.comparison.kept import Kept
 from features.recognition.comparison.known import Known
+from features.recognition.comparison.same_print import MIN_SAME_PRINT
 from features.recognition.comparison.support import (
     MIN_MATCHES,
     ViewPair,
@@ -120,16 +121,42 @@ class StoreFacts:
         This takes half as long where nothing is known of the view, for it is not matched with
         everything. No keypoint counts as shared.
         """
-        moment = self._changes.at(snapshot)
-        number = int(moment.numbers[view])
-        known = self._held(number)
-        if known is None or known.place != moment.place:
-            known = self._kin(known, moment, view)
+        number, known = self._current_kin(snapshot, view)
         held = self._facts.get(-number)
         if held is None or held[0] is not known.pairs:
             found = self._followed(snapshot, view, replace(known, others=()))
             held = self._facts.put(-number, (known.pairs, found))
         return held[1]
+
+    def siblings(self, snapshot: Snapshot, view: int) -> tuple[int, ...]:
+        """Return the other views of the same object that a view is compared with."""
+        own = self._current_kin(snapshot, view)[1].own
+        moment = self._changes.at(snapshot)
+        return tuple(int(moment.view_of[number]) for number in own)
+
+    def different(self, snapshot: Snapshot, view: int) -> set[int]:
+        """Return views of other objects of which it is known that they show another print.
+
+        Views that match in too few places, or differ between their matches, do so whatever else
+        is stored.
+        """
+        _, known = self._current(snapshot, view)
+        weak = [
+            number
+            for number in known.others
+            if (pair := known.pairs[number]) is None or len(pair.rows) < MIN_SAME_PRINT
+        ]
+        numbers = np.array([*known.different, *weak], np.int64)
+        return set(self._changes.at(snapshot).stored(numbers).tolist())
+
+    def note_different(self, snapshot: Snapshot, view: int, others: Iterable[int]) -> None:
+        """Keep what :meth:`different` returns from now on as well."""
+        numbers = self._changes.at(snapshot).numbers
+        told = {int(numbers[other]) for other in others}
+        if told:
+            number, known = self._current(snapshot, view)
+            known = replace(known, different=known.different | told)
+            self._note(number, self._known.put(number, known))
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of new views, and those that they change, before they are asked for.
@@ -222,6 +249,15 @@ class StoreFacts:
         self._note(number, known)
         return number, known
 
+    def _current_kin(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
+        """Return a view's number, and what its object's other views at least say of it as of now."""
+        moment = self._changes.at(snapshot)
+        number = int(moment.numbers[view])
+        known = self._held(number)
+        if known is None or known.place != moment.place:
+            known = self._kin(known, moment, view)
+        return number, known
+
     def _kin(self, known: Known | None, moment: Moment, view: int) -> Known:
         """Return what the object's other views say of a view as of now, without votes.
 
@@ -290,11 +326,15 @@ class StoreFacts:
         if own is None:
             own = self._siblings(moment, view)
         others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
-        if known is not None and (own, others) == (known.own, known.others):
-            return Known(moment.place, votes, own, others, known.pairs)
+        different = frozenset[int]()
+        if known is not None:
+            numbers = np.array(sorted(known.different), np.int64)
+            different = frozenset(moment.numbers[moment.stored(numbers)].tolist())
+            if (own, others) == (known.own, known.others):
+                return Known(moment.place, votes, own, others, known.pairs, different)
         kin = self._held(-int(moment.numbers[view]))
         pairs = self._pairs(moment, view, (*own, *others), known, kin)
-        return Known(moment.place, votes, own, others, pairs)
+        return Known(moment.place, votes, own, others, pairs, different)
 
     def _own(self, known: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
         """Return the other views of the object as they were known, None where they may differ."""

@@ -87,14 +87,21 @@ class Twins:
         if self._facts.picture(snapshot, view) is None:
             return []
         found: dict[int, int] = {}
+        known, told = self._facts.different(snapshot, view), list[int]()
         for other in self._facts.neighbours(snapshot, view).others:
             number = int(snapshot.object_of_view[other])
-            if number not in found and self._is_same(snapshot, view, other):
+            if number in found or other in known:
+                continue
+            pair = self._compared(snapshot, view, other, is_asked=False).agreement
+            if pair is None:
+                told.append(other)
+            elif pair.is_same:
                 found[number] = other
+        self._facts.note_different(snapshot, view, told)
         return list(found.values())
 
     def _with_siblings(self, snapshot: Snapshot, view: int) -> list[int]:
-        return [view, *self._facts.neighbours(snapshot, view).own][:_MAX_VIEWS]
+        return [view, *self._facts.siblings(snapshot, view)][:_MAX_VIEWS]
 
     def _contradicted(self, snapshot: Snapshot, view: int, others: list[int]) -> tuple[int, int]:
         if self._facts.picture(snapshot, view) is None:
@@ -104,14 +111,6 @@ class Twins:
         if not matching:
             return 0, 0
         return contradicted(self._facts.supported(snapshot, view).believed, matching)
-
-    def _is_same(self, snapshot: Snapshot, view: int, other: int) -> bool:
-        """Tell whether two views show one print.
-
-        What is known of the other view is asked for only where that decides.
-        """
-        pair = self._compared(snapshot, view, other, is_asked=False).agreement
-        return pair is not None and pair.is_same
 
     def _agreement(self, snapshot: Snapshot, view: int, other: int) -> Agreement | None:
         """Return how far two views agree, None where they match in too few places."""
@@ -123,7 +122,8 @@ class Twins:
         Parameters
         ----------
         is_asked
-            For the agreement of views too that differ between their matches.
+            For the agreement of views too that differ between their matches; without that, there
+            is none, and nothing that is known of the second view is asked for.
         """
         key = _key(snapshot, view, other)
         held = self._kept.get(key)
