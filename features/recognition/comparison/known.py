@@ -64,16 +64,12 @@ class Known:
             *(array.astype("<i8").tobytes() for array in (votes.view, votes.rival_view)),
             *(array.astype("<i4").tobytes() for array in (votes.nearest, votes.rival)),
         ]
-        for number in compared:
-            pair = self.pairs[number]
-            chunks.append(struct.pack("<qi", number, -1 if pair is None else len(pair.rows)))
-            if pair is not None:
-                chunks.append(pair.rows.astype("<i4").tobytes())
-                # A view of another object has no cells; in the file every pair has as many.
-                chunks += [pair.valid.tobytes().ljust(cells, b"\0")]
-                chunks += [pair.agreeing.tobytes().ljust(cells, b"\0")]
+        chunks += [_pair_to_bytes(number, self.pairs[number], cells) for number in compared]
         # Earlier versions read up to here.
+        chunks.append(struct.pack("<i", len(self.different)))
         chunks.append(np.array(sorted(self.different), "<i8").tobytes())
+        more = (number for number in self.pairs if number not in compared)
+        chunks += [_pair_to_bytes(number, self.pairs[number], cells) for number in more]
         return b"".join(chunks)
 
     @classmethod
@@ -83,17 +79,13 @@ class Known:
         count, own, others, cells = (int(k) for k in reader.array("<i4", 4))
         view, rival_view = reader.array("<i8", count), reader.array("<i8", count)
         nearest, rival = reader.array("<i4", count), reader.array("<i4", count)
-        pairs: dict[int, ViewPair | None] = {}
-        for _ in range(own + others):
-            number, rows = int(reader.array("<i8", 1)[0]), int(reader.array("<i4", 1)[0])
-            pairs[number] = (
-                ViewPair(
-                    reader.array("<i4", rows), reader.array("u1", cells), reader.array("u1", cells)
-                )
-                if rows >= 0
-                else None
-            )
-        compared, different = tuple(pairs), frozenset(reader.rest("<i8").tolist())
+        pairs = dict(_read_pair(reader, cells) for _ in range(own + others))
+        compared, different = tuple(pairs), frozenset[int]()
+        if reader.has_more:
+            different = frozenset(reader.array("<i8", int(reader.array("<i4", 1)[0])).tolist())
+        while reader.has_more:
+            number, pair = _read_pair(reader, cells)
+            pairs[number] = pair
         votes = Votes(view, nearest, rival_view, rival)
         return cls(place, votes, compared[:own], compared[own:], pairs, different)
 
@@ -110,6 +102,26 @@ class _Reader:
         self._position += found.nbytes
         return found
 
-    def rest(self, dtype: str) -> NDArray[Any]:
-        """Return all that follow."""
-        return np.frombuffer(self._data[self._position :], dtype)
+    @property
+    def has_more(self) -> bool:
+        return self._position < len(self._data)
+
+
+def _pair_to_bytes(number: int, pair: ViewPair | None, cells: int) -> bytes:
+    """Return a pair behind the number of its view.
+
+    A view of another object has no cells; in the file every pair has as many.
+    """
+    if pair is None:
+        return struct.pack("<qi", number, -1)
+    masks = (mask.tobytes().ljust(cells, b"\0") for mask in (pair.valid, pair.agreeing))
+    head = struct.pack("<qi", number, len(pair.rows))
+    return b"".join([head, pair.rows.astype("<i4").tobytes(), *masks])
+
+
+def _read_pair(reader: _Reader, cells: int) -> tuple[int, ViewPair | None]:
+    number, rows = int(reader.array("<i8", 1)[0]), int(reader.array("<i4", 1)[0])
+    if rows < 0:
+        return number, None
+    arrays = reader.array("<i4", rows), reader.array("u1", cells), reader.array("u1", cells)
+    return number, ViewPair(*arrays)

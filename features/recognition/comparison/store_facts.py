@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.comparison.alignment import align_views
+from features.recognition.comparison.alignment import Alignment, align_views
 from features.recognition.comparison.difference import (
     ComparisonParams,
     compare_pictures,
@@ -58,7 +58,9 @@ _MIN_VOTES = 6
 _MAX_VOTED, _MAX_MORE, _MAX_ALIKE = 200, 12, 6
 """Views that are looked through for more neighbours; how many are taken by votes, and by looks."""
 _MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
-"""Views of which something is kept in memory: without a file, and beside one."""
+"""Views of which something is kept in memory: without a file, and beside one; and pictures."""
+_MAX_PAIRS = 32
+"""Comparisons of a view that are kept until it is asked for, and only those that count remain."""
 _MAX_UNWRITTEN = 32
 _MAX_BEHIND = 20
 """What is known of a view is outdated when one in so many views has changed since."""
@@ -92,6 +94,7 @@ class StoreFacts:
         self._changes = Changes(self._file)
         self._known: Kept[int, Known] = Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
         self._pictures: Kept[int, tuple[ViewPicture | None]] = Kept(_MAX_PICTURES)
+        self._alignments: Kept[tuple[int, int], tuple[Alignment | None]] = Kept(_MAX_PICTURES)
         self._facts: Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
         self._facts = Kept(_MAX_AT_HAND)
         self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
@@ -105,6 +108,16 @@ class StoreFacts:
         held = self._pictures.get(key)
         if held is None:
             held = self._pictures.put(key, (_decoded(snapshot.stored_view(view)),))
+        return held[0]
+
+    def aligned(self, snapshot: Snapshot, view: int, other: int) -> Alignment | None:
+        """Return the alignment of a stored view with another one, in the first one's frame."""
+        key = int(snapshot.serials[view]), int(snapshot.serials[other])
+        held = self._alignments.get(key)
+        if held is None:
+            first, second = snapshot.stored_view(view), snapshot.stored_view(other)
+            side_px = float(snapshot.measures(np.array([view]))[0, 0])
+            held = self._alignments.put(key, (align_views(first, second, side_px),))
         return held[0]
 
     def of(self, snapshot: Snapshot, view: int) -> ViewFacts:
@@ -159,19 +172,20 @@ class StoreFacts:
             self._note(number, self._known.put(number, known))
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
-        """Compute the facts of new views, and those that they change, before they are asked for.
+        """Compute the facts of new views, and compare with them what they may change facts of.
 
-        Of the views that they are compared with only those are brought up to date whose facts had
-        been computed before.
+        That is done for views of which something is known. Their votes, which any other view that
+        arrives may change as well, are brought up to date when they are asked for.
         """
         moment = self._changes.at(snapshot)
         for view in views:
             if self.picture(snapshot, view) is None:
                 continue
-            _, known = self._current(snapshot, view)
-            for number in (*known.own, *known.others):
-                if self._held(number) is not None:
-                    self._current(snapshot, int(moment.view_of[number]))
+            number, known = self._current(snapshot, view)
+            for own in known.own:
+                self._meet(moment, own, number, is_own=True)
+            for other in known.others:
+                self._meet(moment, other, number, is_own=False)
         self._write()
 
     def outdated(self, snapshot: Snapshot) -> list[int]:
@@ -248,6 +262,20 @@ class StoreFacts:
         self._places[number] = known.place
         self._note(number, known)
         return number, known
+
+    def _meet(self, moment: Moment, number: int, arrived: int, is_own: bool) -> None:
+        """Compare a view of which something is known with one that arrived, by their numbers."""
+        known, view = self._held(number), int(moment.view_of[number])
+        if known is None or arrived in known.pairs:
+            return
+        if is_own and arrived not in self._siblings(moment, view):
+            return
+        if len(known.pairs) >= _MAX_PAIRS:
+            self._current(moment.snapshot, view)
+            return
+        pair = self._compared(moment.snapshot, view, int(moment.view_of[arrived]))
+        known = replace(known, pairs={**known.pairs, arrived: pair})
+        self._note(number, self._known.put(number, known))
 
     def _current_kin(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
         """Return a view's number, and what its object's other views at least say of it as of now."""
@@ -385,10 +413,9 @@ class StoreFacts:
     def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
         """Return how a view agrees with another one; of another object, only in which keypoints."""
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
-        side_px = float(snapshot.measures(np.array([view]))[0, 0])
         if len(first.picture) == 0 or len(second.picture) == 0:
             return None
-        found = align_views(first, second, side_px)
+        found = self.aligned(snapshot, view, other)
         if found is None or len(found) < MIN_MATCHES:
             return None
         here, there = self.picture(snapshot, view), self.picture(snapshot, other)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from features.recognition.comparison.alignment import align_views
 from features.recognition.comparison.difference import compare_pictures
 from features.recognition.comparison.evidence import ViewFacts, print_evidence
 from features.recognition.comparison.kept import Kept
@@ -138,8 +137,7 @@ class Twins:
     def _drawn(self, snapshot: Snapshot, view: int, other: int, is_asked: bool) -> _Compared:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
         here, there = (self._facts.picture(snapshot, one) for one in (view, other))
-        side_px = float(snapshot.measures(np.array([view]))[0, 0])
-        found = None if here is None or there is None else align_views(first, second, side_px)
+        found = self._facts.aligned(snapshot, view, other) if here and there else None
         if here is None or there is None or found is None or len(found) < MIN_SAME_PRINT:
             return _Compared(is_final=True)
         places = first.keypoints[found.query_rows, :2]
