@@ -44,8 +44,7 @@ class FiledView(NamedTuple):
 class Record(NamedTuple):
     """Facts about a view since a place in the sequence of changes, as bytes.
 
-    Under a view's number with a minus stands what its object's other views alone say of it, until
-    there is a whole record.
+    Under a view's number with a minus stands what is known in part, until there is a whole record.
     """
 
     id: int

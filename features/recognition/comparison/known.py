@@ -43,6 +43,16 @@ class Known:
     pairs: Mapping[int, ViewPair | None]
     different: frozenset[int] = frozenset()
 
+    @property
+    def has_voted(self) -> bool:
+        return len(self.votes.view) > 0
+
+    @property
+    def is_drawn(self) -> bool:
+        """Tell whether the picture was compared with those of all views of the same object."""
+        own = (self.pairs[number] for number in self.own)
+        return all(pair is None or pair.is_drawn for pair in own)
+
     def to_bytes(self) -> bytes:
         """Return everything but the place, numbers little-endian.
 
@@ -58,7 +68,9 @@ class Known:
         ((2,), None, [0, 1, 2], {9})
         """
         votes, compared = self.votes, (*self.own, *self.others)
-        cells = max((len(pair.valid) for pair in self.pairs.values() if pair is not None), default=0)
+        cells = max(
+            (len(pair.valid) for pair in self.pairs.values() if pair is not None), default=0
+        )
         chunks = [
             _COUNTS.pack(len(votes.view), len(self.own), len(self.others), cells),
             *(array.astype("<i8").tobytes() for array in (votes.view, votes.rival_view)),

@@ -13,6 +13,7 @@ from features.recognition.comparison.difference import Comparison, compare_pictu
 from features.recognition.comparison.evidence import (
     PrintEvidence,
     highest_preference,
+    preference,
     print_evidence,
 )
 from features.recognition.comparison.store_facts import StoreFacts
@@ -113,12 +114,12 @@ def printed_objects(
         if found is not None:
             aligned.append((view, found))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
-    drawn = [_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED]]
-    found = [one for one in drawn if one is not None]
-    objects = [int(snapshot.object_of_view[one.view]) for one in found]
-    spare = spare_objects(objects, [len(one.alignment) for one in found], max(first, 2)) - {*wanted}
-    found = [one for one, number in zip(found, objects, strict=True) if number not in spare]
-    return with_leads(_best_of_objects(query, snapshot, facts, found))
+    laid = (_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED])
+    drawn = [one for one in laid if one is not None]
+    objects = [int(snapshot.object_of_view[one.view]) for one in drawn]
+    spare = spare_objects(objects, [len(one.alignment) for one in drawn], max(first, 2)) - {*wanted}
+    drawn = [one for one, number in zip(drawn, objects, strict=True) if number not in spare]
+    return with_leads(_best_of_objects(query, snapshot, facts, drawn))
 
 
 def spare_objects(objects: Sequence[int], matches: Sequence[int], first: int) -> set[int]:
@@ -174,25 +175,47 @@ def _drawn(
 def _best_of_objects(
     query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, drawn: list[_Drawn]
 ) -> dict[int, PrintedView]:
-    """Return the preferred view of every object, of equal ones the first.
+    """Return the preferred view of every object.
 
-    The facts of a view take longest where it was not compared before; a view that cannot be
-    preferred any more is not asked for them.
+    The facts of a view take longest where it was not compared before. Which view is preferred
+    follows from those of its keypoints, which take half as long.
     """
-    objects = [int(snapshot.object_of_view[one.view]) for one in drawn]
-    best: dict[int, tuple[float, int]] = {}
+    views: dict[int, list[int]] = {}
+    for k, one in enumerate(drawn):
+        views.setdefault(int(snapshot.object_of_view[one.view]), []).append(k)
     found: dict[int, PrintedView] = {}
-    for k in sorted(range(len(drawn)), key=lambda k: (-drawn[k].most, k)):
-        one, number = drawn[k], objects[k]
-        if number in best and (one.most, -k) < best[number]:
-            continue
+    for number, choice in views.items():
+        one = drawn[_preferred(query, snapshot, facts, drawn, choice)]
         keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
         known = facts.of(snapshot, one.view)
         evidence = print_evidence(one.alignment, one.comparison, keypoints, query.mask_px, known)
-        if number not in best or (evidence.preference, -k) > best[number]:
-            best[number] = evidence.preference, -k
-            found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
-    return {number: found[number] for number in dict.fromkeys(objects)}
+        found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
+    return found
+
+
+def _preferred(
+    query: ViewFeatures,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    drawn: list[_Drawn],
+    choice: list[int],
+) -> int:
+    """Return which of the views of one object is preferred, of equal ones the first.
+
+    A view that cannot be preferred any more is not asked for its facts.
+    """
+    if len(choice) == 1:
+        return choice[0]
+    best = -np.inf, 0
+    for k in sorted(choice, key=lambda k: (-drawn[k].most, k)):
+        one = drawn[k]
+        if (one.most, -k) < best:
+            continue
+        keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
+        known = facts.of_keypoints(snapshot, one.view)
+        worth = preference(one.alignment, one.comparison, keypoints, query.mask_px, known)
+        best = max(best, (worth, -k))
+    return -best[1]
 
 
 def _in_space(

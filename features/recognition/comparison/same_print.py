@@ -17,7 +17,14 @@ from features.geometry import UInt8Array
 from features.recognition.comparison.difference import Comparison
 from features.recognition.comparison.evidence import PrintEvidence, ViewFacts
 
-__all__ = ["MIN_SAME_PRINT", "Agreement", "agreement_of", "agrees_between", "contradicted", "is_one_print"]
+__all__ = [
+    "MIN_SAME_PRINT",
+    "Agreement",
+    "agreement_of",
+    "agrees_between",
+    "contradicted",
+    "is_one_print",
+]
 
 Mask = NDArray[np.bool_]
 

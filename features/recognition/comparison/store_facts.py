@@ -33,7 +33,7 @@ from features.recognition.comparison.support import (
     MIN_MATCHES,
     ViewPair,
     facts_of,
-    shared_keypoints,
+    keypoints_only,
     view_pair,
 )
 from features.recognition.comparison.votes import (
@@ -67,6 +67,10 @@ _MAX_BEHIND = 20
 _NEVER = 2**62
 _RULES = f"1 {EXTRACTOR} {_MAX_OWN} {_MAX_OTHERS} {_MIN_VOTES} {ComparisonParams()}"
 """What is kept follows from these; the first number counts changes of how it follows."""
+
+
+Before = tuple[Known | None, Known | None]
+"""Facts about a view at an earlier moment: whole, and in part."""
 
 
 @dataclass(frozen=True)
@@ -122,28 +126,29 @@ class StoreFacts:
 
     def of(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture."""
-        number, known = self._current(snapshot, view)
-        held = self._facts.get(number)
-        if held is None or held[0] is not known.pairs:
-            held = self._facts.put(number, (known.pairs, self._followed(snapshot, view, known)))
-        return held[1]
+        return self._kept_facts(snapshot, view, self._current(snapshot, view), 1)
+
+    def of_keypoints(self, snapshot: Snapshot, view: int) -> ViewFacts:
+        """Return the facts of a view with a picture, the support of its cells perhaps left out.
+
+        Without it no pictures are compared, which is half of the work.
+        """
+        known = self._current(snapshot, view, drawn=False)
+        if known.is_drawn:
+            return self._kept_facts(snapshot, view, known, 1)
+        return self._followed(snapshot, view, known)
 
     def supported(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture that its object's other views alone give.
 
-        This takes half as long where nothing is known of the view, for it is not matched with
-        everything. No keypoint counts as shared.
+        The view is not matched with everything. No keypoint counts as shared.
         """
-        number, known = self._current_kin(snapshot, view)
-        held = self._facts.get(-number)
-        if held is None or held[0] is not known.pairs:
-            found = self._followed(snapshot, view, replace(known, others=()))
-            held = self._facts.put(-number, (known.pairs, found))
-        return held[1]
+        known = replace(self._current(snapshot, view, voted=False), others=())
+        return self._kept_facts(snapshot, view, known, -1)
 
     def siblings(self, snapshot: Snapshot, view: int) -> tuple[int, ...]:
         """Return the other views of the same object that a view is compared with."""
-        own = self._current_kin(snapshot, view)[1].own
+        own = self._current(snapshot, view, voted=False, drawn=False).own
         moment = self._changes.at(snapshot)
         return tuple(int(moment.view_of[number]) for number in own)
 
@@ -153,7 +158,7 @@ class StoreFacts:
         Views that match in too few places, or differ between their matches, do so whatever else
         is stored.
         """
-        _, known = self._current(snapshot, view)
+        known = self._current(snapshot, view)
         weak = [
             number
             for number in known.others
@@ -167,9 +172,8 @@ class StoreFacts:
         numbers = self._changes.at(snapshot).numbers
         told = {int(numbers[other]) for other in others}
         if told:
-            number, known = self._current(snapshot, view)
-            known = replace(known, different=known.different | told)
-            self._note(number, self._known.put(number, known))
+            known = self._current(snapshot, view)
+            self._keep(int(numbers[view]), replace(known, different=known.different | told))
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of new views, and compare with them what they may change facts of.
@@ -181,7 +185,7 @@ class StoreFacts:
         for view in views:
             if self.picture(snapshot, view) is None:
                 continue
-            number, known = self._current(snapshot, view)
+            number, known = int(moment.numbers[view]), self._current(snapshot, view)
             for own in known.own:
                 self._meet(moment, own, number, is_own=True)
             for other in known.others:
@@ -217,7 +221,7 @@ class StoreFacts:
         those of the objects that look most alike: where many views of a family match, or better
         pictures do, one that shows the very same gets few votes.
         """
-        _, known = self._current(snapshot, view)
+        known = self._current(snapshot, view)
         moment = self._changes.at(snapshot)
         own, others = (
             [int(moment.view_of[number]) for number in numbers]
@@ -251,17 +255,32 @@ class StoreFacts:
                 self._known.put(number, known)
         return known
 
-    def _current(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
-        """Return a view's number, and what is known of it as of now."""
+    def _current(
+        self, snapshot: Snapshot, view: int, voted: bool = True, drawn: bool = True
+    ) -> Known:
+        """Return what is known of a view as of now.
+
+        Parameters
+        ----------
+        voted, drawn
+            Whether its votes for views of other objects, and the comparison of pictures with views
+            of its own, are needed. Where one is missing, it is kept under the number with a minus.
+        """
         moment = self._changes.at(snapshot)
         number = int(moment.numbers[view])
-        known = self._held(number)
-        if known is not None and known.place == moment.place:
-            return number, known
-        known = self._known.put(number, self._brought_up(known, moment, view))
-        self._places[number] = known.place
-        self._note(number, known)
-        return number, known
+        whole = self._held(number)
+        if whole is not None and whole.place == moment.place:
+            return whole
+        part = self._held(-number)
+        if part is not None and part.place == moment.place:
+            if (part.has_voted or not voted) and (part.is_drawn or not drawn):
+                return part
+            voted = voted or part.has_voted
+        known = self._brought_up(moment, view, (whole, part), voted, drawn)
+        if (voted or known.has_voted) and (drawn or known.is_drawn):
+            self._places[number] = known.place
+            return self._keep(number, known)
+        return self._keep(-number, known)
 
     def _meet(self, moment: Moment, number: int, arrived: int, is_own: bool) -> None:
         """Compare a view of which something is known with one that arrived, by their numbers."""
@@ -273,49 +292,23 @@ class StoreFacts:
         if len(known.pairs) >= _MAX_PAIRS:
             self._current(moment.snapshot, view)
             return
-        pair = self._compared(moment.snapshot, view, int(moment.view_of[arrived]))
+        pair = self._compared(moment.snapshot, view, int(moment.view_of[arrived]), is_own)
         known = replace(known, pairs={**known.pairs, arrived: pair})
-        self._note(number, self._known.put(number, known))
+        self._keep(number, known)
 
-    def _current_kin(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
-        """Return a view's number, and what its object's other views at least say of it as of now."""
-        moment = self._changes.at(snapshot)
-        number = int(moment.numbers[view])
-        known = self._held(number)
-        if known is None or known.place != moment.place:
-            known = self._kin(known, moment, view)
-        return number, known
-
-    def _kin(self, known: Known | None, moment: Moment, view: int) -> Known:
-        """Return what the object's other views say of a view as of now, without votes.
-
-        It is kept under the view's number with a minus.
-        """
-        number = int(moment.numbers[view])
-        kin = self._held(-number)
-        if kin is not None and kin.place == moment.place:
-            return kin
-        own = self._own(known, moment, view)
-        if own is None:
-            own = self._own(kin, moment, view) or self._siblings(moment, view)
-        if kin is None or own != kin.own:
-            pairs = self._pairs(moment, view, own, known, kin)
-        else:
-            pairs = kin.pairs
-        found = self._known.put(-number, Known(moment.place, NO_VOTES, own, (), pairs))
-        self._note(-number, found)
-        return found
-
-    def _note(self, number: int, known: Known) -> None:
-        """Keep what was computed for the file."""
+    def _keep(self, number: int, known: Known) -> Known:
+        """Keep what is known of a view, in memory and for the file."""
+        self._known.put(number, known)
         if self._file is None:
-            return
+            return known
         with self._writing:
-            self._unwritten.pop(-number, None)
+            if number > 0:
+                self._unwritten.pop(-number, None)
             self._unwritten[number] = known
             is_much = len(self._unwritten) >= _MAX_UNWRITTEN
         if is_much:
             self._write()
+        return known
 
     def _write(self) -> None:
         """Write what was computed since the last time, with the changes that it is based on."""
@@ -342,27 +335,34 @@ class StoreFacts:
             )
             self._filed, self._filed_place = present, moment.place
 
-    def _brought_up(self, known: Known | None, moment: Moment, view: int) -> Known:
+    def _brought_up(
+        self, moment: Moment, view: int, before: Before, voted: bool, drawn: bool
+    ) -> Known:
         """Return what is known of a view at a moment, with as much of what was known as holds."""
-        votes = None
-        changes = None if known is None else self._changes.between(known.place, moment.place)
-        if known is not None and changes is not None:
-            descriptors = moment.snapshot.stored_view(view).descriptors
-            votes = updated_votes(known.votes, descriptors, moment, *changes)
-        votes = votes or cast_votes(moment, view)
-        own = self._own(known, moment, view)
+        lasting = (self._own(known, moment, view) for known in before)
+        own = next((one for one in lasting if one is not None), None)
         if own is None:
             own = self._siblings(moment, view)
+        votes = self._votes(moment, view, before) if voted else NO_VOTES
         others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
-        different = frozenset[int]()
-        if known is not None:
-            numbers = np.array(sorted(known.different), np.int64)
-            different = frozenset(moment.numbers[moment.stored(numbers)].tolist())
-            if (own, others) == (known.own, known.others):
-                return Known(moment.place, votes, own, others, known.pairs, different)
-        kin = self._held(-int(moment.numbers[view]))
-        pairs = self._pairs(moment, view, (*own, *others), known, kin)
-        return Known(moment.place, votes, own, others, pairs, different)
+        told = {number for known in before if known is not None for number in known.different}
+        different = moment.numbers[moment.stored(np.array(sorted(told), np.int64))]
+        whole = before[0]
+        if whole is not None and (own, others) == (whole.own, whole.others):
+            pairs = whole.pairs
+        else:
+            pairs = self._pairs(moment, view, before, own, others, drawn)
+        return Known(moment.place, votes, own, others, pairs, frozenset(different.tolist()))
+
+    def _votes(self, moment: Moment, view: int, before: Before) -> Votes:
+        """Return the votes of a view, of what was known the latest brought up to date."""
+        voted = [known for known in before if known is not None and known.has_voted]
+        votes, last = None, max(voted, key=lambda known: known.place, default=None)
+        changes = None if last is None else self._changes.between(last.place, moment.place)
+        if last is not None and changes is not None:
+            descriptors = moment.snapshot.stored_view(view).descriptors
+            votes = updated_votes(last.votes, descriptors, moment, *changes)
+        return votes or cast_votes(moment, view)
 
     def _own(self, known: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
         """Return the other views of the object as they were known, None where they may differ."""
@@ -378,17 +378,35 @@ class StoreFacts:
         return tuple(int(moment.numbers[k]) for k in _siblings(moment.snapshot, view))
 
     def _pairs(
-        self, moment: Moment, view: int, wanted: tuple[int, ...], *known: Known | None
+        self,
+        moment: Moment,
+        view: int,
+        before: Before,
+        own: tuple[int, ...],
+        others: tuple[int, ...],
+        drawn: bool,
     ) -> dict[int, ViewPair | None]:
         """Return the comparisons of a view with others, those that are known already included."""
-        before: dict[int, ViewPair | None] = {}
-        for one in known:
-            before.update({} if one is None else one.pairs)
-        return {
-            number: before[number] if number in before
-            else self._compared(moment.snapshot, view, int(moment.view_of[number]))
-            for number in wanted
-        }  # fmt: skip
+        pairs: dict[int, ViewPair | None] = {}
+        for known in reversed(before):
+            pairs.update({} if known is None else known.pairs)
+        found: dict[int, ViewPair | None] = {}
+        for number in (*own, *others):
+            is_drawn = drawn and number in own
+            pair = pairs.get(number)
+            if number not in pairs or (is_drawn and pair is not None and not pair.is_drawn):
+                other = int(moment.view_of[number])
+                pair = self._compared(moment.snapshot, view, other, is_drawn)
+            found[number] = pair
+        return found
+
+    def _kept_facts(self, snapshot: Snapshot, view: int, known: Known, sign: int) -> ViewFacts:
+        """Return what follows from a view's comparisons; kept until there are others."""
+        key = sign * int(self._changes.at(snapshot).numbers[view])
+        held = self._facts.get(key)
+        if held is None or held[0] is not known.pairs:
+            held = self._facts.put(key, (known.pairs, self._followed(snapshot, view, known)))
+        return held[1]
 
     def _followed(self, snapshot: Snapshot, view: int, known: Known) -> ViewFacts:
         picture = self.picture(snapshot, view)
@@ -410,8 +428,8 @@ class StoreFacts:
         counted[snapshot.object_of_view == snapshot.object_of_view[view]] = 0
         return _first_by(counted, snapshot, most, _MIN_VOTES)
 
-    def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
-        """Return how a view agrees with another one; of another object, only in which keypoints."""
+    def _compared(self, snapshot: Snapshot, view: int, other: int, drawn: bool) -> ViewPair | None:
+        """Return how a view agrees with another one; the cells of its picture only if drawn."""
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
         if len(first.picture) == 0 or len(second.picture) == 0:
             return None
@@ -421,8 +439,8 @@ class StoreFacts:
         here, there = self.picture(snapshot, view), self.picture(snapshot, other)
         if here is None or there is None:
             return None
-        if snapshot.object_of_view[view] != snapshot.object_of_view[other]:
-            return shared_keypoints(found)
+        if not drawn:
+            return keypoints_only(found)
         places = first.keypoints[found.query_rows, :2]
         return view_pair(found, compare_pictures(here, there, found.query_from_view, places))
 

@@ -18,7 +18,16 @@ from features.recognition.comparison.facts_file import FactsFile, FiledView, con
 from features.recognition.index.cascade import FAR, match_exact
 from features.recognition.index.snapshot import Snapshot
 
-__all__ = ["MAX_ADDED", "NO_VOTES", "Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
+__all__ = [
+    "MAX_ADDED",
+    "NO_VOTES",
+    "Changes",
+    "Moment",
+    "Votes",
+    "cast_votes",
+    "filed_view",
+    "updated_votes",
+]
 
 MAX_ADDED = 64
 """More views that arrived since are matched with everything at once, by the index."""

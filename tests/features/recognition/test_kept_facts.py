@@ -31,9 +31,9 @@ def compared(monkeypatch) -> list[tuple[str, str]]:
     pairs: list[tuple[str, str]] = []
     compare = StoreFacts._compared
 
-    def counted(facts, snapshot, view, other):
+    def counted(facts, snapshot, view, other, drawn):
         pairs.append((snapshot.view_iris[view], snapshot.view_iris[other]))
-        return compare(facts, snapshot, view, other)
+        return compare(facts, snapshot, view, other, drawn)
 
     monkeypatch.setattr(StoreFacts, "_compared", counted)
     return pairs

@@ -28,9 +28,9 @@ def compared(monkeypatch) -> list[int]:
     seen: list[int] = []
     bring_up = StoreFacts._brought_up
 
-    def counted(facts, known, moment, view):
+    def counted(facts, moment, view, *rest):
         seen.append(view)
-        return bring_up(facts, known, moment, view)
+        return bring_up(facts, moment, view, *rest)
 
     monkeypatch.setattr(StoreFacts, "_brought_up", counted)
     return seen
@@ -90,8 +90,8 @@ def test_a_view_that_cannot_be_preferred_is_left_out_without_another_answer(
     views, monkeypatch
 ) -> None:
     asked: list[int] = []
-    of = StoreFacts.of
-    monkeypatch.setattr(StoreFacts, "of", lambda *at: asked.append(at[2]) or of(*at))
+    of = StoreFacts.of_keypoints
+    monkeypatch.setattr(StoreFacts, "of_keypoints", lambda *at: asked.append(at[2]) or of(*at))
     with RecognitionIndex() as index:
         for name, seen in views.items():
             index.add(f"{name}/0", name, "class:card", seen[0])
