@@ -88,6 +88,15 @@ def test_removed_rows_are_never_found(stored) -> None:
         assert not (view[best[best >= 0]] == 4).any()
 
 
+def test_one_bucket_for_all_rows_gives_the_answer_of_all_codes(stored) -> None:
+    """Every row then stands once in each of eight tables, and counts once."""
+    descriptors, view, _, _ = stored
+    query, alive = noisy(descriptors[::9]), (view % 3 > 0).astype(np.uint8)
+    by_one_bucket = by_tables(query, stored, alive=alive, bits=0)
+    for found, expected in zip(by_one_bucket, by_codes(query, stored, alive), strict=True):
+        assert np.array_equal(found, expected)
+
+
 def test_other_views_of_the_same_object_are_no_rivals(stored) -> None:
     descriptors, view, _, _ = stored
     query = noisy(descriptors[view == 0])
