@@ -114,11 +114,15 @@ def printed_objects(
         if found is not None:
             aligned.append((view, found))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
-    laid = (_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED])
-    drawn = [one for one in laid if one is not None]
-    objects = [int(snapshot.object_of_view[one.view]) for one in drawn]
-    spare = spare_objects(objects, [len(one.alignment) for one in drawn], max(first, 2)) - {*wanted}
-    drawn = [one for one, number in zip(drawn, objects, strict=True) if number not in spare]
+    tried = (_laid(query, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED])
+    laid = [one for one in tried if one is not None]
+    objects = [int(snapshot.object_of_view[one.view]) for one in laid]
+    spare = spare_objects(objects, [len(one.alignment) for one in laid], max(first, 2)) - {*wanted}
+    drawn = [
+        _drawn(query, picture, one)
+        for one, number in zip(laid, objects, strict=True)
+        if number not in spare
+    ]
     return with_leads(_best_of_objects(query, snapshot, facts, drawn))
 
 
@@ -144,32 +148,38 @@ def spare_objects(objects: Sequence[int], matches: Sequence[int], first: int) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
-    """A stored view laid over the query; ``most`` bounds its preference."""
+class _Laid:
+    """A stored view that agrees with the query in the image and, with depth, in space."""
 
     view: int
     alignment: Alignment
-    comparison: Comparison
+    picture: ViewPicture
     query_from_view: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn(_Laid):
+    """A stored view laid over the query; ``most`` bounds its preference."""
+
+    comparison: Comparison
     most: float
 
 
-def _drawn(
-    query: ViewFeatures,
-    picture: ViewPicture,
-    snapshot: Snapshot,
-    facts: StoreFacts,
-    view: int,
-    alignment: Alignment,
-) -> _Drawn | None:
-    """Return the comparison with a view, None where space or its picture forbids it."""
+def _laid(
+    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, view: int, alignment: Alignment
+) -> _Laid | None:
+    """Return a view to compare, None where space or its picture forbids it."""
     agrees, movement = _in_space(query, snapshot.stored_view(view), alignment)
     stored = facts.picture(snapshot, view) if agrees else None
-    if stored is None:
-        return None
-    places = query.keypoints[alignment.query_rows, :2]
-    found = compare_pictures(picture, stored, alignment.query_from_view, places)
-    return _Drawn(view, alignment, found, movement, highest_preference(alignment, found))
+    return None if stored is None else _Laid(view, alignment, stored, movement)
+
+
+def _drawn(query: ViewFeatures, picture: ViewPicture, one: _Laid) -> _Drawn:
+    """Return the comparison with a view."""
+    places = query.keypoints[one.alignment.query_rows, :2]
+    found = compare_pictures(picture, one.picture, one.alignment.query_from_view, places)
+    most = highest_preference(one.alignment, found)
+    return _Drawn(one.view, one.alignment, one.picture, one.query_from_view, found, most)
 
 
 def _best_of_objects(
