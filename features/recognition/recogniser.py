@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 # Less says nothing, not even what it looks like.
 _MIN_NAMED = 0.001
 _FACTS_FILE = "facts.sqlite"
+_CHOSEN = 3
+"""Objects that are looked at for their places, for their print and for their look."""
 _PRINTED_PER_OBJECT, _PRINTED_FITS = 2, 4
 """Views whose print is compared: so many that were voted for, and so many that were verified."""
 
@@ -252,9 +254,12 @@ class Recogniser:
         similarity = snapshot.appearance(features.appearance)
         matches = snapshot.match(features.descriptors)
         found = verified_views(features, snapshot, similarity, self.params, matches)
-        printed = self._printed(features, snapshot, matches, found)
-        ranking = _Ranking(features, snapshot, similarity, found, printed, self.params)
-        return [ranking.candidate(number) for number in ranking.chosen()]
+        ranking = _Ranking(features, snapshot, similarity, found, self.params)
+        first = ranking.first()
+        printed = self._printed(features, snapshot, matches, found, first)
+        return [
+            ranking.candidate(number, printed.get(number)) for number in _chosen(first, printed)
+        ]
 
     def _printed(
         self,
@@ -262,8 +267,9 @@ class Recogniser:
         snapshot: Snapshot,
         matches: Matches,
         found: list[VerifiedView],
+        first: _First,
     ) -> dict[int, PrintedView]:
-        """Return the objects whose print agrees, by number."""
+        """Return the objects whose print agrees, by number; at least those that are chosen."""
         if not features.picture:
             return {}
         params = self.params
@@ -272,7 +278,8 @@ class Recogniser:
         )
         best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
         views = dict.fromkeys([*(fit.view for fit in best), *proposed])
-        return printed_objects(features, snapshot, self._facts, views)
+        wanted = {*first.by_places, *first.by_look}
+        return printed_objects(features, snapshot, self._facts, views, wanted, _CHOSEN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,6 +320,19 @@ class Candidate:
         )
 
 
+class _First(NamedTuple):
+    """Best objects by their places and by their look."""
+
+    by_places: list[int]
+    by_look: list[int]
+
+
+def _chosen(first: _First, printed: Mapping[int, PrintedView]) -> list[int]:
+    """Return the best objects of each sort."""
+    by_print = sorted(printed, key=lambda k: -printed[k].evidence.matches)[:_CHOSEN]
+    return list(dict.fromkeys([*first.by_places, *by_print, *first.by_look]))
+
+
 class _Ranking:
     """Objects by their verified views and by their looks."""
 
@@ -322,10 +342,9 @@ class _Ranking:
         snapshot: Snapshot,
         similarity: NDArray[np.float32],
         found: list[VerifiedView],
-        printed: dict[int, PrintedView],
         params: RecogniserParams,
     ) -> None:
-        self._params, self._printed = params, printed
+        self._params = params
         self._features, self._snapshot, self._similarity = features, snapshot, similarity
         self._fits: dict[int, list[VerifiedView]] = {}
         for fit in sorted(found, key=lambda f: (f.is_twin, -f.places, f.view)):
@@ -337,15 +356,13 @@ class _Ranking:
         self._by_look = [int(number) for number in order if self._look[number] >= 0]
         self._alike = self._likeness_of_objects()
 
-    def chosen(self) -> list[int]:
-        """Return the three best objects of each sort."""
+    def first(self) -> _First:
+        """Return the best objects by places and by look."""
         by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
-        by_print = sorted(self._printed, key=lambda k: -self._printed[k].evidence.matches)
-        return list(
-            dict.fromkeys(by_places[:3] + by_print[:3] + self._by_look[:3] + self._most_alike()[:3])
-        )
+        by_look = dict.fromkeys([*self._by_look[:_CHOSEN], *self._most_alike()[:_CHOSEN]])
+        return _First(by_places[:_CHOSEN], list(by_look))
 
-    def candidate(self, number: int) -> Candidate:
+    def candidate(self, number: int, printed: PrintedView | None) -> Candidate:
         """Collect what speaks for an object."""
         fits = tuple(self._fits.get(number, ()))
         is_twin = bool(fits) and fits[0].is_twin
@@ -365,7 +382,6 @@ class _Ranking:
         likeness = self._likeness(most_similar)
         at_places = self._likeness(fits[0].view) if fits else _Likeness(0.0, None)
         is_smaller = features.is_cut and at_places.is_smaller
-        printed = self._printed.get(number)
         lead = float(self._look[number]) - next_look
         odds = family = None
         if printed is not None:

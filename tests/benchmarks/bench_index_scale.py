@@ -2,13 +2,17 @@
 
     python tests/benchmarks/bench_index_scale.py                   # synthetic descriptors
     python tests/benchmarks/bench_index_scale.py --cache FOLDER    # views of the YCB turntable
+    python tests/benchmarks/bench_index_scale.py --prints FOLDER   # cartons, families of three
 
-The cache is the one that ``bench_recognition.py turntable --cache`` fills. Every matcher gets the
-same queries, the peers the first few of them, one thread each, and is judged by the same votes: a
-descriptor votes for the object of its nearest neighbour when that passes the ratio rule against the
-nearest of another object among the 32 nearest. Peers are made, asked and dropped one by one; all
-five together need 4 GB and, on two idle cores, about eight minutes. faiss's structures answer with
-numbers of descriptors only; ours also says keypoints and views and allows removal at any time.
+The cache is the one that ``bench_recognition.py turntable --cache`` fills. Cartons are generated
+and described when FOLDER does not hold them, 40 ms each; every one has siblings that share print.
+
+Every matcher gets the same queries, the peers the first few of them, one thread each, and is judged
+by the same votes: a descriptor votes for the object of its nearest neighbour when that passes the
+ratio rule against the nearest of another object among the 32 nearest. Peers are made, asked and
+dropped one by one; all five together need 4 GB and, on two idle cores, about eight minutes. faiss's
+structures answer with numbers of descriptors only; ours also says keypoints and views and allows
+removal at any time.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # one thread of either side is timed
 
 import numpy as np
+from generated_prints import described, families
 from numpy.typing import NDArray
 from turntable import described_views, ycb_folder, ycb_names
 
@@ -33,6 +38,9 @@ from features.recognition.candidates import RecogniserParams
 Stored = list[tuple[str, ViewFeatures]]
 Neighbours = tuple[NDArray[np.integer], NDArray[np.floating]]
 NEIGHBOURS = 32
+FAMILIES = 167
+COMPARED = 60
+"""Stored views whose comparison is timed where not all were compared before."""
 PEERS = ("Flat", "IVF", "BinaryFlat", "HNSW", "BinaryHNSW")
 PARAMS = RecogniserParams()
 
@@ -68,6 +76,28 @@ def synthetic_views(count: int, rng: np.random.Generator) -> Stored:
             )
             views.append((f"o:{thing}", view))
     return [views[k] for k in rng.permutation(len(views))]
+
+
+def printed_views(folder: Path, stored: int, asked: int, seed: int) -> Stored:
+    """Return views of cartons, as many of each, and behind them one more of some.
+
+    The cartons come in families of three that share print (:mod:`generated_prints`).
+    """
+    cards = families(FAMILIES, 4000)
+    views_of_each = -(-stored // len(cards))
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def view(card: int, k: int) -> tuple[str, ViewFeatures]:
+        file = folder / f"{card}-{k}.npz"
+        if not file.exists():
+            features = described(cards[card].print_, np.random.default_rng([77, card, k]))
+            file.write_bytes(features.to_bytes())
+        return cards[card].name, ViewFeatures.from_bytes(file.read_bytes())
+
+    rounds = [(card, k) for k in range(1, views_of_each + 1) for card in range(len(cards))]
+    order = np.random.default_rng([3, seed]).permutation(len(cards))
+    asked_of = [(card, 0) for card in order[:asked].tolist()]
+    return [view(*one) for one in (*rounds[:stored], *asked_of)]
 
 
 def winner(
@@ -161,6 +191,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=10_000)
     parser.add_argument("--queries", type=int, default=40)
     parser.add_argument("--cache", type=Path, help="described views of the turntable")
+    parser.add_argument("--prints", type=Path, help="generated cartons, described ones kept here")
     parser.add_argument("--every", type=int, default=1, help="cache: every so many objects")
     parser.add_argument("--step", type=int, default=5, help="cache: degrees between views")
     parser.add_argument("--peers", default=",".join(PEERS), help="structures of faiss, or none")
@@ -177,6 +208,8 @@ def main() -> None:
     total = args.views + args.queries
     if args.cache:
         views = turntable_views(args.cache, rng, args.every, args.step)
+    elif args.prints:
+        views = printed_views(args.prints, args.views, args.queries, args.seed)
     else:
         views = synthetic_views(total, rng)
     stored, asked = views[: args.views], views[args.views : total]
@@ -204,6 +237,8 @@ def main() -> None:
         index = RecognitionIndex(path)
         ask_ours(index, asked, args.peer_queries)
         index.close()
+        with RecognitionIndex(path) as again:
+            ask_again(again, asked)
         with RecognitionIndex(path) as growing:
             ask_while_growing(growing, asked)
         ask_peers(index, stored, asked[: args.peer_queries], peers, Path(folder))
@@ -245,6 +280,24 @@ def ask_ours(index: RecognitionIndex, asked: Stored, few: int) -> None:
     report(f"  the first {few}", answers[:few], truth[:few])
 
 
+def ask_again(index: RecognitionIndex, asked: Stored) -> None:
+    """Print what the same queries take after a start, and what comparing stored views takes."""
+    recogniser = Recogniser(index)
+    for turn in ("after a start", "and asked again"):
+        took = [timed(lambda v=view: len(recogniser.recognise(v).matches))[2] for _, view in asked]
+        middle, high = np.percentile(took, [50, 95])
+        print(f"{turn:18s} CPU median {middle:7.1f} ms, 95 % {high:7.1f} ms")
+    left = recogniser.compare_outdated(0)
+    cpu = time.process_time()
+    recogniser.compare_outdated(COMPARED)
+    took_ms = 1e3 * (time.process_time() - cpu) / max(min(left, COMPARED), 1)
+    status = Path("/proc/self/status").read_text()
+    resident = {line.split()[0]: int(line.split()[1]) / 1e3 for line in status.splitlines()
+                if line.startswith(("VmRSS", "RssAnon"))}  # fmt: skip
+    print(f"{left} views outdated, {took_ms:.0f} ms CPU a view to compare {min(left, COMPARED)}")
+    print(f"memory {resident['VmRSS:']:.0f} MB, of which {resident['RssAnon:']:.0f} not of files")
+
+
 def ask_while_growing(index: RecognitionIndex, asked: Stored) -> None:
     """Print what an insertion costs itself, and the queries of others after it.
 
@@ -262,13 +315,13 @@ def ask_while_growing(index: RecognitionIndex, asked: Stored) -> None:
         query = queries[k % len(queries)][1]
         ask(query)
         before = ask(query)
-        index.add(f"new:{k}", name, "class:x", view)
+        added = timed(lambda k=k, n=name, v=view: index.add(f"new:{k}", n, "class:x", v) or 0)[2]
         compared = timed(lambda k=k: recogniser.prepare([f"new:{k}"]) or 0)[2]
-        took.append((before, compared, ask(query)))
+        twins = timed(lambda k=k: len(recogniser.same_print(f"new:{k}")))[2]
+        took.append((before, compared, twins, added + compared + twins, ask(query)))
     middle, high = np.percentile(took, [50, 95], axis=0)
-    for name, m, h in zip(
-        ("asked again", "new view compared", "asked after it"), middle, high, strict=True
-    ):
+    names = ("asked again", "new view compared", "twins looked for", "insertion", "asked after it")
+    for name, m, h in zip(names, middle, high, strict=True):
         print(f"{name:18s} CPU median {m:7.1f} ms, 95 % {h:7.1f} ms")
 
 

@@ -9,6 +9,7 @@
     python tests/benchmarks/bench_recognition.py prints --save-plot FAMILY.png
     python tests/benchmarks/bench_recognition.py photographs --photos FOLDER
     python tests/benchmarks/bench_recognition.py photographs --photos FOLDER --cut
+    python tests/benchmarks/bench_recognition.py photographs --photos FOLDER --cut middle
 
 ``tables`` lays products on simulated tables, each with its own light, turns the head to both
 sides, and describes what perception cut out, sent through the wire format: what robots really
@@ -17,8 +18,9 @@ then every view that was not stored is asked. ``turntable`` needs the YCB models
 ``$RTASK_SHARED_DATA/ycb``. ``prints`` stores two thirds of the cartons of ``generated_prints`` and
 asks all: siblings of what is stored are the unknown. ``photographs`` runs the ``evaluate.py`` that
 lies beside a collection of photographs, in the modes that are reported; with ``--cut``, in the
-first of them, objects are cut out by colour instead (``cut_photographs``). Without a command:
-``tables`` and ``speed``.
+first of them, objects are cut out by colour instead (``cut_photographs``), and with ``--cut
+middle`` as where nobody draws a box, in all of them but blur. Without a command: ``tables`` and
+``speed``.
 """
 
 from __future__ import annotations
@@ -346,10 +348,12 @@ def run_photographs(args: argparse.Namespace) -> None:
     import sys
 
     script = args.photos.resolve() / "evaluate.py"
-    modes = [[], ["--few"], ["--blur", "1.5"], ["--views", "1"], ["--views", "3"]]
-    for mode in modes[: 1 if args.cut else None]:
+    modes = [[], ["--few"], ["--views", "1"], ["--views", "3"], ["--blur", "1.5"]]
+    reported = {"": modes, "box": modes[:1], "middle": modes[:-1]}
+    for mode in reported[args.cut]:
         # Unbuffered, so that each mode and what the adapter says of its progress is seen at once.
-        command = [sys.executable, "-u", str(script), "--mask", "centre"]
+        command = [sys.executable, "-u", str(script)]
+        command += ["--mask", "full" if args.cut == "middle" else "centre"]
         command += ["--draws", str(args.draws), "--ask", str(args.ask)]
         command += ["--adapter", "cut_photographs:Cut"] if args.cut else []
         subprocess.run([*command, *mode], check=True, cwd=Path(__file__).parent)
@@ -411,7 +415,10 @@ def main() -> None:
     parser.add_argument("--save-plot", type=Path, help="prints: picture of a family")
     parser.add_argument("--photos", type=Path, help="photographs: folder with evaluate.py")
     parser.add_argument("--ask", type=int, default=8, help="photographs: asked of each product")
-    parser.add_argument("--cut", action="store_true", help="photographs: masks by GrabCut")
+    parser.add_argument(
+        "--cut", nargs="?", choices=("box", "middle"), const="box", default="",
+        help="photographs: masks by GrabCut, inside a box or without one",
+    )  # fmt: skip
     args = parser.parse_args()
     if args.command == "photographs" and args.photos is None:
         parser.error("photographs needs --photos FOLDER")

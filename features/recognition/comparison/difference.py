@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.comparison.windows import WindowMeans, window_means
 from features.recognition.views.picture import ViewPicture
 
 __all__ = ["Comparison", "ComparisonParams", "compare_pictures"]
@@ -131,14 +132,13 @@ def compare_pictures(
         np.minimum(rows + params.cell_px // 2, height - 1),
         np.minimum(columns + params.cell_px // 2, width - 1),
     )
-    correlation, variance, share = _correlation(grey, other, cover, at, params)
-    valid = (share > params.min_cover) & cover[at]
+    means = window_means((grey, other), (query.rgb, moved), cover, at, params.window_px)
+    correlation, variance = _correlation(means, params)
+    valid = (means.share > params.min_cover) & cover[at]
     hull = _hull(query, places)
     between = valid & _inside(hull, 1.0, (height, width))[at]
     near = valid & _inside(hull, params.reach, (height, width))[at]
-    gap = _colour_gap(
-        query.rgb, moved, cover, at, between & (correlation > params.agreeing), params
-    )
+    gap = _colour_gap(means, between & (correlation > params.agreeing), params)
     return Comparison(
         correlation=correlation.astype(np.float32),
         colour_gap=gap.astype(np.float32),
@@ -157,16 +157,15 @@ def _warped(
     image = cv2.warpPerspective(view.rgb, matrix, size, borderMode=cv2.BORDER_REPLICATE)
     cover = cv2.warpPerspective(view.mask.astype(np.uint8), matrix, size)
     # What lies behind the horizon of the map comes out mirrored: it is not shown.
-    v, u = np.indices(size[::-1])
     back = np.linalg.inv(matrix)
-    weight = back[2, 0] * u + back[2, 1] * v + back[2, 2]
+    weight = back[2, 0] * np.arange(size[0]) + back[2, 1] * np.arange(size[1])[:, None] + back[2, 2]
     middle = weight[size[1] // 2, size[0] // 2]
     return np.asarray(image, np.uint8), (cover > 0) & (weight * np.sign(middle) > 0)
 
 
 def _brought_together(
     rgb: UInt8Array, warped: UInt8Array, params: ComparisonParams
-) -> tuple[NDArray[np.float32], NDArray[np.float32], UInt8Array]:
+) -> tuple[UInt8Array, UInt8Array, UInt8Array]:
     """Return both grey images, and the second one's colours, without the residual shift."""
     sigma = params.grey_sigma_px
     grey, other = (
@@ -185,7 +184,7 @@ def _brought_together(
             np.asarray(cv2.remap(image, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
             for image in (other, warped)
         )
-    return grey.astype(np.float32), other.astype(np.float32), warped
+    return grey, other, warped
 
 
 def _residual_flow(grey: UInt8Array, other: UInt8Array) -> NDArray[np.float32]:
@@ -203,52 +202,31 @@ def _residual_flow(grey: UInt8Array, other: UInt8Array) -> NDArray[np.float32]:
     return np.asarray(flow[:height], np.float32)
 
 
-def _box(image: NDArray[np.float32], params: ComparisonParams) -> NDArray[np.float32]:
-    side = (params.window_px, params.window_px)
-    summed = cv2.boxFilter(image, cv2.CV_32F, side, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(summed, np.float32)
-
-
 def _correlation(
-    grey: NDArray[np.float32],
-    other: NDArray[np.float32],
-    cover: Mask,
-    at: tuple[NDArray[np.intp], ...],
-    params: ComparisonParams,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return correlation, the larger variance and the covered share of every cell's window."""
-    weight = cover.astype(np.float32)
-    a, b = (grey - 128) * weight, (other - 128) * weight
-    share = _box(weight, params)[at]
-    scale = 1 / np.maximum(share, 1e-3)
-    mean_a, mean_b = _box(a, params)[at] * scale, _box(b, params)[at] * scale
-    var_a = np.maximum(_box(a * a, params)[at] * scale - mean_a**2, 0)
-    var_b = np.maximum(_box(b * b, params)[at] * scale - mean_b**2, 0)
-    covariance = _box(a * b, params)[at] * scale - mean_a * mean_b
+    means: WindowMeans, params: ComparisonParams
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return correlation and the larger variance of every cell's window."""
+    scale = 1 / np.maximum(means.share, 1e-3)
+    mean_a, mean_b = means.first * scale, means.second * scale
+    var_a = np.maximum(means.first_square * scale - mean_a**2, 0)
+    var_b = np.maximum(means.second_square * scale - mean_b**2, 0)
+    covariance = means.product * scale - mean_a * mean_b
     noise = np.float32(params.noise_variance)
     correlation = covariance / np.sqrt((var_a + noise) * (var_b + noise))
     contrast = np.maximum(var_a, var_b)
-    return np.asarray(correlation, np.float32), np.asarray(contrast, np.float32), share
+    return np.asarray(correlation, np.float32), np.asarray(contrast, np.float32)
 
 
 def _colour_gap(
-    rgb: UInt8Array,
-    moved: UInt8Array,
-    cover: Mask,
-    at: tuple[NDArray[np.intp], ...],
-    agreeing: Mask,
-    params: ComparisonParams,
+    means: WindowMeans, agreeing: Mask, params: ComparisonParams
 ) -> NDArray[np.float32]:
     """Return the distance of the mean colours (a, b of Lab) of every cell.
 
     Another light multiplies the channels (von Kries); what is left of it after that, and of the
     camera's own correction, is a shift.
     """
-    weight = cover.astype(np.float32)[..., None]
-    share = np.maximum(_box(weight[..., 0], params)[at], 1e-3)[..., None]
-    here, there = (
-        _box(image.astype(np.float32) * weight, params)[at] / share for image in (rgb, moved)
-    )
+    share = np.maximum(means.share, 1e-3)[..., None]
+    here, there = means.first_rgb / share, means.second_rgb / share
     if np.count_nonzero(agreeing) >= _FEW_AGREEING:
         gains = np.median((here[agreeing] + 5) / (there[agreeing] + 5), axis=0)
         green = np.clip(gains[1], 0.4, 2.5)

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from features.recognition.comparison.alignment import Alignment
 from features.recognition.comparison.difference import Comparison
 
-__all__ = ["Difference", "PrintEvidence", "ViewFacts", "highest_preference", "print_evidence"]
+__all__ = [
+    "Difference",
+    "PrintEvidence",
+    "ViewFacts",
+    "highest_preference",
+    "preference",
+    "print_evidence",
+]
 
 _SUPPORTED = 0.35
 """Share of the other views that have to agree in a cell for it to be believed."""
@@ -155,18 +162,29 @@ class PrintEvidence:
             return 1 if self.unlike else 0
         return 2 if self.verified < 3 else 3
 
-    @property
-    def preference(self) -> float:
-        """Order of the views of one object: the best stands for it."""
-        drawn = _preference(self.matches, self.median, self.colour_contradiction)
-        return drawn + self.stable_share
-
 
 def highest_preference(alignment: Alignment, comparison: Comparison) -> float:
-    """Return the most that :attr:`PrintEvidence.preference` can be, whatever the store knows."""
+    """Return the most that :func:`preference` can be, whatever the store knows."""
     _, median = _correlations(comparison)
     contradiction = _contradiction(comparison.colour_gap[comparison.between])
     return _preference(len(alignment), median, contradiction) + 1.0
+
+
+def preference(
+    alignment: Alignment,
+    comparison: Comparison,
+    keypoints: NDArray[np.float32],
+    mask_px: NDArray[np.float32],
+    facts: ViewFacts,
+) -> float:
+    """Return the order of the views of one object, of which the best stands for it.
+
+    Of the facts, those of keypoints alone count; parameters as in :func:`print_evidence`.
+    """
+    _, median = _correlations(comparison)
+    contradiction = _contradiction(comparison.colour_gap[comparison.between])
+    _, share = _stable(alignment, keypoints, mask_px, facts)
+    return _preference(len(alignment), median, contradiction) + share
 
 
 def _preference(matches: int, median: float, contradiction: float) -> float:
@@ -209,10 +227,7 @@ def print_evidence(
     low, median = _correlations(comparison)
     gaps = comparison.colour_gap[comparison.between]
     weight, here = _support(comparison, facts)
-    confirmed = facts.own >= 1 if facts.verified else np.ones(len(facts.own), bool)
-    stable = confirmed & (facts.shared == 0)
-    count = int(np.count_nonzero(stable[alignment.view_rows]))
-    shown = int(np.count_nonzero(stable & _is_shown(alignment, keypoints, mask_px)))
+    count, stable_share = _stable(alignment, keypoints, mask_px, facts)
     return PrintEvidence(
         matches=len(alignment),
         extent=min(comparison.extent, 0.6),
@@ -222,12 +237,26 @@ def print_evidence(
         colour_contradiction=_contradiction(gaps),
         colour_gap=float(np.quantile(gaps, 0.9)) / 10 if len(gaps) else 0.0,
         stable=count,
-        stable_share=min(count / max(shown, 1), 1.0),
+        stable_share=stable_share,
         verified=facts.verified,
         unlike=facts.unlike,
         difference=_largest_difference(comparison, here > 0),
         **_supported(comparison, weight, here),
     )
+
+
+def _stable(
+    alignment: Alignment,
+    keypoints: NDArray[np.float32],
+    mask_px: NDArray[np.float32],
+    facts: ViewFacts,
+) -> tuple[int, float]:
+    """Return how many matches are stable, and of what share of the stable keypoints in view."""
+    confirmed = facts.own >= 1 if facts.verified else np.ones(len(facts.own), bool)
+    stable = confirmed & (facts.shared == 0)
+    count = int(np.count_nonzero(stable[alignment.view_rows]))
+    shown = int(np.count_nonzero(stable & _is_shown(alignment, keypoints, mask_px)))
+    return count, min(count / max(shown, 1), 1.0)
 
 
 def _is_shown(

@@ -42,7 +42,10 @@ class FiledView(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Facts about a view since a place in the sequence of changes, as bytes."""
+    """Facts about a view since a place in the sequence of changes, as bytes.
+
+    Under a view's number with a minus stands what is known in part, until there is a whole record.
+    """
 
     id: int
     place: int
@@ -138,6 +141,9 @@ class FactsFile:
                 with self._connection as now:
                     gone = [(view,) for view in went]
                     now.executemany("delete from view where id = ?", gone)
+                    records = list(records)
+                    parts = [(-record.id,) for record in records if record.id > 0]
+                    gone += [(-view,) for (view,) in gone] + parts
                     now.executemany("delete from record where id = ?", gone)
                     for table, rows in (
                         ("view values (?, ?, ?, ?, ?)", came),

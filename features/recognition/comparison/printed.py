@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from features.recognition.comparison.difference import Comparison, compare_pictu
 from features.recognition.comparison.evidence import (
     PrintEvidence,
     highest_preference,
+    preference,
     print_evidence,
 )
 from features.recognition.comparison.store_facts import StoreFacts
@@ -86,7 +87,12 @@ def proposed_views(
 
 
 def printed_objects(
-    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, views: Iterable[int]
+    query: ViewFeatures,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    views: Iterable[int],
+    wanted: Collection[int],
+    first: int,
 ) -> dict[int, PrintedView]:
     """Return the best view of every object whose print agrees in enough places.
 
@@ -94,6 +100,9 @@ def printed_objects(
     ----------
     views
         Numbers of the views to compare.
+    wanted, first
+        Objects that are asked about, besides so many with most matches: of the others some may be
+        left out, since the facts of a view take long where it was not compared before.
     """
     if not query.picture or len(query) < 2:
         return {}
@@ -105,61 +114,118 @@ def printed_objects(
         if found is not None:
             aligned.append((view, found))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
-    drawn = [_drawn(query, picture, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED]]
-    return with_leads(_best_of_objects(query, snapshot, facts, [one for one in drawn if one]))
+    tried = (_laid(query, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED])
+    laid = [one for one in tried if one is not None]
+    objects = [int(snapshot.object_of_view[one.view]) for one in laid]
+    spare = spare_objects(objects, [len(one.alignment) for one in laid], max(first, 2)) - {*wanted}
+    drawn = [
+        _drawn(query, picture, one)
+        for one, number in zip(laid, objects, strict=True)
+        if number not in spare
+    ]
+    return with_leads(_best_of_objects(query, snapshot, facts, drawn))
+
+
+def spare_objects(objects: Sequence[int], matches: Sequence[int], first: int) -> set[int]:
+    """Return the objects that are not among the first by matches, whichever view stands for each.
+
+    Parameters
+    ----------
+    objects, matches
+        Of every view that may stand for its object.
+
+    Examples
+    --------
+    >>> spare_objects([7, 7, 8, 9, 9], [30, 20, 25, 6, 19], 2), spare_objects([7, 8], [9, 9], 1)
+    ({9}, set())
+    """
+    least: dict[int, int] = {}
+    most: dict[int, int] = {}
+    for number, count in zip(objects, matches, strict=True):
+        least[number] = min(count, least.get(number, count))
+        most[number] = max(count, most.get(number, count))
+    return {k for k in most if sum(one > most[k] for one in least.values()) >= first}
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
-    """A stored view laid over the query; ``most`` bounds its preference."""
+class _Laid:
+    """A stored view that agrees with the query in the image and, with depth, in space."""
 
     view: int
     alignment: Alignment
-    comparison: Comparison
+    picture: ViewPicture
     query_from_view: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn(_Laid):
+    """A stored view laid over the query; ``most`` bounds its preference."""
+
+    comparison: Comparison
     most: float
 
 
-def _drawn(
-    query: ViewFeatures,
-    picture: ViewPicture,
-    snapshot: Snapshot,
-    facts: StoreFacts,
-    view: int,
-    alignment: Alignment,
-) -> _Drawn | None:
-    """Return the comparison with a view, None where space or its picture forbids it."""
+def _laid(
+    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, view: int, alignment: Alignment
+) -> _Laid | None:
+    """Return a view to compare, None where space or its picture forbids it."""
     agrees, movement = _in_space(query, snapshot.stored_view(view), alignment)
     stored = facts.picture(snapshot, view) if agrees else None
-    if stored is None:
-        return None
-    places = query.keypoints[alignment.query_rows, :2]
-    found = compare_pictures(picture, stored, alignment.query_from_view, places)
-    return _Drawn(view, alignment, found, movement, highest_preference(alignment, found))
+    return None if stored is None else _Laid(view, alignment, stored, movement)
+
+
+def _drawn(query: ViewFeatures, picture: ViewPicture, one: _Laid) -> _Drawn:
+    """Return the comparison with a view."""
+    places = query.keypoints[one.alignment.query_rows, :2]
+    found = compare_pictures(picture, one.picture, one.alignment.query_from_view, places)
+    most = highest_preference(one.alignment, found)
+    return _Drawn(one.view, one.alignment, one.picture, one.query_from_view, found, most)
 
 
 def _best_of_objects(
     query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, drawn: list[_Drawn]
 ) -> dict[int, PrintedView]:
-    """Return the preferred view of every object, of equal ones the first.
+    """Return the preferred view of every object.
 
-    The facts of a view take longest where it was not compared before; a view that cannot be
-    preferred any more is not asked for them.
+    The facts of a view take longest where it was not compared before. Which view is preferred
+    follows from those of its keypoints, which take half as long.
     """
-    objects = [int(snapshot.object_of_view[one.view]) for one in drawn]
-    best: dict[int, tuple[float, int]] = {}
+    views: dict[int, list[int]] = {}
+    for k, one in enumerate(drawn):
+        views.setdefault(int(snapshot.object_of_view[one.view]), []).append(k)
     found: dict[int, PrintedView] = {}
-    for k in sorted(range(len(drawn)), key=lambda k: (-drawn[k].most, k)):
-        one, number = drawn[k], objects[k]
-        if number in best and (one.most, -k) < best[number]:
-            continue
+    for number, choice in views.items():
+        one = drawn[_preferred(query, snapshot, facts, drawn, choice)]
         keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
         known = facts.of(snapshot, one.view)
         evidence = print_evidence(one.alignment, one.comparison, keypoints, query.mask_px, known)
-        if number not in best or (evidence.preference, -k) > best[number]:
-            best[number] = evidence.preference, -k
-            found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
-    return {number: found[number] for number in dict.fromkeys(objects)}
+        found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
+    return found
+
+
+def _preferred(
+    query: ViewFeatures,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    drawn: list[_Drawn],
+    choice: list[int],
+) -> int:
+    """Return which of the views of one object is preferred, of equal ones the first.
+
+    A view that cannot be preferred any more is not asked for its facts.
+    """
+    if len(choice) == 1:
+        return choice[0]
+    best = -np.inf, 0
+    for k in sorted(choice, key=lambda k: (-drawn[k].most, k)):
+        one = drawn[k]
+        if (one.most, -k) < best:
+            continue
+        keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
+        known = facts.of_keypoints(snapshot, one.view)
+        worth = preference(one.alignment, one.comparison, keypoints, query.mask_px, known)
+        best = max(best, (worth, -k))
+    return -best[1]
 
 
 def _in_space(

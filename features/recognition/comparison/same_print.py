@@ -17,7 +17,14 @@ from features.geometry import UInt8Array
 from features.recognition.comparison.difference import Comparison
 from features.recognition.comparison.evidence import PrintEvidence, ViewFacts
 
-__all__ = ["MIN_SAME_PRINT", "Agreement", "agreement_of", "contradicted", "is_one_print"]
+__all__ = [
+    "MIN_SAME_PRINT",
+    "Agreement",
+    "agreement_of",
+    "agrees_between",
+    "contradicted",
+    "is_one_print",
+]
 
 Mask = NDArray[np.bool_]
 
@@ -80,10 +87,18 @@ def agreement_of(evidence: PrintEvidence, comparison: Comparison, facts: ViewFac
     against = comparison.textured & (comparison.correlation < _UNLIKE)
     against |= comparison.colour_gap > _OTHER
     return Agreement(
-        shown >= _MIN_SHOWN and agrees and _agrees(comparison, comparison.between),
+        shown >= _MIN_SHOWN and agrees and agrees_between(comparison),
         np.packbits(cells),
         np.packbits(cells & against),
     )
+
+
+def agrees_between(comparison: Comparison) -> bool:
+    """Tell whether two views agree between their matches; without that, they are not the same.
+
+    This needs nothing that is known of the stored view.
+    """
+    return _agrees(comparison, comparison.between)
 
 
 def contradicted(believed: Mask, pairs: Sequence[Agreement]) -> tuple[int, int]:

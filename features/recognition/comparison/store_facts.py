@@ -12,13 +12,13 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.comparison.alignment import align_views
+from features.recognition.comparison.alignment import Alignment, align_views
 from features.recognition.comparison.difference import (
     ComparisonParams,
     compare_pictures,
@@ -28,9 +28,17 @@ from features.recognition.comparison.evidence import ViewFacts
 from features.recognition.comparison.facts_file import FactsFile, Record
 from features.recognition.comparison.kept import Kept
 from features.recognition.comparison.known import Known
-from features.recognition.comparison.support import MIN_MATCHES, ViewPair, facts_of, view_pair
+from features.recognition.comparison.same_print import MIN_SAME_PRINT
+from features.recognition.comparison.support import (
+    MIN_MATCHES,
+    ViewPair,
+    facts_of,
+    keypoints_only,
+    view_pair,
+)
 from features.recognition.comparison.votes import (
     MAX_ADDED,
+    NO_VOTES,
     Changes,
     Moment,
     Votes,
@@ -50,13 +58,19 @@ _MIN_VOTES = 6
 _MAX_VOTED, _MAX_MORE, _MAX_ALIKE = 200, 12, 6
 """Views that are looked through for more neighbours; how many are taken by votes, and by looks."""
 _MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
-"""Views of which something is kept in memory: without a file, and beside one."""
+"""Views of which something is kept in memory: without a file, and beside one; and pictures."""
+_MAX_PAIRS = 32
+"""Comparisons of a view that are kept until it is asked for, and only those that count remain."""
 _MAX_UNWRITTEN = 32
 _MAX_BEHIND = 20
 """What is known of a view is outdated when one in so many views has changed since."""
 _NEVER = 2**62
 _RULES = f"1 {EXTRACTOR} {_MAX_OWN} {_MAX_OTHERS} {_MIN_VOTES} {ComparisonParams()}"
 """What is kept follows from these; the first number counts changes of how it follows."""
+
+
+Before = tuple[Known | None, Known | None]
+"""Facts about a view at an earlier moment: whole, and in part."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +98,7 @@ class StoreFacts:
         self._changes = Changes(self._file)
         self._known: Kept[int, Known] = Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
         self._pictures: Kept[int, tuple[ViewPicture | None]] = Kept(_MAX_PICTURES)
+        self._alignments: Kept[tuple[int, int], tuple[Alignment | None]] = Kept(_MAX_PICTURES)
         self._facts: Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
         self._facts = Kept(_MAX_AT_HAND)
         self._writing, self._unwritten = threading.Lock(), dict[int, Known]()
@@ -99,28 +114,82 @@ class StoreFacts:
             held = self._pictures.put(key, (_decoded(snapshot.stored_view(view)),))
         return held[0]
 
+    def aligned(self, snapshot: Snapshot, view: int, other: int) -> Alignment | None:
+        """Return the alignment of a stored view with another one, in the first one's frame."""
+        key = int(snapshot.serials[view]), int(snapshot.serials[other])
+        held = self._alignments.get(key)
+        if held is None:
+            first, second = snapshot.stored_view(view), snapshot.stored_view(other)
+            side_px = float(snapshot.measures(np.array([view]))[0, 0])
+            held = self._alignments.put(key, (align_views(first, second, side_px),))
+        return held[0]
+
     def of(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture."""
-        number, known = self._current(snapshot, view)
-        held = self._facts.get(number)
-        if held is None or held[0] is not known.pairs:
-            held = self._facts.put(number, (known.pairs, self._followed(snapshot, view, known)))
-        return held[1]
+        return self._kept_facts(snapshot, view, self._current(snapshot, view), 1)
+
+    def of_keypoints(self, snapshot: Snapshot, view: int) -> ViewFacts:
+        """Return the facts of a view with a picture, the support of its cells perhaps left out.
+
+        Without it no pictures are compared, which is half of the work.
+        """
+        known = self._current(snapshot, view, drawn=False)
+        if known.is_drawn:
+            return self._kept_facts(snapshot, view, known, 1)
+        return self._followed(snapshot, view, known)
+
+    def supported(self, snapshot: Snapshot, view: int) -> ViewFacts:
+        """Return the facts of a view with a picture that its object's other views alone give.
+
+        The view is not matched with everything. No keypoint counts as shared.
+        """
+        known = replace(self._current(snapshot, view, voted=False), others=())
+        return self._kept_facts(snapshot, view, known, -1)
+
+    def siblings(self, snapshot: Snapshot, view: int) -> tuple[int, ...]:
+        """Return the other views of the same object that a view is compared with."""
+        own = self._current(snapshot, view, voted=False, drawn=False).own
+        moment = self._changes.at(snapshot)
+        return tuple(int(moment.view_of[number]) for number in own)
+
+    def different(self, snapshot: Snapshot, view: int) -> set[int]:
+        """Return views of other objects of which it is known that they show another print.
+
+        Views that match in too few places, or differ between their matches, do so whatever else
+        is stored.
+        """
+        known = self._current(snapshot, view)
+        weak = [
+            number
+            for number in known.others
+            if (pair := known.pairs[number]) is None or len(pair.rows) < MIN_SAME_PRINT
+        ]
+        numbers = np.array([*known.different, *weak], np.int64)
+        return set(self._changes.at(snapshot).stored(numbers).tolist())
+
+    def note_different(self, snapshot: Snapshot, view: int, others: Iterable[int]) -> None:
+        """Keep what :meth:`different` returns from now on as well."""
+        numbers = self._changes.at(snapshot).numbers
+        told = {int(numbers[other]) for other in others}
+        if told:
+            known = self._current(snapshot, view)
+            self._keep(int(numbers[view]), replace(known, different=known.different | told))
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
-        """Compute the facts of new views, and those that they change, before they are asked for.
+        """Compute the facts of new views, and compare with them what they may change facts of.
 
-        Of the views that they are compared with only those are brought up to date whose facts had
-        been computed before.
+        That is done for views of which something is known. Their votes, which any other view that
+        arrives may change as well, are brought up to date when they are asked for.
         """
         moment = self._changes.at(snapshot)
         for view in views:
             if self.picture(snapshot, view) is None:
                 continue
-            _, known = self._current(snapshot, view)
-            for number in (*known.own, *known.others):
-                if self._held(number) is not None:
-                    self._current(snapshot, int(moment.view_of[number]))
+            number, known = int(moment.numbers[view]), self._current(snapshot, view)
+            for own in known.own:
+                self._meet(moment, own, number, is_own=True)
+            for other in known.others:
+                self._meet(moment, other, number, is_own=False)
         self._write()
 
     def outdated(self, snapshot: Snapshot) -> list[int]:
@@ -152,7 +221,7 @@ class StoreFacts:
         those of the objects that look most alike: where many views of a family match, or better
         pictures do, one that shows the very same gets few votes.
         """
-        _, known = self._current(snapshot, view)
+        known = self._current(snapshot, view)
         moment = self._changes.at(snapshot)
         own, others = (
             [int(moment.view_of[number]) for number in numbers]
@@ -186,22 +255,60 @@ class StoreFacts:
                 self._known.put(number, known)
         return known
 
-    def _current(self, snapshot: Snapshot, view: int) -> tuple[int, Known]:
-        """Return a view's number, and what is known of it as of now."""
+    def _current(
+        self, snapshot: Snapshot, view: int, voted: bool = True, drawn: bool = True
+    ) -> Known:
+        """Return what is known of a view as of now.
+
+        Parameters
+        ----------
+        voted, drawn
+            Whether its votes for views of other objects, and the comparison of pictures with views
+            of its own, are needed. Where one is missing, it is kept under the number with a minus.
+        """
         moment = self._changes.at(snapshot)
         number = int(moment.numbers[view])
-        known = self._held(number)
-        if known is not None and known.place == moment.place:
-            return number, known
-        known = self._known.put(number, self._brought_up(known, moment, view))
-        self._places[number] = known.place
-        if self._file is not None:
-            with self._writing:
-                self._unwritten[number] = known
-                is_much = len(self._unwritten) >= _MAX_UNWRITTEN
-            if is_much:
-                self._write()
-        return number, known
+        whole = self._held(number)
+        if whole is not None and whole.place == moment.place:
+            return whole
+        part = self._held(-number)
+        if part is not None and part.place == moment.place:
+            if (part.has_voted or not voted) and (part.is_drawn or not drawn):
+                return part
+            voted = voted or part.has_voted
+        known = self._brought_up(moment, view, (whole, part), voted, drawn)
+        if (voted or known.has_voted) and (drawn or known.is_drawn):
+            self._places[number] = known.place
+            return self._keep(number, known)
+        return self._keep(-number, known)
+
+    def _meet(self, moment: Moment, number: int, arrived: int, is_own: bool) -> None:
+        """Compare a view of which something is known with one that arrived, by their numbers."""
+        known, view = self._held(number), int(moment.view_of[number])
+        if known is None or arrived in known.pairs:
+            return
+        if is_own and arrived not in self._siblings(moment, view):
+            return
+        if len(known.pairs) >= _MAX_PAIRS:
+            self._current(moment.snapshot, view)
+            return
+        pair = self._compared(moment.snapshot, view, int(moment.view_of[arrived]), is_own)
+        known = replace(known, pairs={**known.pairs, arrived: pair})
+        self._keep(number, known)
+
+    def _keep(self, number: int, known: Known) -> Known:
+        """Keep what is known of a view, in memory and for the file."""
+        self._known.put(number, known)
+        if self._file is None:
+            return known
+        with self._writing:
+            if number > 0:
+                self._unwritten.pop(-number, None)
+            self._unwritten[number] = known
+            is_much = len(self._unwritten) >= _MAX_UNWRITTEN
+        if is_much:
+            self._write()
+        return known
 
     def _write(self) -> None:
         """Write what was computed since the last time, with the changes that it is based on."""
@@ -223,35 +330,83 @@ class StoreFacts:
                 [
                     Record(number, known.place, known.to_bytes())
                     for number, known in records.items()
-                    if number < len(moment.view_of) and moment.view_of[number] >= 0
+                    if abs(number) < len(moment.view_of) and moment.view_of[abs(number)] >= 0
                 ],
             )
             self._filed, self._filed_place = present, moment.place
 
-    def _brought_up(self, known: Known | None, moment: Moment, view: int) -> Known:
+    def _brought_up(
+        self, moment: Moment, view: int, before: Before, voted: bool, drawn: bool
+    ) -> Known:
         """Return what is known of a view at a moment, with as much of what was known as holds."""
-        snapshot = moment.snapshot
-        changes = None if known is None else self._changes.between(known.place, moment.place)
-        votes = own = None
-        if known is not None and changes is not None:
-            added, gone = changes
-            descriptors = snapshot.stored_view(view).descriptors
-            votes = updated_votes(known.votes, descriptors, moment, added, gone)
-            arrived = snapshot.object_of_view[moment.stored(added)]
-            if len(gone) == 0 and not (arrived == snapshot.object_of_view[view]).any():
-                own = known.own
-        votes = votes or cast_votes(moment, view)
+        lasting = (self._own(known, moment, view) for known in before)
+        own = next((one for one in lasting if one is not None), None)
         if own is None:
-            own = tuple(int(moment.numbers[k]) for k in _siblings(snapshot, view))
+            own = self._siblings(moment, view)
+        votes = self._votes(moment, view, before) if voted else NO_VOTES
         others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
-        pairs = {} if known is None else known.pairs
-        if known is None or (own, others) != (known.own, known.others):
-            pairs = {
-                number: pairs[number] if number in pairs
-                else self._compared(snapshot, view, int(moment.view_of[number]))
-                for number in (*own, *others)
-            }  # fmt: skip
-        return Known(moment.place, votes, own, others, pairs)
+        told = {number for known in before if known is not None for number in known.different}
+        different = moment.numbers[moment.stored(np.array(sorted(told), np.int64))]
+        whole = before[0]
+        if whole is not None and (own, others) == (whole.own, whole.others):
+            pairs = whole.pairs
+        else:
+            pairs = self._pairs(moment, view, before, own, others, drawn)
+        return Known(moment.place, votes, own, others, pairs, frozenset(different.tolist()))
+
+    def _votes(self, moment: Moment, view: int, before: Before) -> Votes:
+        """Return the votes of a view, of what was known the latest brought up to date."""
+        voted = [known for known in before if known is not None and known.has_voted]
+        votes, last = None, max(voted, key=lambda known: known.place, default=None)
+        changes = None if last is None else self._changes.between(last.place, moment.place)
+        if last is not None and changes is not None:
+            descriptors = moment.snapshot.stored_view(view).descriptors
+            votes = updated_votes(last.votes, descriptors, moment, *changes)
+        return votes or cast_votes(moment, view)
+
+    def _own(self, known: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
+        """Return the other views of the object as they were known, None where they may differ."""
+        changes = None if known is None else self._changes.between(known.place, moment.place)
+        if known is None or changes is None:
+            return None
+        added, gone = changes
+        objects = moment.snapshot.object_of_view
+        is_touched = len(gone) > 0 or (objects[moment.stored(added)] == objects[view]).any()
+        return None if is_touched else known.own
+
+    def _siblings(self, moment: Moment, view: int) -> tuple[int, ...]:
+        return tuple(int(moment.numbers[k]) for k in _siblings(moment.snapshot, view))
+
+    def _pairs(
+        self,
+        moment: Moment,
+        view: int,
+        before: Before,
+        own: tuple[int, ...],
+        others: tuple[int, ...],
+        drawn: bool,
+    ) -> dict[int, ViewPair | None]:
+        """Return the comparisons of a view with others, those that are known already included."""
+        pairs: dict[int, ViewPair | None] = {}
+        for known in reversed(before):
+            pairs.update({} if known is None else known.pairs)
+        found: dict[int, ViewPair | None] = {}
+        for number in (*own, *others):
+            is_drawn = drawn and number in own
+            pair = pairs.get(number)
+            if number not in pairs or (is_drawn and pair is not None and not pair.is_drawn):
+                other = int(moment.view_of[number])
+                pair = self._compared(moment.snapshot, view, other, is_drawn)
+            found[number] = pair
+        return found
+
+    def _kept_facts(self, snapshot: Snapshot, view: int, known: Known, sign: int) -> ViewFacts:
+        """Return what follows from a view's comparisons; kept until there are others."""
+        key = sign * int(self._changes.at(snapshot).numbers[view])
+        held = self._facts.get(key)
+        if held is None or held[0] is not known.pairs:
+            held = self._facts.put(key, (known.pairs, self._followed(snapshot, view, known)))
+        return held[1]
 
     def _followed(self, snapshot: Snapshot, view: int, known: Known) -> ViewFacts:
         picture = self.picture(snapshot, view)
@@ -273,15 +428,19 @@ class StoreFacts:
         counted[snapshot.object_of_view == snapshot.object_of_view[view]] = 0
         return _first_by(counted, snapshot, most, _MIN_VOTES)
 
-    def _compared(self, snapshot: Snapshot, view: int, other: int) -> ViewPair | None:
+    def _compared(self, snapshot: Snapshot, view: int, other: int, drawn: bool) -> ViewPair | None:
+        """Return how a view agrees with another one; the cells of its picture only if drawn."""
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
-        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
-        side_px = float(snapshot.measures(np.array([view]))[0, 0])
-        if here is None or there is None:
+        if len(first.picture) == 0 or len(second.picture) == 0:
             return None
-        found = align_views(first, second, side_px)
+        found = self.aligned(snapshot, view, other)
         if found is None or len(found) < MIN_MATCHES:
             return None
+        here, there = self.picture(snapshot, view), self.picture(snapshot, other)
+        if here is None or there is None:
+            return None
+        if not drawn:
+            return keypoints_only(found)
         places = first.keypoints[found.query_rows, :2]
         return view_pair(found, compare_pictures(here, there, found.query_from_view, places))
 

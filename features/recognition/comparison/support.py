@@ -13,7 +13,7 @@ from features.recognition.comparison.alignment import Alignment
 from features.recognition.comparison.difference import Comparison
 from features.recognition.comparison.evidence import ViewFacts
 
-__all__ = ["ViewPair", "facts_of", "view_pair"]
+__all__ = ["ViewPair", "facts_of", "keypoints_only", "view_pair"]
 
 MIN_MATCHES = 8
 """Matches from which another view says something about a view's keypoints and cells."""
@@ -29,11 +29,17 @@ class ViewPair:
         Keypoints of the first that the second confirms.
     valid, agreeing : (bytes,) uint8
         Cells of its picture that both show, and those where the print is the same; one bit each.
+        None where only keypoints were compared: of a view of another object nothing else counts.
     """
 
     rows: NDArray[np.int32]
     valid: UInt8Array
     agreeing: UInt8Array
+
+    @property
+    def is_drawn(self) -> bool:
+        """Tell whether cells were compared; in a file, there may be empty ones where none were."""
+        return bool(self.valid.any())
 
 
 def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
@@ -45,6 +51,12 @@ def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
         valid=np.packbits(comparison.near),
         agreeing=np.packbits(same),
     )
+
+
+def keypoints_only(alignment: Alignment) -> ViewPair:
+    """Return what matches alone say of the first view: which of its keypoints the other has."""
+    nothing = np.empty(0, np.uint8)
+    return ViewPair(alignment.query_rows.astype(np.int32), nothing, nothing)
 
 
 def facts_of(
@@ -73,7 +85,7 @@ def facts_of(
     """
     agreeing, valid = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
     like = [pair for pair in own if pair is not None]
-    for pair in like:
+    for pair in (one for one in like if one.is_drawn):
         agreeing += np.unpackbits(pair.agreeing, count=cells)
         valid += np.unpackbits(pair.valid, count=cells)
     return ViewFacts(

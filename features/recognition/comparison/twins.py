@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from features.recognition.comparison.alignment import align_views
 from features.recognition.comparison.difference import compare_pictures
 from features.recognition.comparison.evidence import ViewFacts, print_evidence
 from features.recognition.comparison.kept import Kept
@@ -12,6 +13,7 @@ from features.recognition.comparison.same_print import (
     MIN_SAME_PRINT,
     Agreement,
     agreement_of,
+    agrees_between,
     contradicted,
     is_one_print,
 )
@@ -25,6 +27,23 @@ _MAX_VIEWS = 8
 _MAX_KEPT = 4_000
 
 
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Agreement of two views, None where it was not worked out.
+
+    Parameters
+    ----------
+    facts
+        Of the second view, that the agreement follows from.
+    is_final
+        They match in too few places to be the same print.
+    """
+
+    agreement: Agreement | None = None
+    facts: ViewFacts | None = None
+    is_final: bool = False
+
+
 class Twins:
     """Agreement of stored views with those of other objects, as of now; safe to share.
 
@@ -36,8 +55,7 @@ class Twins:
 
     def __init__(self, facts: StoreFacts) -> None:
         self._facts = facts
-        self._kept: Kept[tuple[int, int], tuple[ViewFacts | None, Agreement | None]]
-        self._kept = Kept(_MAX_KEPT)
+        self._kept: Kept[tuple[int, int], _Compared] = Kept(_MAX_KEPT)
 
     def of_view(self, snapshot: Snapshot, view: int) -> list[int]:
         """Return the objects that cannot be told from a view's object where the view shows it."""
@@ -68,14 +86,21 @@ class Twins:
         if self._facts.picture(snapshot, view) is None:
             return []
         found: dict[int, int] = {}
+        known, told = self._facts.different(snapshot, view), list[int]()
         for other in self._facts.neighbours(snapshot, view).others:
-            pair = self._agreement(snapshot, view, other)
-            if pair is not None and pair.is_same:
-                found.setdefault(int(snapshot.object_of_view[other]), other)
+            number = int(snapshot.object_of_view[other])
+            if number in found or other in known:
+                continue
+            pair = self._compared(snapshot, view, other, is_asked=False).agreement
+            if pair is None:
+                told.append(other)
+            elif pair.is_same:
+                found[number] = other
+        self._facts.note_different(snapshot, view, told)
         return list(found.values())
 
     def _with_siblings(self, snapshot: Snapshot, view: int) -> list[int]:
-        return [view, *self._facts.neighbours(snapshot, view).own][:_MAX_VIEWS]
+        return [view, *self._facts.siblings(snapshot, view)][:_MAX_VIEWS]
 
     def _contradicted(self, snapshot: Snapshot, view: int, others: list[int]) -> tuple[int, int]:
         if self._facts.picture(snapshot, view) is None:
@@ -84,29 +109,58 @@ class Twins:
         matching = [pair for pair in pairs if pair is not None]
         if not matching:
             return 0, 0
-        return contradicted(self._facts.of(snapshot, view).believed, matching)
+        return contradicted(self._facts.supported(snapshot, view).believed, matching)
 
     def _agreement(self, snapshot: Snapshot, view: int, other: int) -> Agreement | None:
         """Return how far two views agree, None where they match in too few places."""
-        key = int(snapshot.serials[view]), int(snapshot.serials[other])
-        held = self._kept.get(key)
-        if held is None or (held[0] is not None and held[0] is not self._facts.of(snapshot, other)):
-            held = self._kept.put(key, self._compared(snapshot, view, other))
-        return held[1]
+        return self._compared(snapshot, view, other, is_asked=True).agreement
 
-    def _compared(
-        self, snapshot: Snapshot, view: int, other: int
-    ) -> tuple[ViewFacts | None, Agreement | None]:
+    def _compared(self, snapshot: Snapshot, view: int, other: int, is_asked: bool) -> _Compared:
+        """Return what is kept of two views, or compare them.
+
+        Parameters
+        ----------
+        is_asked
+            For the agreement of views too that differ between their matches; without that, there
+            is none, and nothing that is known of the second view is asked for.
+        """
+        key = _key(snapshot, view, other)
+        held = self._kept.get(key)
+        if held is not None and held.agreement is not None:
+            known = self._facts.supported(snapshot, other)
+            if _is_support_equal(held.facts, known):
+                return held
+        elif held is not None and (held.is_final or not is_asked):
+            return held
+        return self._kept.put(key, self._drawn(snapshot, view, other, is_asked))
+
+    def _drawn(self, snapshot: Snapshot, view: int, other: int, is_asked: bool) -> _Compared:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
         here, there = (self._facts.picture(snapshot, one) for one in (view, other))
-        side_px = float(snapshot.measures(np.array([view]))[0, 0])
-        found = None if here is None or there is None else align_views(first, second, side_px)
+        found = self._facts.aligned(snapshot, view, other) if here and there else None
         if here is None or there is None or found is None or len(found) < MIN_SAME_PRINT:
-            return None, None
+            return _Compared(is_final=True)
         places = first.keypoints[found.query_rows, :2]
         comparison = compare_pictures(here, there, found.query_from_view, places)
+        if not is_asked and not agrees_between(comparison):
+            return _Compared()
         height, width = here.mask.shape
         mask_px = np.array([0, 0, width, height], np.float32)
-        facts = self._facts.of(snapshot, other)
+        facts = self._facts.supported(snapshot, other)
         evidence = print_evidence(found, comparison, second.keypoints, mask_px, facts)
-        return facts, agreement_of(evidence, comparison, facts)
+        return _Compared(agreement_of(evidence, comparison, facts), facts)
+
+
+def _key(snapshot: Snapshot, view: int, other: int) -> tuple[int, int]:
+    return int(snapshot.serials[view]), int(snapshot.serials[other])
+
+
+def _is_support_equal(first: ViewFacts | None, second: ViewFacts) -> bool:
+    """Tell whether the same follows from both for :func:`agreement_of`."""
+    if first is second:
+        return True
+    return (
+        first is not None
+        and first.verified == second.verified
+        and np.array_equal(first.support, second.support)
+    )

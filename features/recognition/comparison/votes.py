@@ -8,6 +8,7 @@ brought up to date by comparing them with the new view alone.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,19 @@ from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
 from features.recognition.comparison.facts_file import FactsFile, FiledView, content_digest
-from features.recognition.index.cascade import FAR, match_exact
+from features.recognition.index.cascade import FAR, squared_distances
 from features.recognition.index.snapshot import Snapshot
 
-__all__ = ["MAX_ADDED", "Changes", "Moment", "Votes", "cast_votes", "filed_view", "updated_votes"]
+__all__ = [
+    "MAX_ADDED",
+    "NO_VOTES",
+    "Changes",
+    "Moment",
+    "Votes",
+    "cast_votes",
+    "filed_view",
+    "updated_votes",
+]
 
 MAX_ADDED = 64
 """More views that arrived since are matched with everything at once, by the index."""
@@ -176,6 +186,12 @@ class Votes:
         return votes
 
 
+NO_VOTES = Votes(
+    np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0, np.int32)
+)
+"""Of a view that has not voted."""
+
+
 def cast_votes(moment: Moment, view: int) -> Votes:
     """Match a view with everything that is stored."""
     snapshot = moment.snapshot
@@ -212,13 +228,13 @@ def updated_votes(
         return None
     snapshot = moment.snapshot
     blocks = [snapshot.stored_view(int(one)).descriptors for one in arrived]
-    views = np.repeat(arrived, [len(block) for block in blocks])
-    labels = snapshot.object_of_view
-    row, nearest, rival_row, rival = match_exact(descriptors, np.concatenate(blocks), labels[views])
-    numbers = moment.numbers[views]
+    first, nearest, second, rival = nearest_views(
+        descriptors, blocks, snapshot.object_of_view[arrived]
+    )
+    numbers = np.append(moment.numbers[arrived], 0)  # the last is none
     both = (
         (votes.view, votes.nearest, votes.rival_view, votes.rival),
-        (_at(numbers, row), nearest, _at(numbers, rival_row), rival),
+        (numbers[first], nearest, numbers[second], rival),
     )
     closer = nearest < votes.nearest
     view = np.where(closer, both[1][0], votes.view)
@@ -233,11 +249,42 @@ def updated_votes(
     return Votes(view, np.where(closer, nearest, votes.nearest), rival_view, rival)
 
 
-def _at(numbers: NDArray[np.int64], rows: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the numbers of the views of rows, 0 where there is none."""
-    if len(numbers) == 0:
-        return np.zeros(len(rows), np.int64)
-    return np.where(rows >= 0, numbers[rows], 0)
+def nearest_views(
+    query: UInt8Array, blocks: Sequence[UInt8Array], labels: NDArray[np.int32]
+) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.intp], NDArray[np.int32]]:
+    """Return the nearest view of each descriptor, and the nearest with another label.
+
+    The answer is that of :func:`match_exact`; views one by one, whose distances stay in the cache,
+    take half of the time of all at once.
+
+    Parameters
+    ----------
+    query : (n, 128) uint8
+    blocks : (m, 128) uint8 each
+        Descriptors of the views.
+    labels : (views,) int32
+
+    Returns
+    -------
+    first, nearest, second, rival
+        Positions (n,) among the views and squared distances; -1 and ``FAR`` where there is none.
+    """
+    n = len(query)
+    first, second = np.full(n, -1), np.full(n, -1)
+    nearest, rival = np.full(n, FAR, np.int32), np.full(n, FAR, np.int32)
+    label_of = np.append(labels, -1)
+    for k, block in enumerate(blocks):
+        if len(block) == 0 or n == 0:
+            continue
+        distance = squared_distances(query, block).min(axis=1).astype(np.int32)
+        closer, other = distance < nearest, label_of[first] != labels[k]
+        # What was nearest is the rival of another label; of the same one, the rival stays.
+        moved = closer & other
+        second, rival = np.where(moved, first, second), np.where(moved, nearest, rival)
+        next_best = ~closer & other & (distance < rival)
+        second, rival = np.where(next_best, k, second), np.where(next_best, distance, rival)
+        first, nearest = np.where(closer, k, first), np.where(closer, distance, nearest)
+    return first, nearest, second, rival
 
 
 def _labels(moment: Moment, numbers: NDArray[np.int64]) -> NDArray[np.int32]:

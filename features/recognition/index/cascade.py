@@ -245,33 +245,43 @@ def match_tables(
     rival_row = np.full(n, -1, np.int32)
     rival = np.full(n, FAR, np.int32)
     histogram = np.zeros(129, np.int32)
-    room = 4096
+    room = 0
     candidates = np.empty(room, np.int32)
     hamming = np.empty(room, np.int16)
     short = np.empty(room, np.int32)
     measured = np.empty(room, np.int32)
     for i in range(n):
-        count = 0
+        most = 0
+        for table in range(tables):
+            bucket = query_buckets[i, table] & mask
+            most += offsets[table, bucket + 1] - offsets[table, bucket]
+        if most > room:
+            room = max(2 * most, 4096)
+            candidates = np.empty(room, np.int32)
+            hamming = np.empty(room, np.int16)
+            short = np.empty(room, np.int32)
+            measured = np.empty(room, np.int32)
+        # Rows lie anywhere in memory. Without branches, which would be guessed wrong for rows that
+        # stand in several tables, the processor waits for many of them at once.
+        found = 0
         stamp = first_stamp + i
-        histogram[:] = 0
         for table in range(tables):
             bucket = query_buckets[i, table] & mask
             for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
                 row = table_rows[table, p]
-                if stamps[row] == stamp or not alive[row]:
-                    continue
+                candidates[found] = row
+                found += stamps[row] != stamp
                 stamps[row] = stamp
-                if count == room:
-                    room *= 2
-                    candidates = np.append(candidates, np.empty(count, np.int32))
-                    hamming = np.append(hamming, np.empty(count, np.int16))
-                    short = np.empty(room, np.int32)
-                    measured = np.empty(room, np.int32)
-                h = _hamming(query_codes, i, codes, row)
-                candidates[count] = row
-                hamming[count] = h
-                histogram[h] += 1
-                count += 1
+        count = 0
+        histogram[:] = 0
+        for c in range(found):
+            row = candidates[c]
+            candidates[count] = row
+            h = _hamming(query_codes, i, codes, row)
+            hamming[count] = h
+            is_stored = 1 if alive[row] else 0
+            histogram[h] += is_stored
+            count += is_stored
         if count:
             best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
                 *(query[i], stored, labels, views, candidates, hamming, count),

@@ -113,7 +113,9 @@ class Block:
 
     def rows_of(self, view: int) -> slice:
         """Return the rows of one view."""
-        start, stop = np.searchsorted(self.view_of_row, [view, view + 1])
+        # Numbers of another type would have the whole column converted for every view.
+        ends = np.array([view, view + 1], self.view_of_row.dtype)
+        start, stop = np.searchsorted(self.view_of_row, ends)
         return slice(int(start), int(stop))
 
     def picture(self, view: int) -> bytes | memoryview:

@@ -99,13 +99,13 @@ def photo() -> Photograph:
     return lambda card, **how: photograph(print_of(card), **how)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def print_image() -> Callable[[int], NDArray[np.uint8]]:
     """Return the print of a card."""
     return print_of
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def photograph_print() -> Photograph:
     """Photograph any print."""
     return photograph

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from features.recognition import (
     RecognitionIndex,
     ViewName,
 )
+from features.recognition.index.segments import Block
 
 
 def fill(index: RecognitionIndex, card_views, cards: int, views: int = 1) -> None:
@@ -250,3 +252,15 @@ def test_rebuilding_gives_the_same_answers(tmp_path: Path, card_views) -> None:
         after = Recogniser(index).recognise(query)
     assert after.outcome == before.outcome
     assert after.matches[0].inliers == pytest.approx(before.matches[0].inliers, rel=0.1)
+
+
+def test_rows_of_a_view_are_found_without_a_copy_of_all() -> None:
+    """A million rows of 4 bytes; a copy of the column would take twice as many."""
+    block = Block.empty(rows=1_000_000, views=3)
+    block.view_of_row[400_000:] = 2
+    tracemalloc.start()
+    try:
+        assert block.rows_of(2) == slice(400_000, 1_000_000)
+        assert tracemalloc.get_traced_memory()[1] < 100_000
+    finally:
+        tracemalloc.stop()

@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
+from features.recognition.comparison.known import Known
 from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.comparison.support import ViewPair
+from features.recognition.comparison.votes import Votes
 
 pytestmark = pytest.mark.slow
 
@@ -31,9 +34,9 @@ def compared(monkeypatch) -> list[tuple[str, str]]:
     pairs: list[tuple[str, str]] = []
     compare = StoreFacts._compared
 
-    def counted(facts, snapshot, view, other):
+    def counted(facts, snapshot, view, other, drawn):
         pairs.append((snapshot.view_iris[view], snapshot.view_iris[other]))
-        return compare(facts, snapshot, view, other)
+        return compare(facts, snapshot, view, other, drawn)
 
     monkeypatch.setattr(StoreFacts, "_compared", counted)
     return pairs
@@ -184,3 +187,14 @@ def test_what_was_forgotten_is_compared_again(tmp_path, views, compared) -> None
     with opened(tmp_path) as recogniser:
         recogniser.recognise(views["card 0"][3])
     assert compared
+
+
+def test_a_record_of_an_earlier_version_is_read() -> None:
+    """It ends behind the comparisons that count, and has cells for every view."""
+    one, near, cells = np.ones(2, np.int64), np.zeros(2, np.int32), np.packbits(np.ones(9, bool))
+    pairs = {2: ViewPair(near, cells, cells), 5: ViewPair(near, cells, cells)}
+    known = Known(7, Votes(one, near, one, near), (2,), (5,), pairs)
+    earlier = known.to_bytes()[:-4]
+    read = Known.from_bytes(7, earlier)
+    assert (read.own, read.others, read.different) == ((2,), (5,), frozenset())
+    assert read.to_bytes() == known.to_bytes()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from features.recognition import RecognitionIndex
+from features.recognition.comparison.votes import nearest_views
 from features.recognition.index.cascade import (
     FAR,
     build_tables,
@@ -86,6 +87,15 @@ def test_removed_rows_are_never_found(stored) -> None:
     for matcher in (by_codes, by_tables):
         best, _, _, _ = matcher(query, stored, alive=alive)
         assert not (view[best[best >= 0]] == 4).any()
+
+
+def test_one_bucket_for_all_rows_gives_the_answer_of_all_codes(stored) -> None:
+    """Every row then stands once in each of eight tables, and counts once."""
+    descriptors, view, _, _ = stored
+    query, alive = noisy(descriptors[::9]), (view % 3 > 0).astype(np.uint8)
+    by_one_bucket = by_tables(query, stored, alive=alive, bits=0)
+    for found, expected in zip(by_one_bucket, by_codes(query, stored, alive), strict=True):
+        assert np.array_equal(found, expected)
 
 
 def test_other_views_of_the_same_object_are_no_rivals(stored) -> None:
@@ -192,3 +202,20 @@ def test_nothing_stored_and_nothing_asked() -> None:
     matches = snapshot.match(np.zeros((2, 128), np.uint8))
     assert matches.view.tolist() == [-1, -1]
     assert matches.nearest.tolist() == [FAR, FAR]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nearest_views_one_by_one_are_those_of_all_at_once(seed: int) -> None:
+    """Few different values, so that many distances are equal."""
+    rng = np.random.default_rng(seed)
+    query = rng.integers(0, 2, (40, 128)).astype(np.uint8)
+    sizes = rng.integers(0, 4, 7)
+    blocks = [query[rng.integers(0, 40, size)] ^ (rng.random((size, 128)) < 0.02) for size in sizes]
+    labels = rng.integers(0, 3, len(blocks)).astype(np.int32)
+    view = np.repeat(np.arange(len(blocks)), sizes)
+    best, nearest, rival_row, rival = match_exact(query, np.concatenate(blocks), labels[view])
+    found = nearest_views(query, blocks, labels)
+    expected = np.where(best < 0, -1, view[best]), nearest, None, rival
+    for one, other in zip(found, expected, strict=True):
+        assert other is None or np.array_equal(one, other)
+    assert np.array_equal(found[2], np.where(rival_row < 0, -1, view[rival_row]))

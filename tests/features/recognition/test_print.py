@@ -27,6 +27,7 @@ from features.recognition.comparison.difference import compare_pictures
 from features.recognition.comparison.evidence import PrintEvidence
 from features.recognition.comparison.printed import PrintedView, with_leads
 from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.comparison.windows import window_means
 from features.recognition.views.picture import ViewPicture
 
 Image = NDArray[np.uint8]
@@ -229,6 +230,32 @@ def test_light_is_no_contradiction_and_another_colour_is(see, print_image) -> No
         )
         shares.append(float((comparison.colour_gap[comparison.between] > 15).mean()))
     assert shares[0] < 0.1 < shares[1]
+
+
+@pytest.mark.parametrize("size", [(5, 40), (61, 90)])
+def test_means_over_windows_are_those_of_box_filters(size) -> None:
+    """Bit for bit: sums are whole numbers, and only their quotient is rounded."""
+    rng = np.random.default_rng(4)
+    grey = [rng.integers(0, 256, size).astype(np.uint8) for _ in "ab"]
+    rgb = [rng.integers(0, 256, (*size, 3)).astype(np.uint8) for _ in "ab"]
+    cover = rng.random(size) < 0.8
+    rows, columns = (np.minimum(np.arange(4, n + 4, 8), n - 1) for n in size)
+    means = window_means(tuple(grey), tuple(rgb), cover, np.ix_(rows, columns), 15)
+
+    def boxed(values: np.ndarray) -> np.ndarray:
+        weighted = (values.T * cover.T).T.astype(np.float32)
+        return cv2.boxFilter(weighted, cv2.CV_32F, (15, 15), borderType=cv2.BORDER_CONSTANT)[
+            np.ix_(rows, columns)
+        ]
+
+    a, b = (values.astype(np.float32) - 128 for values in grey)
+    pairs = [
+        (means.share, np.ones(size)), (means.first, a), (means.second, b),
+        (means.first_square, a * a), (means.second_square, b * b), (means.product, a * b),
+        *((means.first_rgb[..., k], rgb[0][..., k]) for k in range(3)),
+        *((means.second_rgb[..., k], rgb[1][..., k]) for k in range(3)),
+    ]  # fmt: skip
+    assert all(np.array_equal(found, boxed(values)) for found, values in pairs)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, describe_view
+from features.recognition.comparison import twins as twins_module
 
 Image = NDArray[np.uint8]
 
@@ -89,3 +90,26 @@ def test_a_twin_is_told_among_many_views_of_siblings_that_match_better(see, prin
             view = see(sibling, 0.1 + 0.02 * turn, seed=10 * k + turn + 3)
             index.add(f"sibling {k}, view {turn}", f"sibling {k}", "c", view)
     assert Recogniser(index).same_print("sharp") == ("twin",)
+
+
+def test_what_differs_between_its_matches_is_not_looked_at_again(
+    tmp_path, see, print_image, monkeypatch
+):
+    sibling = print_image(1).copy()
+    sibling[100:260, 150:330] = print_image(3)[100:260, 150:330]
+    looks = []
+    compare = twins_module.compare_pictures
+    monkeypatch.setattr(
+        twins_module, "compare_pictures", lambda *at: looks.append(at) or compare(*at)
+    )
+    with RecognitionIndex(tmp_path) as index:
+        index.add("sharp", "a", "c", see(print_image(1), 0.1, seed=1))
+        index.add("sibling", "b", "c", see(sibling, 0.1, seed=2))
+        assert Recogniser(index).same_print("sharp") == ()
+    assert len(looks) == 1
+    with RecognitionIndex(tmp_path) as index:
+        recogniser = Recogniser(index)
+        assert recogniser.same_print("sharp") == ()
+        assert len(looks) == 1
+        index.add("sibling", "b", "c", see(print_image(1), 0.3, seed=3))  # replaced by a twin
+        assert recogniser.same_print("sharp") == ("b",)
