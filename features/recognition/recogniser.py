@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
-from features.recognition.comparison.confidence import print_score, without_contradiction
 from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.comparison.twins import Twins
 from features.recognition.confidence import (
-    Evidence,
     confidences,
     decide,
-    is_size_plausible,
-    likeness,
 )
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
 from features.recognition.index.snapshot import Matches, Snapshot
-from features.recognition.views.light import light_costs, relit_colours
+from features.recognition.ranking import MOST_CHOSEN, Candidate, First, Ranking, chosen
 from features.recognition.views.stored import stored_features
 from features.recognition.views.view import ViewFeatures, describe_view
 
@@ -35,8 +31,6 @@ __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 # Less says nothing, not even what it looks like.
 _MIN_NAMED = 0.001
 _FACTS_FILE = "facts.sqlite"
-_CHOSEN = 3
-"""Objects that are looked at for their places, for their print and for their look."""
 _PRINTED_PER_OBJECT, _PRINTED_FITS = 2, 4
 """Views whose print is compared: so many that were voted for, and so many that were verified."""
 
@@ -172,7 +166,7 @@ class Recogniser:
             # Of two objects with one print, the one that looks more alike does so by chance.
             outcome, accepted = "multiple", False
         matches = [
-            candidates[k].as_match(snapshot, float(confidence[k]))
+            _as_match(candidates[k], snapshot, float(confidence[k]))
             for k in order[:max_results]
             if confidence[k] >= _MIN_NAMED
         ]
@@ -254,12 +248,10 @@ class Recogniser:
         similarity = snapshot.appearance(features.appearance)
         matches = snapshot.match(features.descriptors)
         found = verified_views(features, snapshot, similarity, self.params, matches)
-        ranking = _Ranking(features, snapshot, similarity, found, self.params)
+        ranking = Ranking(features, snapshot, similarity, found, self.params)
         first = ranking.first()
         printed = self._printed(features, snapshot, matches, found, first)
-        return [
-            ranking.candidate(number, printed.get(number)) for number in _chosen(first, printed)
-        ]
+        return [ranking.candidate(number, printed.get(number)) for number in chosen(first, printed)]
 
     def _printed(
         self,
@@ -267,7 +259,7 @@ class Recogniser:
         snapshot: Snapshot,
         matches: Matches,
         found: list[VerifiedView],
-        first: _First,
+        first: First,
     ) -> dict[int, PrintedView]:
         """Return the objects whose print agrees, by number; at least those that are chosen."""
         if not features.picture:
@@ -279,195 +271,35 @@ class Recogniser:
         best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
         views = dict.fromkeys([*(fit.view for fit in best), *proposed])
         wanted = {*first.by_places, *first.by_look}
-        return printed_objects(features, snapshot, self._facts, views, wanted, _CHOSEN)
+        return printed_objects(features, snapshot, self._facts, views, wanted, MOST_CHOSEN)
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An object with what speaks for it, before its confidence."""
-
-    object_number: int
-    evidence: Evidence
-    fits: tuple[VerifiedView, ...]
-    most_similar_view: int
-    printed: PrintedView | None = None
-
-    def as_match(self, snapshot: Snapshot, confidence: float) -> Match:
-        """Return the answer's entry."""
-        views = [fit.view for fit in self.fits]
-        inliers, difference = self.evidence.inliers, None
-        if self.printed is not None:
-            difference = self.printed.evidence.difference
-            inliers = self.printed.evidence.matches
-            views = list(dict.fromkeys([self.printed.view, *views]))
-        views = views or [self.most_similar_view]
-        movement = next((fit.query_from_view for fit in self.fits if fit.view == views[0]), None)
-        if movement is None and self.printed is not None:
-            movement = self.printed.query_from_view
-        return Match(
-            object_iri=snapshot.object_iris[self.object_number],
-            class_iri=snapshot.class_iris[snapshot.class_of_view[views[0]]],
-            confidence=confidence,
-            inliers=inliers,
-            views=tuple(snapshot.view_iris[view] for view in views),
-            appearance=self.evidence.appearance,
-            size_ok=self.evidence.size_ok,
-            query_from_view=movement,
-            view_iri=snapshot.view_iris[views[0]],
-            difference=difference,
-            by_print=self.evidence.passes_on_print(confidence),
-            extent=0.0 if self.printed is None else self.printed.evidence.extent,
-        )
-
-
-class _First(NamedTuple):
-    """Best objects by their places and by their look."""
-
-    by_places: list[int]
-    by_look: list[int]
-
-
-def _chosen(first: _First, printed: Mapping[int, PrintedView]) -> list[int]:
-    """Return the best objects of each sort."""
-    by_print = sorted(printed, key=lambda k: -printed[k].evidence.matches)[:_CHOSEN]
-    return list(dict.fromkeys([*first.by_places, *by_print, *first.by_look]))
-
-
-class _Ranking:
-    """Objects by their verified views and by their looks."""
-
-    def __init__(
-        self,
-        features: ViewFeatures,
-        snapshot: Snapshot,
-        similarity: NDArray[np.float32],
-        found: list[VerifiedView],
-        params: RecogniserParams,
-    ) -> None:
-        self._params = params
-        self._features, self._snapshot, self._similarity = features, snapshot, similarity
-        self._fits: dict[int, list[VerifiedView]] = {}
-        for fit in sorted(found, key=lambda f: (f.is_twin, -f.places, f.view)):
-            self._fits.setdefault(int(snapshot.object_of_view[fit.view]), []).append(fit)
-        self._look = np.full(len(snapshot.object_iris), -1.0)
-        np.maximum.at(self._look, snapshot.object_of_view, similarity)
-        order = np.argsort(-self._look, kind="stable")[:4]
-        self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_min_objects
-        self._by_look = [int(number) for number in order if self._look[number] >= 0]
-        self._alike = self._likeness_of_objects()
-
-    def first(self) -> _First:
-        """Return the best objects by places and by look."""
-        by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
-        by_look = dict.fromkeys([*self._by_look[:_CHOSEN], *self._most_alike()[:_CHOSEN]])
-        return _First(by_places[:_CHOSEN], list(by_look))
-
-    def candidate(self, number: int, printed: PrintedView | None) -> Candidate:
-        """Collect what speaks for an object."""
-        fits = tuple(self._fits.get(number, ()))
-        is_twin = bool(fits) and fits[0].is_twin
-        # Twins say the same; what they have in common speaks against neither.
-        rivals = [
-            others[0].places
-            for other, others in self._fits.items()
-            if other != number and not (is_twin and others[0].is_twin)
-        ]
-        next_look = next((float(self._look[k]) for k in self._by_look if k != number), 0.0)
-        next_look = max(next_look, self._params.usual_look)
-        alike, alike_lead = self._likeness_and_lead(number)
-        snapshot, features = self._snapshot, self._features
-        views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)
-        sizes = snapshot.measures(views)[:, 1]
-        most_similar = int(views[self._similarity[views].argmax()])
-        likeness = self._likeness(most_similar)
-        at_places = self._likeness(fits[0].view) if fits else _Likeness(0.0, None)
-        is_smaller = features.is_cut and at_places.is_smaller
-        lead = float(self._look[number]) - next_look
-        odds = family = None
-        if printed is not None:
-            printed = printed.with_look(lead)
-            odds = print_score(printed.evidence, self._params.printed)
-            family = print_score(without_contradiction(printed.evidence), self._params.printed)
-        shown = printed.view if printed is not None else fits[0].view if fits else most_similar
-        evidence = Evidence(
-            inliers=fits[0].places if fits else 0,
-            rival_inliers=max(rivals, default=0),
-            appearance=float(self._look[number]),
-            appearance_lead=lead,
-            colour=likeness.colour,
-            place_colour=at_places.colour,
-            size_ok=is_size_plausible(features.size_m, features.is_cut, sizes),
-            size_gap=likeness.size_gap,
-            place_gap=None if is_smaller else at_places.size_gap,
-            is_among_many=self._has_many,
-            is_twin=is_twin,
-            is_solid=bool(fits) and fits[0].query_from_view is not None,
-            has_print=bool(features.picture) and len(snapshot.stored_view(shown).picture) > 0,
-            is_plain=len(features) < self._params.min_print_keypoints,
-            print_odds=odds,
-            family_odds=family,
-            likeness=alike,
-            likeness_lead=alike_lead,
-        )
-        return Candidate(number, evidence, fits, most_similar, printed)
-
-    def _likeness_of_objects(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
-        """Return the likeness of all objects (O,) and which of them have a shape (O,).
-
-        Removed ones have the likeness of nothing. None where the query has no shape.
-        """
-        if self._features.shape is None:
-            return None
-        snapshot, numbers = self._snapshot, self._snapshot.object_of_view
-        constants = self._params.confidence
-        colour, shape = (np.full(len(snapshot.object_iris), -1.0) for _ in "cs")
-        lit = relit_colours(self._features.colour, self._features.picture)
-        costs = light_costs(constants.light_gain, constants.light_tint)[: len(lit)]
-        np.maximum.at(colour, numbers, snapshot.colours(lit, costs))
-        np.maximum.at(shape, numbers, snapshot.shapes(self._features.shape))
-        return likeness(colour, shape, constants), shape >= 0
-
-    def _most_alike(self) -> list[int]:
-        """Return the objects that are alike in colours and shape, the most alike first."""
-        if self._alike is None:
-            return []
-        alike, has_shape = self._alike
-        order = np.argsort(-alike, kind="stable")
-        return [int(number) for number in order if has_shape[number] and self._look[number] >= 0]
-
-    def _likeness_and_lead(self, number: int) -> tuple[float | None, float]:
-        """Return the likeness of one object, None where it has no shape, and its lead."""
-        if self._alike is None or not self._alike[1][number]:
-            return None, 0.0
-        constants, alike = self._params.confidence, self._alike[0]
-        usual = np.array([constants.usual_likeness])
-        rival = np.append(np.delete(alike, number), likeness(usual, np.ones(1), constants)).max()
-        return float(alike[number]), float(alike[number] - rival)
-
-    def _likeness(self, view: int) -> _Likeness:
-        """Compare the query with one view."""
-        stored_m = float(self._snapshot.measures(np.array([view]))[0, 1])
-        size_m, growth = self._features.size_m, None
-        if np.isfinite(size_m) and np.isfinite(stored_m) and min(size_m, stored_m) > 0:
-            growth = float(np.log(size_m / stored_m))
-        colour = float(self._snapshot.colour(view) @ self._features.colour)
-        return _Likeness(colour, growth)
-
-
-@dataclass(frozen=True)
-class _Likeness:
-    """Similarity of colours, and logarithm of the size over the view's where both are known."""
-
-    colour: float
-    growth: float | None
-
-    @property
-    def size_gap(self) -> float | None:
-        return None if self.growth is None else abs(self.growth)
-
-    @property
-    def is_smaller(self) -> bool:
-        return self.growth is not None and self.growth < 0
+def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Match:
+    """Return the answer's entry."""
+    views = [fit.view for fit in candidate.fits]
+    inliers, difference = candidate.evidence.inliers, None
+    if candidate.printed is not None:
+        difference = candidate.printed.evidence.difference
+        inliers = candidate.printed.evidence.matches
+        views = list(dict.fromkeys([candidate.printed.view, *views]))
+    views = views or [candidate.most_similar_view]
+    movement = next((fit.query_from_view for fit in candidate.fits if fit.view == views[0]), None)
+    if movement is None and candidate.printed is not None:
+        movement = candidate.printed.query_from_view
+    return Match(
+        object_iri=snapshot.object_iris[candidate.object_number],
+        class_iri=snapshot.class_iris[snapshot.class_of_view[views[0]]],
+        confidence=confidence,
+        inliers=inliers,
+        views=tuple(snapshot.view_iris[view] for view in views),
+        appearance=candidate.evidence.appearance,
+        size_ok=candidate.evidence.size_ok,
+        query_from_view=movement,
+        view_iri=snapshot.view_iris[views[0]],
+        difference=difference,
+        by_print=candidate.evidence.passes_on_print(confidence),
+        extent=0.0 if candidate.printed is None else candidate.printed.evidence.extent,
+    )
 
 
 def warm_up() -> None:

@@ -14,8 +14,8 @@ them, and an L2 penalty (C on standardised terms). What is reported are decision
 with those constants takes them; ``--held-out`` decides each photograph by a fit without its brand.
 The other half of the YCB objects is never fitted; it is asked with and without depth, and each
 object once more while it is taken out of the store, as one of the unknown. ``--cache`` keeps
-described renders and the evidence: to gather it takes ten minutes of one core. The constants that
-it prints are the shipped ones.
+described renders and the evidence: to gather it takes ten minutes of one core. The shipped
+constants are those that it printed when print was last fitted; the evidence has changed a little.
 """
 
 from __future__ import annotations

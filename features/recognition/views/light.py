@@ -37,7 +37,8 @@ _MOST_PIXELS = 2500
 
 def light_costs(per_gain: float, per_tint: float) -> NDArray[np.float32]:
     """Return what each of :data:`LIGHTS` takes off a similarity (L,), per power of two."""
-    return (np.abs(LIGHTS) @ (per_gain, per_tint)).astype(np.float32)
+    costs = np.abs(LIGHTS) @ np.array([per_gain, per_tint])
+    return np.asarray(costs, np.float32)
 
 
 def relit_colours(colour: NDArray[np.float32], picture: bytes) -> NDArray[np.float32]:
