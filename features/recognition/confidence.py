@@ -143,6 +143,9 @@ class ConfidenceParams:
         print has to confirm them.
     contradicting_odds
         Logarithmic odds of print below which it contradicts even what carries little of it.
+    refuting_odds
+        Logarithmic odds of print below which agreeing places do not decide, in space either: the
+        same mould and lettering in another colour agree in every place.
     undecided_from
         The least confidence of a rejected answer that another view may turn.
     family_odds
@@ -182,6 +185,7 @@ class ConfidenceParams:
     min_print_colour: float = 0.3
     suggestion: float = 0.3
     contradicting_odds: float = -2.0
+    refuting_odds: float = -6.0
     undecided_from: float = 0.5
     family_odds: float = 0.85
 
@@ -217,6 +221,8 @@ def _confidence(e: Evidence, params: ConfidenceParams) -> float:
     if needs_print and not e.is_solid:
         # In the image alone the places of an emblem are as good as any: the print between decides.
         places = min(places, params.suggestion)
+    if e.print_odds is not None and e.print_odds < params.refuting_odds:
+        places = min(places, params.undecided)
     best = max(look, places, _by_print(e, params))
     is_undecided = e.is_twin and e.appearance_lead < params.twin_lead
     return min(best, params.undecided) if is_undecided else best

@@ -67,6 +67,13 @@ def test_thirty_places_decide_in_any_light() -> None:
     assert confidences([dark])[0] > 0.7
 
 
+def test_places_in_space_do_not_decide_where_the_print_refutes_them() -> None:
+    """The same can in another colour agrees in every place; a doubt of print is not enough."""
+    solid = replace(PRINTED, inliers=30, is_solid=True, has_print=True)
+    assert confidences([replace(solid, print_odds=-5.0)])[0] > 0.7
+    assert confidences([replace(solid, print_odds=-8.0)])[0] < 0.7
+
+
 def test_among_few_objects_a_measured_look_decides_only_where_there_is_no_print() -> None:
     few = replace(PLAIN, is_among_many=False, has_print=True)
     assert confidences([replace(few, is_plain=True)])[0] > 0.7
