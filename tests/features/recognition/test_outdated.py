@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures
+from features.recognition import ranking as ranking_module
 from features.recognition import recogniser as recogniser_module
 from features.recognition.comparison import printed, store_facts, twins
 from features.recognition.comparison.store_facts import StoreFacts
@@ -173,7 +174,8 @@ def test_answers_are_the_same_whatever_is_known_or_left_out(
     tmp_path, seed, chosen, family, monkeypatch
 ) -> None:
     """Views come, go, change their object and are replaced between queries and starts."""
-    monkeypatch.setattr(recogniser_module, "_CHOSEN", chosen)  # of few, more are left out
+    for module in (ranking_module, recogniser_module):
+        monkeypatch.setattr(module, "MOST_CHOSEN", chosen)  # of few, more are left out
     rng = np.random.default_rng(seed)
     things = list(family)
     queries = [family[name][-1] for name in ("card", "half", "stranger")]
