@@ -35,7 +35,7 @@ class Candidate:
 
 
 class First(NamedTuple):
-    """Best objects by their places and by their look."""
+    """Best objects by their places, and by their look or their likeness."""
 
     by_places: list[int]
     by_look: list[int]
@@ -71,7 +71,7 @@ class Ranking:
         self._alike = self._likeness_of_objects()
 
     def first(self) -> First:
-        """Return the best objects by places and by look."""
+        """Return the best objects by places, and by look or likeness."""
         by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
         by_look = dict.fromkeys([*self._by_look[:MOST_CHOSEN], *self._most_alike()[:MOST_CHOSEN]])
         return First(by_places[:MOST_CHOSEN], list(by_look))

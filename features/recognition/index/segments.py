@@ -108,7 +108,7 @@ class Block:
 
     @cached_property
     def colours(self) -> NDArray[np.float32]:
-        """Colour histograms (V, 192) of the views, :func:`spread`."""
+        """Colour histograms (V, 192) of the views, spread over neighbouring bins."""
         return spread(colours_of(self.looks))
 
     def rows_of(self, view: int) -> slice:

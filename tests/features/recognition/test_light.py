@@ -39,9 +39,9 @@ def test_another_colour_is_not_taken_for_another_light(colour: Colour) -> None:
 def test_every_light_has_a_cost_but_that_of_the_view_itself() -> None:
     costs = light_costs(0.03, 0.1)
     assert costs[0] == 0
-    # An exposure of half and the same light again cost nothing besides: 0.03 for a power of two.
-    half = np.flatnonzero((LIGHTS == (1.0, 0.0)).all(axis=1))
-    assert costs[half] == pytest.approx([0.03])
+    # Twice the exposure without a tint is one power of two, at 0.03 each.
+    double = np.flatnonzero((LIGHTS == (1.0, 0.0)).all(axis=1))
+    assert costs[double] == pytest.approx([0.03])
     assert (costs[1:] >= 0).all()
 
 
