@@ -74,7 +74,12 @@ def _note_foreign(url: str, host: str, faults: list[str]) -> None:
 
 
 def fits(page: Any) -> bool:
-    """Tell whether nothing scrolls sideways, and whether there is one heading of level 1."""
+    """Tell whether nothing scrolls sideways, and whether there is one heading of level 1.
+
+    Waits for the page to be loaded: a heading can be found, and measured, before the style sheet
+    is there, when a long line of a program still makes the page wider.
+    """
+    page.wait_for_load_state("load")
     width = page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
     return bool(width <= 0 and page.locator("h1").count() == 1)
 
