@@ -14,7 +14,7 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
-from tests.benchmarks.following import make_writer
+from tests.benchmarks.endpoint.following import make_writer
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.benchmarks.bench_race import run
+from tests.benchmarks.endpoint.bench_race import run
 
 pytestmark = pytest.mark.slow  # starts a server
 

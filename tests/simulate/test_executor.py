@@ -1,6 +1,6 @@
 """Grasps in the simulated world: what holds is recorded as held, what fails says how.
 
-These are a few fixed cases; rates over many are measured by tests/benchmarks/bench_grasping.py.
+These are a few fixed cases; rates over many are measured by ``bench_grasping.py``.
 """
 
 from __future__ import annotations

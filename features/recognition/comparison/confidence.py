@@ -1,8 +1,8 @@
 """Confidence from the evidence of print: one logistic function for each support by stored views.
 
 Every weight has the sign that its meaning demands, so that more agreement never lowers the
-confidence. The constants are shipped: ``tests/benchmarks/fit_print.py`` prints them, and
-``docs/recognition.md`` says what they are worth on what was left out.
+confidence. The constants are shipped: ``fit_print.py`` in ``tests/benchmarks/recognition`` prints
+them, and ``docs/recognition.md`` says what they are worth on what was left out.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ import pyoxigraph as ox
 import pytest
 
 import rtask
-from tests.benchmarks.bsbm import Shop
-from tests.benchmarks.bsbm_queries import MIX, QUERIES, Question, mixes
+from tests.benchmarks.kb.bsbm import Shop
+from tests.benchmarks.kb.bsbm_queries import MIX, QUERIES, Question, mixes
 
 PRODUCTS, MIXES = 30, 3
 

@@ -139,7 +139,7 @@ def test_the_joints_of_its_attempts_make_data_sets(finished: Any, tmp_path: Path
 
 
 def test_most_objects_in_reach_are_held(finished: Any) -> None:
-    """One seed is a sample of six; the figures over five are ``tests/benchmarks/bench_demo.py``'s.
+    """One seed is a sample of six; the figures over five are those of ``bench_demo.py``.
 
     The expected share is above .8 (there); half of them is three standard deviations below.
     """
