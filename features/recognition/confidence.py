@@ -1,7 +1,7 @@
 """Confidence from evidence, and the decision from confidences (Kehoe 2014, 4.3).
 
 The constants are shipped; no training step is needed to use them. How they were fitted and what
-they achieve stands in ``docs/recognition.md``, with the command that shows it.
+they achieve stands in ``docs/recognition-measured.md``, with the command that shows it.
 """
 
 from __future__ import annotations

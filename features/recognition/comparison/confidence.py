@@ -2,7 +2,7 @@
 
 Every weight has the sign that its meaning demands, so that more agreement never lowers the
 confidence. The constants are shipped: ``fit_print.py`` in ``tests/benchmarks/recognition`` prints
-them, and ``docs/recognition.md`` says what they are worth on what was left out.
+them, and ``docs/recognition-measured.md`` says what they are worth on what was left out.
 """
 
 from __future__ import annotations
