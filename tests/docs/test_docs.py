@@ -17,6 +17,8 @@ PAGES = sorted([*_TOP, *(ROOT / "docs").glob("**/*.md")])
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 REFERENCE = [page for page in PAGES if page not in TUTORIALS]
 _LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)#\s]+)(#[^)]*)?\)|!\[[^\]]*\]\(([^)\s]+)\)")
+_SECTION = re.compile(r"(?<!!)\[[^\]]*\]\(([^)#\s]*)#([^)\s]+)\)")
+_HEADING = re.compile(r"^#+ (.+)$", re.M)
 _CODE = re.compile(r"```(\w+)([^\n]*)\n(.*?)```", re.S)
 
 
@@ -31,6 +33,26 @@ def test_every_relative_link_leads_to_a_file(page: Path) -> None:
     relative = [target for target in targets if "://" not in target and target]
     missing = [target for target in relative if not (page.parent / target).exists()]
     assert not missing
+
+
+def _sections(page: Path) -> set[str]:
+    """Return what GitHub names the page's headings in links."""
+    headings = _HEADING.findall(_CODE.sub("", page.read_text(encoding="utf-8")))
+    plain = [re.sub(r"\]\([^)]*\)|[^\w\- ]", "", heading.lower()) for heading in headings]
+    return {heading.strip().replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_ids(PAGES))
+def test_every_link_to_a_section_leads_to_its_heading(page: Path) -> None:
+    text = _CODE.sub("", page.read_text(encoding="utf-8"))
+    inside = [
+        ((page.parent / target).resolve() if target else page, section)
+        for target, section in _SECTION.findall(text)
+        if "://" not in target
+    ]
+    pages = {path for path, _ in inside if path in PAGES}
+    known = {path: _sections(path) for path in pages}
+    assert not [f"{p.name}#{name}" for p, name in inside if p in pages and name not in known[p]]
 
 
 @pytest.mark.slow
