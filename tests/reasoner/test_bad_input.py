@@ -6,10 +6,10 @@ import itertools
 import time
 
 import pytest
-from ttl import triple, triples
-from worlds import TYPE, names, owl, rdfs
 
 from reasoner import Closure, ClosureTooLargeError, RuleError, StratificationError
+from tests.reasoner.ttl import triple, triples
+from tests.reasoner.worlds import TYPE, names, owl, rdfs
 
 DEADLINE_S = 60
 """Each takes below 3 s of processor time; a busy machine may be many times slower."""

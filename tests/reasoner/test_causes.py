@@ -6,11 +6,11 @@ from itertools import combinations
 
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
-from ttl import triples
-from worlds import NARROW, WIDE
 
 from reasoner import Closure, LabelledRule
 from reasoner.causes import Cause, quickxplain
+from tests.reasoner.ttl import triples
+from tests.reasoner.worlds import NARROW, WIDE
 
 LONG_MS = 60_000
 BASE = """

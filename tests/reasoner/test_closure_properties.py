@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from naive import consequences
-from worlds import NARROW, WIDE
 
 from reasoner import Closure, Config
+from tests.reasoner.naive import consequences
+from tests.reasoner.worlds import NARROW, WIDE
 
 MANY = settings(
     max_examples=150,

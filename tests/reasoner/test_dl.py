@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from ttl import triple, triples
 
 from reasoner.dl import hermit, pellet
 from rtask.cli.reasoning import reason
 from rtask.errors import UnsupportedError
+from tests.reasoner.ttl import triple, triples
 
 FAMILY = """
 :Parent a owl:Class ; rdfs:subClassOf :Person . :Person a owl:Class .

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pyoxigraph as ox
 import pytest
-import rivals
-from lubm import QUERIES, Generator, query, schema
 
 from reasoner import Closure
+from tests.benchmarks.reasoner import rivals
+from tests.benchmarks.reasoner.lubm import QUERIES, Generator, query, schema
 
 
 def rows(triples) -> dict[int, frozenset[tuple[str, ...]]]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import random
 
 import pytest
-from kitchens import CLOSURE_SIZES, facts, n, schema, size_of_closure
-from naive import consequences
 from pyoxigraph import BlankNode, Literal, NamedNode
-from ttl import triples
 
 from reasoner import Closure
 from reasoner.facts import arrays, relations
 from reasoner.terms.vocabulary import OWL, RDF, RDFS
+from tests.benchmarks.reasoner.kitchens import CLOSURE_SIZES, facts, n, schema, size_of_closure
+from tests.reasoner.naive import consequences
+from tests.reasoner.ttl import triples
 
 
 def test_the_size_of_the_closure_is_known():

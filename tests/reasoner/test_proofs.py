@@ -6,12 +6,12 @@ import json
 
 import pytest
 from hypothesis import given, settings
-from naive import Graph as NaiveGraph
-from naive import consequences, rules
-from ttl import triple, triples
-from worlds import NARROW
 
 from reasoner import Closure
+from tests.reasoner.naive import Graph as NaiveGraph
+from tests.reasoner.naive import consequences, rules
+from tests.reasoner.ttl import triple, triples
+from tests.reasoner.worlds import NARROW
 
 KITCHEN = """
 :Vessel rdfs:subClassOf :Thing . :Mug rdfs:subClassOf :Vessel .

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from ttl import triple, triples
 
 from reasoner import Closure
+from tests.reasoner.ttl import triple, triples
 
 RESTRICTION = ":r owl:onProperty :p ; "
 

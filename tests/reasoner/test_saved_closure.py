@@ -10,15 +10,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode
-from test_closure_properties import IN_BULK, RULES, clashes
-from ttl import triples
-from worlds import NARROW, WIDE
 
 from reasoner import Closure, Config
 from reasoner.saved.container import DamagedFolderError, read_folder, read_head, write_folder
 from reasoner.saved.image import Image, fingerprint
 from reasoner.terms.table import TermTable
 from reasoner.terms.vocabulary import XSD
+from tests.reasoner.test_closure_properties import IN_BULK, RULES, clashes
+from tests.reasoner.ttl import triples
+from tests.reasoner.worlds import NARROW, WIDE
 
 SOME = settings(
     max_examples=50,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from ttl import triple, triples
 
 from reasoner.dl.profile import check_profile
 from reasoner.shacl import validate
+from tests.reasoner.ttl import triple, triples
 
 SHAPES = """
 @prefix sh: <http://www.w3.org/ns/shacl#> .

@@ -7,9 +7,9 @@ import threading
 import pyoxigraph as ox
 import pytest
 from pyoxigraph import Literal, NamedNode
-from ttl import triple, triples
 
 from reasoner import Closure, ClosureTooLargeError, Config, InconsistentError
+from tests.reasoner.ttl import triple, triples
 
 SCHEMA = ":Mug rdfs:subClassOf :Vessel . :Vessel owl:disjointWith :Pen ."
 

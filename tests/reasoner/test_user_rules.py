@@ -5,11 +5,11 @@ from __future__ import annotations
 import pyoxigraph as ox
 import pytest
 from hypothesis import given, settings
-from naive import consequences
-from ttl import triple, triples
-from worlds import NARROW
 
 from reasoner import Closure, LabelledRule, RuleError, StratificationError
+from tests.reasoner.naive import consequences
+from tests.reasoner.ttl import triple, triples
+from tests.reasoner.worlds import NARROW
 
 PREFIX = "PREFIX : <urn:t:> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>\n"
 

@@ -28,9 +28,7 @@ from rtask.errors import StoreFormatError
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "rtask" / "kb"))
-from writer_process import BULK, REPEATS
+from tests.rtask.kb.writer_process import BULK, REPEATS
 
 WORKS = ("commits", "group", "checkpoint", "bulk", "backup")
 MOMENTS = ("time", "ack", "call", "call")

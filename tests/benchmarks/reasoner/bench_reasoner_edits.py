@@ -13,18 +13,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import time
-from pathlib import Path
 
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reasoner"))
-
-from test_closure_properties import IN_BULK, RULES
-from worlds import NARROW, WIDE, World, owl
-
 from reasoner import Closure
+from tests.reasoner.test_closure_properties import IN_BULK, RULES
+from tests.reasoner.worlds import NARROW, WIDE, World, owl
 
 
 class Count:

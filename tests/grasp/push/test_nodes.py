@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from grasp.push import open_executor
-
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+from tests.benchmarks.push import push_nodes as nodes
 
 
 def test_every_nodes_shard_is_timed_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    nodes = importlib.import_module("push_nodes")
     monkeypatch.setattr(nodes, "SAMPLES", 6)
     trials = nodes.trials_of("A", nodes.CONFIGURATIONS[-1])
     with open_executor("serial") as executor:

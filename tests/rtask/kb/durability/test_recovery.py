@@ -23,7 +23,7 @@ from rtask.kb.store.embedded import LARGE
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, iri
 
-_KILLS = Path(__file__).parents[2] / "benchmarks" / "stress_kills.py"
+_KILLS = Path(__file__).parents[3] / "benchmarks" / "kb" / "stress_kills.py"
 
 
 def _bare(path: Path, **options: object) -> KnowledgeBase:

@@ -21,9 +21,7 @@ from typing import Any
 import rtask
 from rtask.engine import Engine
 from rtask.kb.commit.access import Access
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "kb"))
-from writer_process import die_at
+from tests.rtask.kb.writer_process import die_at
 
 ROBOT = Access("nao-1", "robot")
 

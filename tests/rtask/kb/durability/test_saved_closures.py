@@ -24,7 +24,7 @@ from tests.rtask.kb.processes import end_of_checkpoints
 
 pytestmark = pytest.mark.slow
 
-_STRESS = Path(__file__).parents[2] / "benchmarks" / "stress_closure.py"
+_STRESS = Path(__file__).parents[3] / "benchmarks" / "reasoner" / "stress_closure.py"
 _TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 _RANGE = "http://www.w3.org/2000/01/rdf-schema#range"
 _THING = iri("urn:t:Thing")

@@ -23,7 +23,7 @@ from simulate.robots.urdf_reader import read_urdf
 from simulate.world.objects import product, sample_objects
 from simulate.world.scene import arrange
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
