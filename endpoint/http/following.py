@@ -30,7 +30,7 @@ class Following(Protocol):
 
     @property
     def forwards(self) -> bool:
-        """Whether writes are passed on; clients are told where to send them otherwise."""
+        """Whether writes are passed on; if not, answers name the address that takes them."""
 
     def forward(self, request: Request) -> Response:
         """Let the other server answer a request."""

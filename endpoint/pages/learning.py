@@ -22,7 +22,7 @@ _KNOWN = {
     (False, True): "only other robots had",
     (True, True): "the robot and others had",
 }
-_MOST_OWN = 9
+_MAX_OWN = 9
 _CURVES = {False: "nobody else had tried the object", True: "other robots had tried it before"}
 _BINS = 5
 _COUNTS = ((0, "none"), (1, "1"), (4, "2 to 4"), (9, "5 to 9"), (10**9, "10 or more"))
@@ -66,7 +66,7 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
         number, own = before.total(), before[robot]
         known[_KNOWN[own > 0, number > own]].append(held)
         counts[next(words for most, words in _COUNTS if number <= most)].append(held)
-        own_tries[number > own][min(own, _MOST_OWN)].append(held)
+        own_tries[number > own][min(own, _MAX_OWN)].append(held)
         alpha, beta = row.get("alpha"), row.get("beta")
         if alpha and beta:
             before_it = float(alpha) / (float(alpha) + float(beta))
@@ -105,9 +105,9 @@ def _share(name: str, judged: list[bool]) -> Model:
 
 def _over_tries(name: str, tries: Mapping[int, list[bool]]) -> Model:
     """Return the belief at each number of own earlier attempts, up to the first nobody reached."""
-    reached = list(itertools.takewhile(tries.get, range(_MOST_OWN + 1)))
+    reached = list(itertools.takewhile(tries.get, range(_MAX_OWN + 1)))
     points = [{"attempts": len(tries[n]), **_share(str(n), tries[n])} for n in reached]
-    return {"name": name, "points": points, "most": _MOST_OWN}
+    return {"name": name, "points": points, "most": _MAX_OWN}
 
 
 def _beside_expected(number: int, judged: list[tuple[float, bool]]) -> Model:

@@ -308,6 +308,6 @@ def plan_grasps_action(engine: Engine) -> list[Action]:
 
 
 def _check_samples(samples: Any) -> None:
-    """Refuse a number of samples that is none."""
+    """Refuse a value that is no number of samples."""
     if samples is not None and (type(samples) is not int or samples < 1):
         raise UsageError("samples: expected a whole number above 0", field="samples")

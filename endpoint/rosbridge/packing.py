@@ -27,7 +27,7 @@ MAX_IDS = 8
 MAX_PARTS = 10_000
 MAX_CHARACTERS = 64 << 20
 MAX_AGE_S = 30.0
-_MOST_DIGITS = 22
+_MAX_DIGITS = 22
 _LONG = re.compile(r"\d{20}")
 _ids = itertools.count(1)
 
@@ -144,7 +144,7 @@ def cbor(text: str) -> bytes:
 
 def _parse_integer(digits: str) -> int | float:
     # Python refuses to read integers of some thousand digits.
-    value = int(digits) if len(digits) < _MOST_DIGITS else None
+    value = int(digits) if len(digits) < _MAX_DIGITS else None
     return value if value is not None and -(2**64) <= value < 2**64 else float(digits)
 
 

@@ -26,7 +26,7 @@ T = TypeVar("T")
 Task = Callable[[int, int], T]
 Range = tuple[int, int]
 Progress = Callable[[int, int], None]
-"""Is told how many trials have been judged, and how many are wanted."""
+"""Receives the number of trials judged so far, and the number wanted."""
 
 _PIECES, _LONGEST = 8, 5_000
 """Into how many ranges a worker's share is split at least where somebody watches, and the most

@@ -40,7 +40,7 @@ _LONGEST_S = 5.0
 
 
 class Claim:
-    """Claims of one process, which are told from others by a random name.
+    """Claims of one process, identified by a random name.
 
     Parameters
     ----------

@@ -244,7 +244,7 @@ class ServiceHost:
         with self._lock:
             self._closed = True
             pools, self._pools = list(self._pools.values()), {}
-            closing = [*self._closing, *_closed_apart(pools)]
+            closing = [*self._closing, *_close_in_threads(pools)]
         for thread in closing:
             thread.join()
         self.datasets.close()
@@ -335,7 +335,7 @@ class ServiceHost:
             retired = [self._pools.pop(key) for key in idle]
             still = [thread for thread in self._closing if thread.is_alive()]
             # Shut-down methods take their time, and the caller may be the server's event loop.
-            self._closing = [*still, *_closed_apart(retired)]
+            self._closing = [*still, *_close_in_threads(retired)]
 
     def _pool(self, definition: Definition, mapped: Mapped) -> Pool:
         key = (definition.exact, mapped)
@@ -400,7 +400,7 @@ def _runner_kind(definition: Definition) -> type[InProcess | ChildProcess | RayA
     return ChildProcess if definition.executor == "processes" else InProcess
 
 
-def _closed_apart(pools: Iterable[Pool]) -> list[threading.Thread]:
+def _close_in_threads(pools: Iterable[Pool]) -> list[threading.Thread]:
     """Close each queue in a thread of its own, and return the threads."""
     threads = [threading.Thread(target=pool.close, daemon=True) for pool in pools]
     for thread in threads:

@@ -62,20 +62,20 @@ def kind_of(field: FieldInfo) -> Kind:
     >>> kind.type, kind.is_list, kind.is_nullable
     (<class 'float'>, True, True)
     """
-    return _taken_apart(Kind(field.annotation, tuple(field.metadata)))
+    return _unwrapped(Kind(field.annotation, tuple(field.metadata)))
 
 
-def _taken_apart(kind: Kind) -> Kind:
+def _unwrapped(kind: Kind) -> Kind:
     origin, arguments = typing.get_origin(kind.type), typing.get_args(kind.type)
     if origin is Annotated:
         first, *more = arguments
-        return _taken_apart(replace(kind, type=first, metadata=(*kind.metadata, *more)))
+        return _unwrapped(replace(kind, type=first, metadata=(*kind.metadata, *more)))
     if origin is list:
-        return _taken_apart(replace(kind, type=arguments[0], is_list=True))
+        return _unwrapped(replace(kind, type=arguments[0], is_list=True))
     if origin in (types.UnionType, typing.Union) and type(None) in arguments:
         present = [one for one in arguments if one is not type(None)]
         if len(present) == 1:
-            return _taken_apart(replace(kind, type=present[0], is_nullable=True))
+            return _unwrapped(replace(kind, type=present[0], is_nullable=True))
     return kind
 
 

@@ -40,7 +40,7 @@ CHANGE = (
     Member("graphs", "string", LIST), Member("added", "int64", SCALAR),
     Member("removed", "int64", SCALAR), Member("derived", "int64", SCALAR),
 )  # fmt: skip
-"""The fields of a commit as its subscribers are told of it."""
+"""The fields of a commit in the message to its subscribers."""
 
 
 def camel_case(operation: str) -> str:

@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
 
 def content_digest(*parts: bytes) -> bytes:
-    """Return the digest by which a view's content is told from another."""
+    """Return the digest that identifies a view's content."""
     return hashlib.blake2b(b"".join(parts), digest_size=8).digest()
 
 

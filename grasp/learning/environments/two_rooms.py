@@ -48,7 +48,7 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
 
     @staticmethod
     def bins() -> Bins:
-        """Return one cell a state; the ranges are those that planners are told."""
+        """Return one cell a state, with the ranges that planners receive."""
         return Bins((0, 0), (5, 10), (5, 10))
 
     @staticmethod

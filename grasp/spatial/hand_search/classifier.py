@@ -247,7 +247,7 @@ class GraspClassifier:
 
 
 def gripper_key(gripper: ParallelGripper) -> str:
-    """Return under which a gripper's models are told apart: type and stroke in mm.
+    """Return the key of a gripper's models: type and stroke in mm.
 
     >>> gripper_key(ParallelGripper("hand", "nao_hand", 0.0, 0.05))
     'nao_hand 50'

@@ -236,7 +236,7 @@ def _leave_out_restated(edit: Edit) -> set[NamedNode]:
 
 
 def _restate(context: Context, grasps: set[NamedNode], author: Access) -> None:
-    """State counts, maps and the beliefs about some grasps from all that is told now."""
+    """State counts, maps and the beliefs about some grasps from all present reports."""
     rebuild(context)
     home, who, triples = context.home_graph(author), context.agent_iri(author), Triples()
     old: list[tuple[NamedNode, NamedNode, Value]] = []

@@ -69,8 +69,8 @@ class Question:
     doubts: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def is_heard_apart(self) -> bool:
-        """Whether the attempts of some robot are counted apart."""
+    def weighs_robots(self) -> bool:
+        """Whether the attempts of some robot are counted by themselves, with a weight."""
         return any(weight > 0 for weight in self.doubts.values())
 
 

@@ -131,7 +131,7 @@ def _tallies(
     """Return the counts of each grasp, apart those in coarse physics and of robots in doubt."""
 
     def teller(row: Row) -> str:
-        return _text(row, "by") if question.is_heard_apart else ""
+        return _text(row, "by") if question.weighs_robots else ""
 
     fast = {
         (_key(row), row.value("held"), teller(row)): int(_number(row, "n")) for row in fast_rows

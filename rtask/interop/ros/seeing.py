@@ -245,7 +245,7 @@ class SeeAction:
             said.put(RtaskError("the view could not be examined; see the log of the node"))
 
     def _ask(self, goal: Any, view: View, seen: Seen, number: int) -> Any:
-        """Return what the graph knows of one object; an error of the server is told in it."""
+        """Return what the graph knows of one object; an error of the server is part of it."""
         one = make_message("rtask_msgs/SeenObject")
         one.header, one.label = view.header(self._eyes.frame), number
         one.pose, one.size = box_of(seen)

@@ -216,7 +216,7 @@ class Follower:
 
     def _take_in(self) -> None:
         if not self._place.is_there():
-            if not self._begin_anew(0):
+            if not self._restart_from_snapshot(0):
                 raise StoreError(
                     "the writer has taken back a commit that was read here, and has published no "
                     "snapshot to go on with; open the knowledge base again"
@@ -228,7 +228,7 @@ class Follower:
         for record, its_place in self._records():
             if record.header.get("partial") or record.seq != last + 1:
                 self._apply(records, place)
-                self._begin_anew(record.seq)
+                self._restart_from_snapshot(record.seq)
                 return
             records.append(record)
             last, place = record.seq, its_place
@@ -241,7 +241,7 @@ class Follower:
             self._writer.take_in([self._feed.read(record) for record in records])
         self._place = place
 
-    def _begin_anew(self, at_least: int) -> bool:
+    def _restart_from_snapshot(self, at_least: int) -> bool:
         """Go on with the newest snapshot, if it has a commit; return whether it has."""
         taken = self._copy.take(at_least)
         if taken is None:

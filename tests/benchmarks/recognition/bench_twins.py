@@ -1,4 +1,4 @@
-"""Objects with one print: how often that is told where it is so, and where it is not.
+"""Objects with one print: how often they are reported, rightly and wrongly.
 
     python bench_twins.py                  # generated prints
     python bench_twins.py --photos FOLDER  # photographs too, cut by colour

@@ -1,4 +1,4 @@
-"""Commits as events for people: what is told of many objects at once."""
+"""Commits as events for people: the event of a commit about many objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Products that share print are told apart by what does not agree between their matches."""
+"""Products that share print are distinguished by what does not agree between their matches."""
 
 from __future__ import annotations
 

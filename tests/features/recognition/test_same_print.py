@@ -1,4 +1,4 @@
-"""Two objects of one print are told to be so, and sight decides for neither."""
+"""Two objects with one print are reported as such, and neither is accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Racing clients: the server's answer in time, else the slice's; what is told is not lost."""
+"""Racing clients: the server's answer in time, else the slice's; no report is lost."""
 
 from __future__ import annotations
 

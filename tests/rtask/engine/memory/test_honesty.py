@@ -1,4 +1,4 @@
-"""Robots that report what is not so are told apart, and robots with little or odd luck are not."""
+"""Robots that report falsely are found out; robots with little or odd luck are not suspected."""
 
 from __future__ import annotations
 
