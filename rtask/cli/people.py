@@ -242,10 +242,10 @@ def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> No
 @agent_option("Person who withdraws it, and whose graph the change goes to.")
 @json_option
 def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
-    """Withdraw all that the robot or person NAME told, and all that followed from it.
+    """Withdraw all that the robot or person NAME reported, and all that followed from it.
 
     Attempts, outcomes, verdicts and places go; counts and beliefs are restated from what the
-    others told. Objects and grasps that others build on stay. `rtask objects undo COMMIT` undoes
+    others reported. Objects and grasps that others build on stay. `rtask objects undo COMMIT` undoes
     it.
     """
     named = {} if agent is None else {"operator": agent}

@@ -81,7 +81,7 @@ def look(
     from rtask.engine.policy import Policy
 
     recogniser = Recogniser(index)
-    # A single known object has no rival to be told from: more inliers are required, as in the
+    # A single known object has no rival to be compared with: more inliers are required, as in the
     # engine.
     least = 0 if has_rivals(index) else Policy().inliers_when_alone
 

@@ -1,4 +1,4 @@
-"""The objects of a view: cut from the table, or told by the masks and boxes of another tool."""
+"""The objects of a view: cut from the table, or given by the masks and boxes of another tool."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ __all__ = ["end_on_signals", "node"]
 @click.option(
     "--outbox",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="File that keeps what could not be told to the server; sent again later.",
+    help="File that keeps what could not be sent to the server; it is sent again later.",
 )
 @click.option(
     "--wait",
