@@ -245,8 +245,8 @@ def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_js
     """Withdraw all that the robot or person NAME reported, and all that followed from it.
 
     Attempts, outcomes, verdicts and places go; counts and beliefs are restated from what the
-    others reported. Objects and grasps that others build on stay. `rtask objects undo COMMIT` undoes
-    it.
+    others reported. Objects and grasps that others build on stay. `rtask objects undo COMMIT`
+    undoes it.
     """
     named = {} if agent is None else {"operator": agent}
     with connection(data, server) as client:

@@ -41,7 +41,7 @@ def connect(
     agent
         In process: the robot on whose behalf calls are made.
     outbox
-        File that keeps what could not be told; sent again now and at every later occasion.
+        File that keeps what could not be sent; it is sent again now and on every later call.
     race
         Ask ``local``, a slice of the graph of this process, and the server at once, and take the
         best answer that is there in time; see :class:`rtask.client.racing.RacingClient`.
