@@ -9,15 +9,20 @@ from tests.architecture.imports import ROOT, source_files
 MAX_FILES = 18
 
 # Folders that are larger, each with its reason; the number may only fall.
-LARGER: dict[str, int] = {}
+LARGER: dict[str, int] = {
+    "tests/browser": 24,  # one file a page, and every one of them shares its few helpers
+    "tests/clients": 33,  # one server as its callers see it, whatever they call
+    "tests/reasoner": 20,  # one closure, asked in many ways, beside a naive one
+    "tests/rtask/services": 19,
+}
 
 
 def _sizes() -> Counter[str]:
-    """Count each folder's modules, its ``__init__`` left out."""
+    """Count the modules of each folder, ``__init__`` and ``conftest`` left out."""
     return Counter(
         str(path.parent.relative_to(ROOT))
-        for path in source_files().values()
-        if path.name != "__init__.py"
+        for path in [*source_files().values(), *(ROOT / "tests").rglob("*.py")]
+        if path.name not in ("__init__.py", "conftest.py")
     )
 
 
