@@ -9,7 +9,7 @@ from features.recognition import Recogniser
 from features.recognition.views.appearance import colour_histogram
 from features.recognition.views.light import LIGHTS, light_costs, relit_colours, spread
 from features.recognition.views.picture import take_picture
-from tests.features.recognition.test_shape import BLUE, GREY, plain, stocked
+from tests.features.recognition.views.test_shape import BLUE, GREY, plain, stocked
 
 Colour = tuple[int, int, int]
 
