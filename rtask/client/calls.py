@@ -1419,7 +1419,7 @@ class Calls(ABC):
         contributor: str,
         operator: str | None = None,
     ) -> WithdrawnContributor:
-        """Withdraw all that a robot or a person told, and all that followed from it.
+        """Withdraw all that a robot or a person reported, and all that followed from it.
 
         Parameters
         ----------

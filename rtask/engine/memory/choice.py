@@ -194,7 +194,7 @@ def unaided(
     policy: Policy,
     maps: Mapping[str, ScoreMap] | None = None,
 ) -> Option | None:
-    """Return the option that :func:`choose` would put first if the graph told of no outcomes."""
+    """Return the option that :func:`choose` would put first if the graph knew of no outcomes."""
     n = len(candidates)
     nothing = Evidence(np.zeros(n), np.zeros(n), ((),) * n)
     weights = Weights(policy, {}, scene.gripper, scene.size, dt.datetime.now(dt.UTC))

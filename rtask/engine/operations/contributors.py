@@ -148,12 +148,12 @@ class WithdrawnContributor(Answer):
     kept: int
     """objects that it had added and that stay, because others build on them"""
     grasps: int
-    """grasps whose belief is restated from what the others told"""
+    """grasps whose belief is restated from what the others reported"""
     added: int
     removed: int
 
 
-@operation("teach", "withdraw all that a robot or a person told, and all that followed from it")
+@operation("teach", "withdraw all that a robot or a person reported, and all that followed from it")
 def withdraw_contributor(
     context: Context, request: WithdrawContributor, access: Access
 ) -> WithdrawnContributor:

@@ -216,7 +216,7 @@ def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownOb
 def _choose(
     context: Context, situation: Situation, request: RecogniseForGrasp, clock: Clock
 ) -> tuple[list[Option], Option | None]:
-    """Return the options in order, and the first one if the graph told of no outcomes."""
+    """Return the options in order, and the first one if the graph knew of no outcomes."""
     seen, placement = situation.observation, situation.placement
     if placement is None or seen.shape is None:
         return [], None

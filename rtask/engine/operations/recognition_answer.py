@@ -80,7 +80,7 @@ class Recognition(GraspFields, _Recognised):
     recognition: Json
     similar_objects: list[SimilarObject]
     alone: Json | None
-    """the first grasp if the graph told of no outcomes; null if it told of none"""
+    """the first grasp if the graph knew of no outcomes; null if it knew of none"""
     decision: Json | None
     times: Json
 
