@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from features.recognition import Recogniser, Recognition, RecognitionIndex, fuse, warm_up
-from tests.benchmarks.recognition.fit_print import Photographs, Views
+from tests.benchmarks.recognition.print_queries import Photographs, Views
 
 _PER_CLASS = 9
 _COUNTS = (1, 2, 3)
