@@ -78,20 +78,22 @@ def asked_of(
     views: int,
     seed: int,
     takes_out: bool = False,
+    seals: bool = False,
 ) -> list[Query]:
     """Store ``views`` of so many objects and ask; only queries of ``asked`` as they are count.
 
-    With ``takes_out`` each stored object is asked once more while it is not stored; then each lies
-    in a segment of its own, as one that comes back does. Otherwise the store is sealed once, full:
-    how it is sealed decides which keypoints vote, and the shipped constants were fitted so.
+    With ``takes_out`` each stored object is asked once more while it is not stored. Then, and with
+    ``seals``, the index is sealed after each object, else once, when all are stored: that decides
+    which keypoints vote. The shipped constants were fitted on stores that were sealed once.
     """
     rng = random.Random(seed)
     index = RecognitionIndex()
     names = set(rng.sample(sorted(stored), known))
     chosen = {n: rng.sample(stored[n], min(views, len(stored[n]))) for n in sorted(names)}
     for name in chosen:
-        _store(index, name, chosen[name], seals=takes_out)
-    index.save()
+        _store(index, name, chosen[name], seals or takes_out)
+    if not (seals or takes_out):
+        index.save()
     recogniser = Recogniser(index)
     queries = []
     for kind, shown in asked.items():
@@ -129,7 +131,7 @@ def _found(
     )
 
 
-def gather_photographs(folder: Path, per_class: int) -> list[Query]:
+def gather_photographs(folder: Path, per_class: int, seals: bool = False) -> list[Query]:
     """Ask for photographs, mirrored ones and produce."""
     photographs = Photographs(folder)
     rng = random.Random(7)
@@ -144,11 +146,13 @@ def gather_photographs(folder: Path, per_class: int) -> list[Query]:
             "mirrored": photographs.some("asked", 1, draw, mirrored=True),
             "produce": produce,
         }
-        queries += asked_of(stored, asked, known, views, seed)
+        queries += asked_of(stored, asked, known, views, seed, seals=seals)
     return queries
 
 
-def gather_cartons(count: int, seed: int = 300, mirrors: bool = False) -> list[Query]:
+def gather_cartons(
+    count: int, seed: int = 300, mirrors: bool = False, seals: bool = False
+) -> list[Query]:
     """Ask for the fronts of cartons, of which the front alone is stored or all sides."""
     rng, cards = np.random.default_rng(seed), families(count, seed)
     stored = {card.name: [described(card.print_, rng) for _ in range(5)] for card in cards}
@@ -160,10 +164,10 @@ def gather_cartons(count: int, seed: int = 300, mirrors: bool = False) -> list[Q
         asked["mirrored"] = {name: [described(turned[name], rng)] for name in turned}
     known, queries = 2 * len(cards) // 3, []
     for draw, views in enumerate((1, 3, 5, 5)):
-        queries += asked_of(stored, asked, known, views, draw)
+        queries += asked_of(stored, asked, known, views, draw, seals=seals)
     for draw, fronts in enumerate((1, 3)):
         mixed = {name: stored[name][:fronts] + around[name][fronts - 1 :] for name in stored}
-        found = asked_of(mixed, asked, known, 5, 4 + draw)
+        found = asked_of(mixed, asked, known, 5, 4 + draw, seals=seals)
         queries += [replace(query, store=f"{query.store}, all sides") for query in found]
     return queries
 
@@ -175,6 +179,7 @@ def gather_renders(
     seen: Callable[[ViewFeatures], ViewFeatures] = without_depth,
     counts: Sequence[int] = (8, 3, 1, 18),
     takes_out: bool = False,
+    seals: bool = False,
 ) -> list[Query]:
     """Ask for views of groups of ten objects of which eight are stored."""
     names = [name for name in ycb_names(folder) if is_wanted(name)]
@@ -190,7 +195,7 @@ def gather_renders(
             shuffled = {name: rng.sample(mine, 26) for name, mine in views.items()}
             asked = {name: mine[18:24] for name, mine in shuffled.items()}
             stored = {name: mine[:count] for name, mine in shuffled.items()}
-            queries += asked_of(stored, {"render": asked}, 8, count, seed, takes_out)
+            queries += asked_of(stored, {"render": asked}, 8, count, seed, takes_out, seals)
     return queries
 
 
