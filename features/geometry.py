@@ -141,6 +141,8 @@ class Frame:
         Name of the frame the points are in (tf).
     stamp_s
         Time of capture, s since the epoch.
+    is_mask_guessed
+        Nobody said where the object is: it was taken to be in the middle.
     """
 
     depth_m: NDArray[np.float32]
@@ -151,6 +153,7 @@ class Frame:
     y0: int = 0
     frame_id: str = ""
     stamp_s: float = 0.0
+    is_mask_guessed: bool = False
 
     def __post_init__(self) -> None:
         if self.depth_m.ndim != 2:
@@ -188,4 +191,5 @@ class Frame:
             y0=self.y0 + top,
             frame_id=self.frame_id,
             stamp_s=self.stamp_s,
+            is_mask_guessed=self.is_mask_guessed,
         )

@@ -73,7 +73,7 @@ def _is_in_whole(depth: NDArray[Any], unit: float) -> bool:
 def _header(frame: Frame, unit: float) -> dict[str, Any]:
     height, width = frame.depth_m.shape
     camera = frame.intrinsics
-    return {
+    header = {
         "width": width,
         "height": height,
         "x0": frame.x0,
@@ -88,6 +88,7 @@ def _header(frame: Frame, unit: float) -> dict[str, Any]:
         "frame_id": frame.frame_id,
         "stamp": frame.stamp_s,
     }
+    return header | ({"mask_guessed": 1} if frame.is_mask_guessed else {})
 
 
 def read_frame(container: Container, limits: Limits) -> Frame:
@@ -135,6 +136,7 @@ def read_frame(container: Container, limits: Limits) -> Frame:
         y0=container.integer("y0", 0),
         frame_id=container.text("frame_id"),
         stamp_s=container.number("stamp", 0.0),
+        is_mask_guessed=container.integer("mask_guessed", 0) > 0,
     )
 
 

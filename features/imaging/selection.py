@@ -74,6 +74,7 @@ def view_of_photo(
         When mask or box do not fit the photograph.
     """
     height, width = photo.rgb.shape[:2]
+    is_guessed = labels is None and box is None
     if labels is None:
         near = None if box is None else [photo.scale * float(side) for side in box]
         labels = find_foreground(photo.rgb, near).astype(np.int32)
@@ -85,7 +86,8 @@ def view_of_photo(
         rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         labels = fit_labels(labels, (size[1], size[0]))
     camera = Intrinsics.from_fov(*size, _PHOTO_FOV_RAD)
-    return Frame(np.zeros(labels.shape, np.float32), camera, rgb), labels
+    depth = np.zeros(labels.shape, np.float32)
+    return Frame(depth, camera, rgb, is_mask_guessed=is_guessed), labels
 
 
 def _longest_side(labels: NDArray[np.int32]) -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from features.recognition.comparison.all_views import AllViewsParams
 from features.recognition.comparison.confidence import PrintParams
 from features.recognition.confidence import ConfidenceParams
 from features.recognition.index.cascade import squared_distances
@@ -59,7 +60,7 @@ class RecogniserParams:
     min_print_keypoints
         A query with fewer keypoints carries too little print for it to have to agree. Photographs
         of cartons of 350 px have 340 to 600, most plain household objects below 150.
-    verify, confidence, printed
+    verify, confidence, printed, all_views
         Constants of the steps that follow.
     """
 
@@ -78,6 +79,7 @@ class RecogniserParams:
     verify: VerifyParams = field(default_factory=VerifyParams)
     confidence: ConfidenceParams = field(default_factory=ConfidenceParams)
     printed: PrintParams = field(default_factory=PrintParams)
+    all_views: AllViewsParams = field(default_factory=AllViewsParams)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
+from features.recognition.comparison.all_views import agreement_of_views, odds_of_views
+from features.recognition.comparison.confidence import can_decide
 from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
 from features.recognition.comparison.store_facts import StoreFacts
@@ -251,7 +253,30 @@ class Recogniser:
         ranking = Ranking(features, snapshot, similarity, found, self.params)
         first = ranking.first()
         printed = self._printed(features, snapshot, matches, found, first)
-        return [ranking.candidate(number, printed.get(number)) for number in chosen(first, printed)]
+        objects = [ranking.candidate(one, printed.get(one)) for one in chosen(first, printed)]
+        if features.is_mask_guessed:
+            return [self._by_all_views(features, snapshot, one) for one in objects]
+        return objects
+
+    def _by_all_views(
+        self, features: ViewFeatures, snapshot: Snapshot, candidate: Candidate
+    ) -> Candidate:
+        """Return a candidate with the odds of print by all its views, where there are enough."""
+        odds, printed, params = (
+            candidate.evidence.print_odds,
+            candidate.printed,
+            self.params.all_views,
+        )
+        if odds is None or printed is None or odds <= params.min_odds:
+            return candidate
+        number = candidate.object_number
+        agreement = agreement_of_views(features, snapshot, self._facts, number, params)
+        if agreement is None:
+            return candidate
+        odds = odds_of_views(odds, agreement, params)
+        if not can_decide(printed.evidence, self.params.printed):
+            odds = min(odds, 0.0)
+        return replace(candidate, evidence=replace(candidate.evidence, print_odds=odds))
 
     def _printed(
         self,

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from features.recognition.comparison.evidence import PrintEvidence
 
-__all__ = ["PRINT_TERMS", "PrintParams", "print_score", "print_terms", "without_contradiction"]
+__all__ = [
+    "PRINT_TERMS",
+    "PrintParams",
+    "can_decide",
+    "print_score",
+    "print_terms",
+    "without_contradiction",
+]
 
 PRINT_TERMS: dict[str, int] = {
     "matches": 1, "extent": 1, "stable": 1, "stable_share": 1, "low_quartile": 1, "median": 1,
@@ -130,11 +137,12 @@ def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
     params = params or PrintParams()
     offset, *slopes = params.weights[e.support]
     odds = float(offset + np.dot(slopes, print_terms(e)))
-    return odds if _can_decide(e, params) else min(odds, 0.0)
+    return odds if can_decide(e, params) else min(odds, 0.0)
 
 
-def _can_decide(e: PrintEvidence, params: PrintParams) -> bool:
+def can_decide(e: PrintEvidence, params: PrintParams | None = None) -> bool:
     """Tell whether enough of the print agrees, and in its colours, for print to decide."""
+    params = params or PrintParams()
     is_alone = e.support == 0
     most = params.max_contradiction_alone if is_alone else params.max_contradiction
     is_part = e.verified > 0 and e.extent < params.min_extent and e.seen < params.min_seen

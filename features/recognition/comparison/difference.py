@@ -23,6 +23,8 @@ __all__ = ["Comparison", "ComparisonParams", "compare_pictures"]
 
 Mask = NDArray[np.bool_]
 
+SAME_PRINT, SAME_COLOUR = 0.45, 15.0
+"""Cells of one print correlate by more, and differ by fewer Lab units in colour."""
 _FEW_AGREEING = 4
 
 
@@ -97,6 +99,12 @@ class Comparison:
     near: Mask
     view_cell: NDArray[np.intp]
     extent: float
+
+    @property
+    def agrees(self) -> Mask:
+        """Return the cells that show the same print, or none on either side, in the same colour."""
+        is_alike = (self.correlation > SAME_PRINT) | ~self.textured
+        return is_alike & (self.colour_gap < SAME_COLOUR)
 
 
 def grid_shape(shape: tuple[int, ...], params: ComparisonParams) -> tuple[int, int]:

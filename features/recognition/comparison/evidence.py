@@ -301,7 +301,7 @@ def _supported(
     seen = np.unique(comparison.view_cell[here > 0])
     return {
         "supported": min(total / 20, 1.0),
-        "agreeing": float(here[((correlation > 0.45) | blank) & (gap < 15)].sum()),
+        "agreeing": float(here[comparison.agrees].sum()),
         "blank": float(here[comparison.textured & (correlation < 0.2)].sum()),
         "other_colour": float(here[gap > 18].sum()),
         "correlation": float((here * np.where(blank, 0.5, correlation)).sum()),

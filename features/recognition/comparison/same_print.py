@@ -33,10 +33,10 @@ MIN_SAME_PRINT = 15
 _MIN_AGREEING, _MAX_OTHER_COLOUR = 0.9, 0.05
 _MIN_SHOWN = 0.2
 """Of the supported print, or of the object's side between the matches, that both views show."""
-_SAME, _OTHER = 15.0, 18.0
-"""Lab units: cells of one colour differ by less, and more is another colour."""
-_CORRELATION, _UNLIKE = 0.45, 0.2
-"""Print correlates by more where it is the same, and by less where it is another."""
+_OTHER = 18.0
+"""Lab units: cells that differ by more have another colour."""
+_UNLIKE = 0.2
+"""Print that correlates by less is another."""
 _MAX_CONTRADICTED, _MAX_OF_ONE_VIEW = 0.09, 0.25
 """Share of the cells of all views, and of any one view, that the other object contradicts."""
 _MIN_CELLS = 100
@@ -147,7 +147,8 @@ def is_one_print(views: Iterable[tuple[int, int]]) -> bool:
 def _agrees(comparison: Comparison, cells: Mask) -> bool:
     if not cells.any():
         return False
-    gap = comparison.colour_gap[cells]
-    blank = ~comparison.textured[cells]
-    same = ((comparison.correlation[cells] > _CORRELATION) | blank) & (gap < _SAME)
-    return bool(same.mean() > _MIN_AGREEING and (gap > _OTHER).mean() < _MAX_OTHER_COLOUR)
+    is_other_colour = comparison.colour_gap[cells] > _OTHER
+    return bool(
+        comparison.agrees[cells].mean() > _MIN_AGREEING
+        and is_other_colour.mean() < _MAX_OTHER_COLOUR
+    )

@@ -71,6 +71,8 @@ class ViewFeatures:
     shape : (240,) float32 or None
         Of the visible surface, see :func:`shape_histogram`; None without depth, where the object is
         cut, and where it was described before shapes were kept.
+    is_mask_guessed
+        Nobody said where the object is: it was taken to be in the middle of a photograph.
     """
 
     keypoints: NDArray[np.float32]
@@ -86,6 +88,7 @@ class ViewFeatures:
     extractor: str = EXTRACTOR
     picture: bytes = b""
     shape: NDArray[np.float32] | None = None
+    is_mask_guessed: bool = False
 
     def __post_init__(self) -> None:
         n = len(self.keypoints)
@@ -138,6 +141,8 @@ class ViewFeatures:
             arrays["picture"] = np.frombuffer(self.picture, np.uint8)
         if self.shape is not None:
             arrays["shape"] = self.shape.astype("<f4")
+        if self.is_mask_guessed:
+            arrays["mask_guessed"] = np.ones(1, np.uint8)
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
         return buffer.getvalue()
@@ -177,6 +182,7 @@ class ViewFeatures:
             extractor=arrays["extractor"].tobytes().decode(),
             picture=arrays["picture"].astype(np.uint8).tobytes() if "picture" in arrays else b"",
             shape=arrays["shape"].astype(np.float32) if "shape" in arrays else None,
+            is_mask_guessed="mask_guessed" in arrays,
         )
 
 
@@ -189,7 +195,8 @@ def describe_frame(frame: Frame, params: SiftParams | None = None) -> ViewFeatur
     shifted = Intrinsics(
         width, height, camera.fx, camera.fy, camera.cx - frame.x0, camera.cy - frame.y0
     )
-    return describe_view(frame.rgb, frame.object_mask(), frame.depth_m, shifted, params)
+    found = describe_view(frame.rgb, frame.object_mask(), frame.depth_m, shifted, params)
+    return replace(found, is_mask_guessed=frame.is_mask_guessed)
 
 
 def describe_view(

@@ -8,6 +8,7 @@ mask of the whole photograph stands for none, as in ``rtask recognise photo.jpg`
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -48,7 +49,7 @@ class Cut:
         found = find_foreground(rgb, box)
         self._seconds += time.process_time() - start
         self._cut += 1
-        return describe_view(rgb, found)
+        return replace(describe_view(rgb, found), is_mask_guessed=box is None)
 
     def add(self, name: str, described: ViewFeatures) -> None:
         """Store a view."""
