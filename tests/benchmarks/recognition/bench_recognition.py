@@ -361,7 +361,8 @@ def run_photographs(args: argparse.Namespace) -> None:
         command = [sys.executable, "-u", str(script)]
         command += ["--mask", "full" if args.cut == "middle" else "centre"]
         command += ["--draws", str(args.draws), "--ask", str(args.ask)]
-        command += ["--adapter", "cut_photographs:Cut"] if args.cut else []
+        adapter = "CutByBestView" if args.best_view else "Cut"
+        command += ["--adapter", f"cut_photographs:{adapter}"] if args.cut else []
         subprocess.run([*command, *mode], check=True, cwd=Path(__file__).parent)
 
 
@@ -424,6 +425,10 @@ def main() -> None:
     parser.add_argument(
         "--cut", nargs="?", choices=("box", "middle"), const="box", default="",
         help="photographs: masks by GrabCut, inside a box or without one",
+    )  # fmt: skip
+    parser.add_argument(
+        "--best-view", action="store_true",
+        help="with --cut middle: the best view of an object decides alone, for comparison",
     )  # fmt: skip
     args = parser.parse_args()
     if args.command == "photographs" and args.photos is None:

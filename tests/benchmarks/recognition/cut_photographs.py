@@ -23,7 +23,7 @@ from features.recognition import (
     warm_up,
 )
 
-__all__ = ["Cut"]
+__all__ = ["Cut", "CutByBestView"]
 
 _REPORTED = 50
 """Queries between two lines about the progress: to cut takes longer than to recognise."""
@@ -68,3 +68,11 @@ class Cut:
         if not answer.matches:
             return None, 0.0, False
         return answer.matches[0].object_iri, answer.matches[0].confidence, answer.accepted
+
+
+class CutByBestView(Cut):
+    """The same, decided by the view of an object that agrees best, whatever its others say."""
+
+    def describe(self, rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> ViewFeatures:
+        """Describe what is cut out of a photograph, as if somebody had cut it out."""
+        return replace(super().describe(rgb, mask), is_mask_guessed=False)
