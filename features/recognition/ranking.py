@@ -14,13 +14,15 @@ from features.recognition.comparison.confidence import print_score, without_cont
 from features.recognition.comparison.printed import PrintedView
 from features.recognition.confidence import Evidence, is_size_plausible, likeness
 from features.recognition.index.snapshot import Snapshot
-from features.recognition.views.light import light_costs, relit_colours
+from features.recognition.views.light import light_costs, relit_colours, spread
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["MOST_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
 
 MOST_CHOSEN = 3
 """Objects that are looked at for their places, their print, their look and their likeness."""
+_MIN_LIGHT_GAIN = 0.1
+"""Similarity that another light has to add before it is worth a word."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Candidate:
     fits: tuple[VerifiedView, ...]
     most_similar_view: int
     printed: PrintedView | None = None
+    is_in_other_light: bool = False
 
 
 class First(NamedTuple):
@@ -123,7 +126,8 @@ class Ranking:
             likeness=alike,
             likeness_lead=alike_lead,
         )
-        return Candidate(number, evidence, fits, most_similar, printed)
+        is_relit = alike is not None and self._is_more_alike_relit(views)
+        return Candidate(number, evidence, fits, most_similar, printed, is_relit)
 
     def _likeness_of_objects(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
         """Return the likeness of all objects (O,) and which of them have a shape (O,).
@@ -135,11 +139,21 @@ class Ranking:
         snapshot, numbers = self._snapshot, self._snapshot.object_of_view
         constants = self._params.confidence
         colour, shape = (np.full(len(snapshot.object_iris), -1.0) for _ in "cs")
-        lit = relit_colours(self._features.colour, self._features.picture)
-        costs = light_costs(constants.light_gain, constants.light_tint)[: len(lit)]
-        np.maximum.at(colour, numbers, snapshot.colours(lit, costs))
+        self._lit = relit_colours(self._features.colour, self._features.picture)
+        np.maximum.at(colour, numbers, snapshot.colours(self._lit, self._light_costs()))
         np.maximum.at(shape, numbers, snapshot.shapes(self._features.shape))
         return likeness(colour, shape, constants), shape >= 0
+
+    def _light_costs(self) -> NDArray[np.float32]:
+        """Return what each light in which the query is compared takes off a similarity (L,)."""
+        constants = self._params.confidence
+        return light_costs(constants.light_gain, constants.light_tint)[: len(self._lit)]
+
+    def _is_more_alike_relit(self, views: NDArray[np.intp]) -> bool:
+        """Tell whether the query is clearly more like some views in another light than its own."""
+        stored = spread(np.stack([self._snapshot.colour(view) for view in views.tolist()]))
+        alike = (spread(self._lit) @ stored.T - self._light_costs()[:, None]).max(axis=1)
+        return bool(alike.max() >= alike[0] + _MIN_LIGHT_GAIN)
 
     def _most_alike(self) -> list[int]:
         """Return the objects that are alike in colours and shape, the most alike first."""

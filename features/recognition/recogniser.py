@@ -68,6 +68,9 @@ class Match:
     extent
         Square root of the area between the matches whose print was compared, of the longer side of
         the object in the query; 0 where none was.
+    is_in_other_light
+        The colours are clearly more like the object's in another light; only where shapes are
+        compared as well.
     """
 
     object_iri: str
@@ -82,6 +85,7 @@ class Match:
     difference: Difference | None = None
     by_print: bool = False
     extent: float = 0.0
+    is_in_other_light: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,11 @@ class Recognition:
     def accepts(self, object_iri: str) -> bool:
         """Tell whether the answer is that object."""
         return self.accepted and self.matches[0].object_iri == object_iri
+
+    @property
+    def is_in_other_light(self) -> bool:
+        """Whether a doubt remains and the first match was stored in another light."""
+        return self.ask_again and self.matches[0].is_in_other_light and not self.matches[0].by_print
 
     @property
     def differs(self) -> str:
@@ -324,6 +333,7 @@ def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Ma
         difference=difference,
         by_print=candidate.evidence.passes_on_print(confidence),
         extent=0.0 if candidate.printed is None else candidate.printed.evidence.extent,
+        is_in_other_light=candidate.is_in_other_light,
     )
 
 

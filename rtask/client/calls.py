@@ -544,6 +544,7 @@ class SimilarObjects(TypedDict):
     family: NotRequired[str]
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
+    in_other_light: NotRequired[bool]
 
 
 class OfferedObject(TypedDict):
@@ -681,6 +682,7 @@ class Taught(TypedDict):
     family: NotRequired[str]
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
+    in_other_light: NotRequired[bool]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]

@@ -108,6 +108,8 @@ def recognise(
             verdict = f"looks like a known object, but differs {row['differs']}"
         elif row["ask_again"]:
             verdict += ", another view may decide"
+            if row["in_other_light"]:
+                verdict += "; the light differs: `rtask teach` a view in this light"
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
@@ -183,6 +185,7 @@ def _asked(
                     "family": answer["family"],
                     "differs": answer["differs"],
                     "ask_again": answer["ask_again"],
+                    "in_other_light": answer["in_other_light"],
                     "pose": None,
                     "matches": [
                         {
@@ -221,6 +224,7 @@ def _row(one: Seen) -> dict[str, Any]:
         "family": one.answer.family,
         "differs": one.answer.differs,
         "ask_again": one.answer.ask_again,
+        "in_other_light": one.answer.is_in_other_light,
         "pose": _pose_row(one.pose),
         "matches": [
             {

@@ -80,6 +80,8 @@ class SimilarObjects(Answer):
     """where it differs from that: "at the top" and the like"""
     ask_again: bool = False
     """whether a look from another side may decide"""
+    in_other_light: bool = False
+    """whether a doubt remains because the first was stored in another light than this one"""
 
 
 @operation("read", "list known objects that look like this one")
@@ -116,6 +118,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         family=recognition.family,
         differs=recognition.differs,
         ask_again=bool(recognition.ask_again),
+        in_other_light=recognition.is_in_other_light,
     )
 
 

@@ -117,7 +117,11 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
         return f"is {name}"
     if recognition.differs:
         return f"looks like {name}, but differs {recognition.differs}"
-    return f"may be {name}" + ("; another view may decide" if recognition.ask_again else "")
+    if not recognition.ask_again:
+        return f"may be {name}"
+    if recognition.is_in_other_light:
+        return f"may be {name} in another light; a view stored in this light may decide"
+    return f"may be {name}; another view may decide"
 
 
 def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,17 @@ def test_a_thing_is_recognised_at_another_exposure(
 ) -> None:
     asked = plain(kind, times(colour, factor), 0.8, 30)
     assert Recogniser(stocked()).recognise(asked).accepts(kind)
+
+
+@pytest.mark.parametrize(("factor", "is_other"), [(0.5, True), (1.0, False)])
+def test_the_answer_says_that_the_light_differs_where_a_doubt_is_left(
+    factor: float, is_other: bool
+) -> None:
+    answer = Recogniser(stocked()).recognise(plain("spoon", times(GREY, factor), 0.8, 30))
+    assert answer.accepts("spoon")
+    assert not answer.is_in_other_light
+    doubtful = replace(answer, accepted=False, ask_again=True)
+    assert doubtful.is_in_other_light == is_other
 
 
 @pytest.mark.parametrize("colour", [(170, 60, 40), (40, 170, 60), GREY, times(BLUE, 0.3)])

@@ -1,0 +1,35 @@
+"""The sentence of an answer says what would help, where a doubt is left."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from features.recognition.recogniser import Match, Recognition
+from rtask.engine.perception.identity import verdict
+
+MUG = "https://example.org/lab/object/1"
+KNOWN: Any = SimpleNamespace(objects={MUG: SimpleNamespace(label="mug")})
+
+
+def _doubt(is_relit: bool, *, ask_again: bool = True) -> Recognition:
+    look = {"inliers": 0, "views": (), "appearance": 0.8, "size_ok": True, "query_from_view": None}
+    match = Match(MUG, "class:mug", 0.6, view_iri="view:1", is_in_other_light=is_relit, **look)
+    return Recognition("single", False, (match,), ask_again=ask_again)
+
+
+@pytest.mark.parametrize(
+    ("is_relit", "sentence"),
+    [
+        (False, "may be mug; another view may decide"),
+        (True, "may be mug in another light; a view stored in this light may decide"),
+    ],
+)
+def test_a_doubt_names_what_may_decide(is_relit: bool, sentence: str) -> None:
+    assert verdict(_doubt(is_relit), KNOWN) == sentence
+
+
+def test_what_no_look_would_decide_says_nothing_of_the_light() -> None:
+    assert verdict(_doubt(True, ask_again=False), KNOWN) == "may be mug"
