@@ -21,8 +21,8 @@ __all__ = ["MOST_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
 
 MOST_CHOSEN = 3
 """Objects that are looked at for their places, their print, their look and their likeness."""
-_MIN_LIGHT_GAIN = 0.1
-"""Similarity that another light has to add before it is worth a word."""
+_MIN_LIGHT_GAIN = 0.02
+"""Similarity that another light has to add before it is worth a word: seldom in the same light."""
 
 
 @dataclass(frozen=True, eq=False)

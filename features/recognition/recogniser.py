@@ -69,8 +69,8 @@ class Match:
         Square root of the area between the matches whose print was compared, of the longer side of
         the object in the query; 0 where none was.
     is_in_other_light
-        The colours are clearly more like the object's in another light; only where shapes are
-        compared as well.
+        The colours are more like the object's in another light than their own; only where shapes
+        are compared as well.
     """
 
     object_iri: str
@@ -120,7 +120,7 @@ class Recognition:
     @property
     def is_in_other_light(self) -> bool:
         """Whether a doubt remains and the first match was stored in another light."""
-        return self.ask_again and self.matches[0].is_in_other_light and not self.matches[0].by_print
+        return self.ask_again and self.matches[0].is_in_other_light
 
     @property
     def differs(self) -> str:
