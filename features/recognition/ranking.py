@@ -17,9 +17,9 @@ from features.recognition.index.snapshot import Snapshot
 from features.recognition.views.light import light_costs, relit_colours, spread
 from features.recognition.views.view import ViewFeatures
 
-__all__ = ["MOST_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
+__all__ = ["MAX_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
 
-MOST_CHOSEN = 3
+MAX_CHOSEN = 3
 """Objects that are looked at for their places, their print, their look and their likeness."""
 _MIN_LIGHT_GAIN = 0.02
 """Similarity that another light has to add before it is worth a word: seldom in the same light."""
@@ -46,7 +46,7 @@ class First(NamedTuple):
 
 def chosen(first: First, printed: Mapping[int, PrintedView]) -> list[int]:
     """Return the best objects of each sort."""
-    by_print = sorted(printed, key=lambda k: -printed[k].evidence.matches)[:MOST_CHOSEN]
+    by_print = sorted(printed, key=lambda k: -printed[k].evidence.matches)[:MAX_CHOSEN]
     return list(dict.fromkeys([*first.by_places, *by_print, *first.by_look]))
 
 
@@ -76,8 +76,8 @@ class Ranking:
     def first(self) -> First:
         """Return the best objects by places, and by look or likeness."""
         by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
-        by_look = dict.fromkeys([*self._by_look[:MOST_CHOSEN], *self._most_alike()[:MOST_CHOSEN]])
-        return First(by_places[:MOST_CHOSEN], list(by_look))
+        by_look = dict.fromkeys([*self._by_look[:MAX_CHOSEN], *self._most_alike()[:MAX_CHOSEN]])
+        return First(by_places[:MAX_CHOSEN], list(by_look))
 
     def candidate(self, number: int, printed: PrintedView | None) -> Candidate:
         """Collect what speaks for an object."""

@@ -24,7 +24,7 @@ from features.recognition.confidence import (
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
 from features.recognition.index.snapshot import Matches, Snapshot
-from features.recognition.ranking import MOST_CHOSEN, Candidate, First, Ranking, chosen
+from features.recognition.ranking import MAX_CHOSEN, Candidate, First, Ranking, chosen
 from features.recognition.views.stored import stored_features
 from features.recognition.views.view import ViewFeatures, describe_view
 
@@ -305,7 +305,7 @@ class Recogniser:
         best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
         views = dict.fromkeys([*(fit.view for fit in best), *proposed])
         wanted = {*first.by_places, *first.by_look}
-        return printed_objects(features, snapshot, self._facts, views, wanted, MOST_CHOSEN)
+        return printed_objects(features, snapshot, self._facts, views, wanted, MAX_CHOSEN)
 
 
 def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Match:

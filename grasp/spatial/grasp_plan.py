@@ -27,7 +27,7 @@ __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "war
 
 _BODY_POINTS = 1500
 _HALF = 0.5
-_MOST_PAIRS = 60
+_MAX_PAIRS = 60
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ def plan_on_cloud(
             pairs = propose_pairs(
                 cloud, surface, gripper, support, options.noise, options.tries, options.seed
             )
-            kept = pairs.candidates[:_MOST_PAIRS]
+            kept = pairs.candidates[:_MAX_PAIRS]
             if judge is not None:
                 kept = tuple(judge.judged(cloud, kept, gripper))
             pairs = replace(pairs, candidates=kept)

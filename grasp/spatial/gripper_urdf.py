@@ -19,7 +19,7 @@ __all__ = ["gripper_from_urdf"]
 _MAX_BYTES = 16 * 1024 * 1024
 _PAD_M, _OPPOSED, _SNAP = 0.02, -0.99, 0.95
 _TIP_SHARE = 0.45
-_LEAST_STROKE_M = 0.002
+_MIN_STROKE_M = 0.002
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
@@ -162,7 +162,7 @@ def _measured(
         right = pads[1][:, 0].min() + getattr(second, end) * float(second.axis @ x)
         gaps.append(float(right - left))
     low, high = sorted(max(gap, 0.0) for gap in gaps)
-    if high - low < _LEAST_STROKE_M:
+    if high - low < _MIN_STROKE_M:
         raise ValueError(
             f"{name}: the fingers' inner faces are {1000 * low:.1f} and {1000 * high:.1f} mm apart "
             "at the limits of their joints: no stroke"

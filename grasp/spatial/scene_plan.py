@@ -30,12 +30,12 @@ from grasp.spatial.scoring.select import diverse
 __all__ = ["SceneOptions", "plan_on_scene"]
 
 _SURFEL = 1.5
-_MOST_SCORED = 60
+_MAX_SCORED = 60
 _SWEEP_M = 0.05
 _VOXEL_M, _TABLE_VOXELS = 0.003, 2.0
 _BESIDE_M = 0.02
 _CLUSTER_VOXELS = 2.5
-_LEAST_VOXELS, _MAX_OBJECTS = 12, 100
+_MIN_VOXELS, _MAX_OBJECTS = 12, 100
 _PER_M, _SIDEWAYS, _MOVING = 1.5, 0.1, 0.5
 """Worth in s_G of a metre of height, of an approach from the side, of touching other objects."""
 
@@ -203,7 +203,7 @@ class _Scene:
         if len(cloud.viewpoints) == 0:
             cloud = replace(cloud, normals=_outward(cloud, owner), _grids={})
         present, sizes = np.unique(owner[owner > 0], return_counts=True)
-        large = np.flatnonzero(sizes >= _LEAST_VOXELS)
+        large = np.flatnonzero(sizes >= _MIN_VOXELS)
         if len(large) > _MAX_OBJECTS:
             note = f"grasps planned of the {_MAX_OBJECTS} largest of {len(large)} objects"
             cloud = replace(cloud, notes=(*cloud.notes, note), _grids={})
@@ -305,7 +305,7 @@ def _ranked(
 ) -> list[GraspCandidate]:
     """Return the candidates with their scores, best first."""
     order = sorted(range(len(found)), key=lambda i: -_first_guess(scene, found[i]))
-    kept = diverse([found[i] for i in order], gripper, most=_MOST_SCORED)
+    kept = diverse([found[i] for i in order], gripper, most=_MAX_SCORED)
     scored = score_grasps(
         kept, scene.surface(), gripper, options.noise, samples=options.samples,
         exact=0, sweep=_SWEEP_M, seed=options.seed,

@@ -19,7 +19,7 @@ from rtask.errors import (
 
 __all__ = ["ServiceSocket", "is_near"]
 
-_MOST_BYTES = 64 * 2**20
+_MAX_BYTES = 64 * 2**20
 
 
 class ServiceSocket:
@@ -117,7 +117,7 @@ class ServiceSocket:
                 self._address,
                 additional_headers=headers,
                 compression=None,  # clouds are compressed already
-                max_size=_MOST_BYTES,
+                max_size=_MAX_BYTES,
                 open_timeout=max(patience.left_s, 0.1),
                 ping_interval=None,  # the server pings; a long upload must not be cut off
                 close_timeout=1.0,

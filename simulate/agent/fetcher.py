@@ -26,7 +26,7 @@ __all__ = ["Fetched", "Fetcher"]
 _SIDES = ("right", "left")
 _IN_THE_WAY = ("grasp_collision", "approach_collision", "pregrasp_collision")
 _BESIDE_M = 0.12
-_MOST_MOVED = 3
+_MAX_MOVED = 3
 
 
 class RequestServer(Server, Protocol):
@@ -116,7 +116,7 @@ class Fetcher(Agent):
             if one["reason"] not in _IN_THE_WAY:
                 continue
             thing, side = things[one["object"]]
-            for other in self._beside(thing)[:_MOST_MOVED]:
+            for other in self._beside(thing)[:_MAX_MOVED]:
                 if self._take(other, side) != "ok":
                     continue
                 self._moved.append(other.object_iri)

@@ -12,7 +12,7 @@ from simulate.agent.tracking import TrackedObject
 
 __all__ = ["Pushes"]
 
-_MOST_PER_THING = 2
+_MAX_PER_THING = 2
 FAILURES_BEFORE = 3
 """Attempts at a thing without success after which it is pushed."""
 
@@ -54,7 +54,7 @@ class Pushes:
     def push(self, thing: TrackedObject, view: Perceived, side: str, seed: int) -> str:
         """Push a thing; return the reason code, empty if it is not to be pushed or cannot be."""
         made = self._made.get(thing.number, 0)
-        if not self._body.takes_poses or not _is_crowded(thing, view) or made >= _MOST_PER_THING:
+        if not self._body.takes_poses or not _is_crowded(thing, view) or made >= _MAX_PER_THING:
             return ""
         others = [seen.points for seen in view.objects if seen is not thing.seen]
         reason = self._body.push(thing.seen.points, others, view.table_height, side, seed)

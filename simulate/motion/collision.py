@@ -31,7 +31,7 @@ __all__ = ["ArmSpheres", "Obstacle", "PointField", "Surroundings", "body_obstacl
 
 _BALL = 0.2
 _BOX_SPHERE = 0.0125
-_CELL_M, _FIELD_PAD_M, _MOST_CELLS = 0.006, 0.10, 8e6
+_CELL_M, _FIELD_PAD_M, _MAX_CELLS = 0.006, 0.10, 8e6
 _PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
 
 
@@ -162,7 +162,7 @@ class PointField:
             low[2] = min(low[2], floor)
         low = low - _FIELD_PAD_M
         shape = np.ceil((points.max(axis=0) + _FIELD_PAD_M - low) / cell).astype(int) + 1
-        if np.prod(shape.astype(float)) > _MOST_CELLS:
+        if np.prod(shape.astype(float)) > _MAX_CELLS:
             raise ValueError(
                 f"points spread over {np.ptp(points, axis=0).round(2)} m are too many cells of "
                 f"{cell} m: cut the scene to the workplace"

@@ -40,7 +40,7 @@ __all__ = ["GuessedRobot", "guess_robot"]
 
 _OPTICAL = "optical_frame"
 _MOUNT_FROM_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-_MOST_HOMES = 24
+_MAX_HOMES = 24
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) ->
                 if not contacts.touching({**homes, arm.name: posture}):
                     homes[arm.name] = posture
                     break
-                if tried >= _MOST_HOMES:
+                if tried >= _MAX_HOMES:
                     break
             if arm.name not in homes:
                 raise RobotError(

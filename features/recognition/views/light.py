@@ -32,7 +32,7 @@ LIGHTS = np.array([(0.0, 0.0), *itertools.product(_GAINS, _TINTS)])
 it was described; the others are made of its picture, smoothed."""
 
 _FACTORS = np.exp2(np.stack([LIGHTS.sum(axis=1), LIGHTS[:, 0], LIGHTS[:, 0] - LIGHTS[:, 1]], 1))
-_MOST_PIXELS = 2500
+_MAX_PIXELS = 2500
 
 
 def light_costs(per_gain: float, per_tint: float) -> NDArray[np.float32]:
@@ -71,7 +71,7 @@ def relit_colours(colour: NDArray[np.float32], picture: bytes) -> NDArray[np.flo
     if len(pixels) == 0:
         return colour[None]
     # Every so many pixels of all, the same in each call.
-    chosen = np.linspace(0, len(pixels) - 1, min(len(pixels), _MOST_PIXELS)).astype(np.intp)
+    chosen = np.linspace(0, len(pixels) - 1, min(len(pixels), _MAX_PIXELS)).astype(np.intp)
     lit = pixels[chosen].astype(np.float32) * _FACTORS[1:, None].astype(np.float32)
     bins = colour_bins(np.clip(lit, 0, 255).astype(np.uint8))
     bins += COLOUR_SIZE * np.arange(len(bins))[:, None]

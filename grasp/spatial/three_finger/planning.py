@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 _STARTS, _TURNS, _DEPTHS = 24, 8, 5
-_WIDE_M, _ROOM_M, _LEAST_ROOM_M = 0.025, 0.010, 0.006
+_WIDE_M, _ROOM_M, _MIN_ROOM_M = 0.025, 0.010, 0.006
 _SCREENED, _SCORED = 600, 60
 _OFF_M, _SAME_M, _SAME = 0.004, 0.002, 0.02
 _GRAVITY = 9.81
@@ -85,7 +85,7 @@ def plan_three_finger(
         return load
     notes, mass, up = (*mesh.notes, *load.notes), load.mass, load.up
     closed = close(mesh, hand, _starts(mesh, hand, up, options.seed))
-    fits = closed.holds & (2 * closed.radius + _LEAST_ROOM_M <= hand.max_opening)
+    fits = closed.holds & (2 * closed.radius + _MIN_ROOM_M <= hand.max_opening)
     counts = {"tried": len(fits), "fingers do not close on it": int((~closed.holds).sum())}
     counts["wider than the hand opens"] = int((closed.holds & ~fits).sum())
     chosen = np.flatnonzero(fits)

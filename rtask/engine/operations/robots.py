@@ -160,7 +160,7 @@ _STATED = (
     "min_opening", "max_opening", "jaw_width", "finger_length", "lip_radius", "lip_compliance",
     "flange_radius", "pressure", "max_force", "max_payload",
 )  # fmt: skip
-_LEAST_OPENING_M = 1e-3
+_MIN_OPENING_M = 1e-3
 
 
 def _check(effector: EndEffector, path: str) -> None:
@@ -174,11 +174,11 @@ def _check(effector: EndEffector, path: str) -> None:
         if name in sizes and not is_cup:
             where = f"{path}.{name}"
             raise UsageError(f"{where} is of suction cups, not of a {effector.kind}", field=where)
-    if "max_opening" in sizes and (is_cup or effector.max_opening < _LEAST_OPENING_M):
+    if "max_opening" in sizes and (is_cup or effector.max_opening < _MIN_OPENING_M):
         where = f"{path}.max_opening"
         wrong = "a suction cup opens to no width"
         if not is_cup:
-            wrong = f"{effector.max_opening:g} is below {_LEAST_OPENING_M:g}"
+            wrong = f"{effector.max_opening:g} is below {_MIN_OPENING_M:g}"
         raise UsageError(f"{where}: {wrong}", field=where)
     try:
         hand_of(effector.name, effector.gripper_type, effector.kind, sizes)

@@ -175,7 +175,7 @@ def test_answers_are_the_same_whatever_is_known_or_left_out(
 ) -> None:
     """Views come, go, change their object and are replaced between queries and starts."""
     for module in (ranking_module, recogniser_module):
-        monkeypatch.setattr(module, "MOST_CHOSEN", chosen)  # of few, more are left out
+        monkeypatch.setattr(module, "MAX_CHOSEN", chosen)  # of few, more are left out
     rng = np.random.default_rng(seed)
     things = list(family)
     queries = [family[name][-1] for name in ("card", "half", "stranger")]
