@@ -14,7 +14,7 @@ from features.recognition.comparison.confidence import print_score, without_cont
 from features.recognition.comparison.printed import PrintedView
 from features.recognition.confidence import Evidence, is_size_plausible, likeness
 from features.recognition.index.snapshot import Snapshot
-from features.recognition.views.light import light_costs, relit_colours, spread
+from features.recognition.views.light import light_costs, relit_colours
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["MAX_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
@@ -22,7 +22,7 @@ __all__ = ["MAX_CHOSEN", "Candidate", "First", "Ranking", "chosen"]
 MAX_CHOSEN = 3
 """Objects that are looked at for their places, their print, their look and their likeness."""
 _MIN_LIGHT_GAIN = 0.02
-"""Similarity that another light has to add before it is worth a word: seldom in the same light."""
+"""Gain in similarity from which an answer mentions another light; seldom in the stored one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,7 @@ class Ranking:
         order = np.argsort(-self._look, kind="stable")[:4]
         self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_min_objects
         self._by_look = [int(number) for number in order if self._look[number] >= 0]
+        self._light_gain = np.zeros(len(snapshot.object_iris))  # by another light, of each object
         self._alike = self._likeness_of_objects()
 
     def first(self) -> First:
@@ -126,8 +127,8 @@ class Ranking:
             likeness=alike,
             likeness_lead=alike_lead,
         )
-        is_relit = alike is not None and self._is_more_alike_relit(views)
-        return Candidate(number, evidence, fits, most_similar, printed, is_relit)
+        is_relit = alike is not None and self._light_gain[number] >= _MIN_LIGHT_GAIN
+        return Candidate(number, evidence, fits, most_similar, printed, bool(is_relit))
 
     def _likeness_of_objects(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
         """Return the likeness of all objects (O,) and which of them have a shape (O,).
@@ -139,21 +140,14 @@ class Ranking:
         snapshot, numbers = self._snapshot, self._snapshot.object_of_view
         constants = self._params.confidence
         colour, shape = (np.full(len(snapshot.object_iris), -1.0) for _ in "cs")
-        self._lit = relit_colours(self._features.colour, self._features.picture)
-        np.maximum.at(colour, numbers, snapshot.colours(self._lit, self._light_costs()))
+        lit = relit_colours(self._features.colour, self._features.picture)
+        costs = light_costs(constants.light_gain, constants.light_tint)[: len(lit)]
+        np.maximum.at(colour, numbers, snapshot.colours(lit[:1], costs[:1]))
+        as_seen = colour.copy()
+        np.maximum.at(colour, numbers, snapshot.colours(lit, costs))
+        self._light_gain = colour - as_seen
         np.maximum.at(shape, numbers, snapshot.shapes(self._features.shape))
         return likeness(colour, shape, constants), shape >= 0
-
-    def _light_costs(self) -> NDArray[np.float32]:
-        """Return what each light in which the query is compared takes off a similarity (L,)."""
-        constants = self._params.confidence
-        return light_costs(constants.light_gain, constants.light_tint)[: len(self._lit)]
-
-    def _is_more_alike_relit(self, views: NDArray[np.intp]) -> bool:
-        """Tell whether the query is clearly more like some views in another light than its own."""
-        stored = spread(np.stack([self._snapshot.colour(view) for view in views.tolist()]))
-        alike = (spread(self._lit) @ stored.T - self._light_costs()[:, None]).max(axis=1)
-        return bool(alike.max() >= alike[0] + _MIN_LIGHT_GAIN)
 
     def _most_alike(self) -> list[int]:
         """Return the objects that are alike in colours and shape, the most alike first."""

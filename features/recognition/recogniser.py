@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
 from features.recognition.comparison.all_views import agreement_of_views, odds_of_views
-from features.recognition.comparison.confidence import can_decide
+from features.recognition.comparison.confidence import within_requirements
 from features.recognition.comparison.evidence import Difference
 from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
 from features.recognition.comparison.store_facts import StoreFacts
@@ -283,8 +283,7 @@ class Recogniser:
         if agreement is None:
             return candidate
         odds = odds_of_views(odds, agreement, params)
-        if not can_decide(printed.evidence, self.params.printed):
-            odds = min(odds, 0.0)
+        odds = within_requirements(odds, printed.evidence, self.params.printed)
         return replace(candidate, evidence=replace(candidate.evidence, print_odds=odds))
 
     def _printed(

@@ -63,7 +63,8 @@ def agreement_of_views(
     """Return the share of cells that agree, over all views of an object that match the query.
 
     A cell counts once for each view that shows it, and only where that view's object supports it.
-    None where the object has few views, or none of them matches.
+    None where the object has few views, or none of them matches; 0 where those that match show
+    nothing that is supported.
     """
     params = params or AllViewsParams()
     views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)

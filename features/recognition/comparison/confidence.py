@@ -17,9 +17,9 @@ from features.recognition.comparison.evidence import PrintEvidence
 __all__ = [
     "PRINT_TERMS",
     "PrintParams",
-    "can_decide",
     "print_score",
     "print_terms",
+    "within_requirements",
     "without_contradiction",
 ]
 
@@ -136,13 +136,16 @@ def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
     """
     params = params or PrintParams()
     offset, *slopes = params.weights[e.support]
-    odds = float(offset + np.dot(slopes, print_terms(e)))
-    return odds if can_decide(e, params) else min(odds, 0.0)
+    return within_requirements(float(offset + np.dot(slopes, print_terms(e))), e, params)
 
 
-def can_decide(e: PrintEvidence, params: PrintParams | None = None) -> bool:
+def within_requirements(odds: float, e: PrintEvidence, params: PrintParams) -> float:
+    """Return the odds, at most even unless all that print must show to decide is there."""
+    return odds if _can_decide(e, params) else min(odds, 0.0)
+
+
+def _can_decide(e: PrintEvidence, params: PrintParams) -> bool:
     """Tell whether enough of the print agrees, and in its colours, for print to decide."""
-    params = params or PrintParams()
     is_alone = e.support == 0
     most = params.max_contradiction_alone if is_alone else params.max_contradiction
     is_part = e.verified > 0 and e.extent < params.min_extent and e.seen < params.min_seen

@@ -23,7 +23,7 @@ __all__ = ["Comparison", "ComparisonParams", "compare_pictures"]
 
 Mask = NDArray[np.bool_]
 
-SAME_PRINT, SAME_COLOUR = 0.45, 15.0
+_SAME_PRINT, _SAME_COLOUR = 0.45, 15.0
 """Cells of one print correlate by more, and differ by fewer Lab units in colour."""
 _FEW_AGREEING = 4
 
@@ -103,8 +103,8 @@ class Comparison:
     @property
     def agrees(self) -> Mask:
         """Return the cells that show the same print, or none on either side, in the same colour."""
-        is_alike = (self.correlation > SAME_PRINT) | ~self.textured
-        return is_alike & (self.colour_gap < SAME_COLOUR)
+        is_alike = (self.correlation > _SAME_PRINT) | ~self.textured
+        return is_alike & (self.colour_gap < _SAME_COLOUR)
 
 
 def grid_shape(shape: tuple[int, ...], params: ComparisonParams) -> tuple[int, int]:

@@ -433,6 +433,8 @@ def main() -> None:
     args = parser.parse_args()
     if args.command == "photographs" and args.photos is None:
         parser.error("photographs needs --photos FOLDER")
+    if args.best_view and args.cut != "middle":
+        parser.error("--best-view goes with --cut middle")
     if args.command in (None, "tables"):
         run_tables(args)
     if args.command in (None, "speed"):
