@@ -85,5 +85,7 @@ def test_a_pipeline_cuts_a_view_and_asks_the_engine_for_each_object(host, view):
     )
     assert [one["similar_objects"] for one in answer["output"]["names"]] == [[], [], []]
     assert answer["output"]["labels"] == 1
-    # Three crops stay where they are.
-    assert len(answer.to_json()) < 0.05 * len(view)
+    # The crops stay where they are: what comes back is smaller than the smallest of them.
+    crops = [len(one.cloud) for one in host.connect("rtask/Segmentation").segment(view).objects]
+    assert len(crops) == 3
+    assert len(answer.to_json()) < min(crops)
