@@ -6,11 +6,11 @@
 ...     s.query(RTASK.ManipulableObject).count()
 0
 
-Unlike in the rest of the code, the files of this package refer to each other in both directions: an
-instance loads missing fields through its session, a session creates instances, and a field belongs
-to a class on which the same attribute is a path for queries. An interface between them would hide
-these relations without removing them. Nothing outside the package takes part in them: the
-knowledge base below does not know about objects.
+Read from below: :mod:`~rtask.model.instance` has the base class of objects, and what a property and
+a unit of work are to them; :mod:`~rtask.model.fields` are properties that read and change values,
+and on the class itself begin a path of :mod:`~rtask.model.query`; :mod:`~rtask.model.reading` turns
+statements into objects, :mod:`~rtask.model.flush` objects into statements, and
+:mod:`~rtask.model.session` is the unit of work. The knowledge base does not know about objects.
 """
 
 from __future__ import annotations

@@ -3,65 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import ontology
 from rtask.errors import UsageError
 from rtask.model.codec import decode
-from rtask.model.fields import Field
-from rtask.model.fields import term as item_term
-from rtask.model.instance import Item, Model
+from rtask.model.instance import Annotation, Item, Model, Property, field_of
+from rtask.model.instance import term as item_term
 from rtask.model.query.plan import short
+from rtask.model.view import View
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import Literal, NamedNode, Term, Triple, stored
 
 if TYPE_CHECKING:
     from rtask.model.backing import Writes
-    from rtask.model.session import Session
 
-__all__ = ["Annotation", "Note", "read_annotations"]
+__all__ = ["Note", "read_annotations"]
 
 REIFIES = NamedNode(ontology.PREFIXES["rdf"] + "reifies")
 
 
-@dataclass(frozen=True)
-class Annotation:
-    """One agent's annotation of a statement.
-
-    Attributes
-    ----------
-    value
-        The value of the statement; an IRI for an object.
-    reifier
-        IRI, or blank node label, of the resource that carries the notes.
-    notes
-        Field name, or property IRI if there is no such field, to values.
-    """
-
-    value: object
-    reifier: str
-    notes: Mapping[str, list[Any]] = field(default_factory=dict)
-
-    @property
-    def confidence(self) -> float | None:
-        """The confidence in the statement, in [0, 1], if it is stated."""
-        found = self.notes.get("confidence", ())
-        return found[0] if found else None
-
-
-def read_annotations(instance: Model, name: str) -> list[Annotation]:
+def read_annotations(view: View, instance: Model, about: Property) -> list[Annotation]:
     """Return the annotations of a field's statements, by value and reifier."""
-    state = instance.__state__
-    about = _field(instance, name)
-    if state.session is None or state.new:
-        return []
     text = (
         f"SELECT ?o ?r ?p ?v WHERE {{ ?r rdf:reifies <<( {NamedNode(instance.iri)}"
         f" {short(about.iri)} ?o )>> ; ?p ?v FILTER(?p != rdf:reifies) }}"
     )
     found: dict[tuple[str, str], Annotation] = {}
-    for value, reifier, predicate, noted in state.session.select(text):
+    for value, reifier, predicate, noted in view.select(text):
         assert isinstance(predicate, NamedNode)
         known = type(instance).__by_iri__.get(predicate.value)
         shown = str(getattr(reifier, "value", reifier))
@@ -76,21 +46,14 @@ def _plain(term: Term | None) -> object:
     return term.value if isinstance(term, NamedNode) else decode(term) if term else None
 
 
-def _field(instance: Model, name: str) -> Field:
-    found = type(instance).__fields__.get(name)
-    if found is None:
-        raise UsageError(f"{type(instance).__name__} has no field {name!r}")
-    return found
-
-
 @dataclass(frozen=True)
 class Note:
     """An annotation to be written at the next flush."""
 
     instance: Model
-    field: Field
+    field: Property
     value: Item
-    notes: tuple[tuple[Field, Item], ...]
+    notes: tuple[tuple[Property, Item], ...]
 
     @classmethod
     def of(cls, instance: Model, name: str, value: object, notes: Mapping[str, object]) -> Note:
@@ -103,19 +66,19 @@ class Note:
         UsageError
             If the value is not one of the field's, or there is no such field.
         """
-        about = _field(instance, name)
+        about = field_of(instance, name)
         items = about.items(instance)
         if value is None and len(items) != 1:
             raise UsageError(
                 f"{about.describe()} of {instance!r} has {len(items)} values; say which"
             )
         item = items[0] if value is None else about.item(value, instance)
-        said = [(_field(instance, key), noted) for key, noted in notes.items()]
+        said = [(field_of(instance, key), noted) for key, noted in notes.items()]
         return cls(instance, about, item, tuple((f, f.item(v, instance)) for f, v in said))
 
-    def write(self, session: Session, tx: Writes, home: NamedNode | None) -> None:
-        """Write a reifier for the statement, with the notes on it."""
-        reifier = mint(session.kb.base, "Statement")
+    def write(self, base: str, tx: Writes, home: NamedNode | None) -> None:
+        """Write a reifier for the statement, minted below an IRI, with the notes on it."""
+        reifier = mint(base, "Statement")
         value = stored(item_term(self.value))
         subject, predicate = NamedNode(self.instance.iri), NamedNode(self.field.iri)
         tx.add(reifier, REIFIES, Triple(subject, predicate, value), home)

@@ -7,10 +7,13 @@ import decimal
 import math
 from collections.abc import Callable
 
+import ontology
 from rtask.rdf.terms import XSD, Literal, NamedNode, Term, literal
 
 __all__ = ["LangString", "decode", "encode", "python_type"]
 
+RDF_TYPE = ontology.PREFIXES["rdf"] + "type"
+THING = ontology.PREFIXES["owl"] + "Thing"
 RDF_LANG_STRING = "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString"
 RDFS_LITERAL = "http://www.w3.org/2000/01/rdf-schema#Literal"
 

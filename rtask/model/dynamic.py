@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UnknownTermError
+from rtask.model.codec import THING
 from rtask.model.fields import Field, Link, Links, Many, One
-from rtask.model.instance import Identity, Model, Registry, make_class, rank, vocabularies_of
+from rtask.model.instance import Identity, Model, Registry, make_class
 from rtask.model.lists import Ordered
-from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
+from rtask.model.registry import rank, vocabularies_of
+from rtask.model.schema import ClassSpec, PropertySpec, Schema, Triples, read_schema
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:

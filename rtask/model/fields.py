@@ -10,85 +10,20 @@ import difflib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Generic, TypeVar, overload
 
-import ontology
 from rtask.errors import FieldError
 from rtask.model.codec import decode, encode
-from rtask.model.instance import Item, Model, Pending
-from rtask.model.limits import Limits
+from rtask.model.instance import Item, Model, Pending, Property
 from rtask.model.query.expressions import Path
-from rtask.rdf.terms import Literal, NamedNode, Term
+from rtask.rdf.terms import Literal, NamedNode
 
 __all__ = ["Field", "Link", "Links", "Many", "One", "Values"]
-
-_THING = ontology.PREFIXES["owl"] + "Thing"
 
 T = TypeVar("T")
 M = TypeVar("M", bound=Model)
 
 
-class Field:
-    """Descriptor of a property of a class.
-
-    Parameters
-    ----------
-    iri
-        The property.
-    value
-        IRI of the datatype, or of the class of the objects.
-    functional
-        Whether a second value is an error, whichever agent states it.
-    inverse
-        IRI of the inverse property.
-    stored
-        Whether this property is written; if not, its inverse is.
-    unit
-        Local name of the QUDT unit of the numbers.
-    limits
-        Constraints that values must satisfy.
-    """
-
-    single = True
-    is_link = False
-    is_list = False
-
-    def __init__(
-        self,
-        iri: str,
-        value: str,
-        *,
-        functional: bool = False,
-        inverse: str | None = None,
-        stored: bool = True,
-        unit: str | None = None,
-        limits: Limits | None = None,
-    ) -> None:
-        self.iri = iri
-        self.value = value
-        self.functional = functional
-        self.inverse = inverse
-        self.stored = stored
-        self.unit = unit
-        self.limits = limits or Limits()
-        self.name = ""
-        self.owner: type[Model] = Model
-
-    def __set_name__(self, owner: type[Any], name: str) -> None:
-        self.name = name
-        self.owner = owner
-        if "__own_fields__" not in owner.__dict__:
-            owner.__own_fields__ = {}
-        owner.__own_fields__[name] = self
-
-    def target(self) -> type[Model] | None:
-        """Return the class of the objects, ``None`` for plain values."""
-        if not self.is_link:
-            return None
-        registry = self.owner.__registry__
-        return registry.find(self.value) or registry.find(_THING) or Model
-
-    def describe(self) -> str:
-        """Return the field's name in messages, with its unit."""
-        return f"{self.owner.__name__}.{self.name}" + (f" ({self.unit})" if self.unit else "")
+class Field(Property):
+    """A property as a descriptor, which checks what is set and reads what is not yet there."""
 
     # Checking
 
@@ -128,16 +63,6 @@ class Field:
             hint = f"; did you mean {near[0]}?" if near else ""
             raise self.refuse(value, f"one of the list of {wanted.__name__}{hint}", subject)
         return value
-
-    def refuse(self, value: object, expected: str, subject: Model | None) -> FieldError:
-        """Return the error for a value."""
-        where = f" of {subject!r}" if subject is not None else ""
-        return FieldError(
-            f"{self.describe()}{where} takes {expected}, not {value!r}  <{self.iri}>",
-            field=self.name,
-            iri=self.iri,
-            expected=expected,
-        )
 
     # Reading and changing
 
@@ -242,14 +167,14 @@ class Field:
             back.note(other, instance, add=add)
         self.note(instance, other, add=add)
 
-    def _leave(self, other: Model, back: Field, instance: Model) -> None:
+    def _leave(self, other: Model, back: Property, instance: Model) -> None:
         """Remove ``other`` from this field of the object that it referred to before."""
         state = other.__state__
         if back.iri not in state.pending and not state.knows(back.iri):
             return
         for old in back.items(other):
             if isinstance(old, NamedNode) and state.session is not None:
-                old = state.session.identities.find(old.value) or old
+                old = state.session.known(old.value) or old
             if isinstance(old, Model) and old is not instance:
                 self.note(old, other, add=False)
 
@@ -413,8 +338,3 @@ class Values(Collection[T]):
 
     def __repr__(self) -> str:
         return f"{{{', '.join(map(repr, self))}}}"
-
-
-def term(item: Item) -> Term:
-    """Return the RDF term of an item whose IRI is known."""
-    return NamedNode(item.iri) if isinstance(item, Model) else item

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 
 import ontology
 from rtask.errors import FieldError, OwnershipError, VersionConflictError
-from rtask.model.fields import Field, term
-from rtask.model.instance import Model, Pending, class_iris, required
-from rtask.model.query.plan import RDF_TYPE
+from rtask.model.codec import RDF_TYPE
+from rtask.model.instance import Model, Pending, Property, class_iris, required, term
+from rtask.model.view import View
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
     from rtask.model.backing import Statements, Writes
-    from rtask.model.session import Session
 
 __all__ = ["Flush", "named"]
 
@@ -30,12 +29,12 @@ class Flush:
 
     def __init__(
         self,
-        session: Session,
+        view: View,
         new: Iterable[Model],
         dirty: Iterable[Model],
         deleted: Collection[Model],
     ) -> None:
-        self._session = session
+        self._view = view
         self._new = list(new)
         self._dirty = [item for item in dirty if item not in deleted]
         self._deleted = list(deleted)
@@ -72,13 +71,12 @@ class Flush:
 
     def write(self, tx: Writes, statements: Statements) -> None:
         """Put all changes into a transaction, given the statements that hold before it."""
-        session = self._session
-        writer = _Writer(session, tx, statements)
+        writer = _Writer(self._view, tx, statements)
         for instance in self._deleted:
             writer.withdraw(NamedNode(instance.iri))
         for instance in self._new:
             for name in class_iris(type(instance)):
-                tx.add(instance.iri, RDF_TYPE, NamedNode(name), named(session.home))
+                tx.add(instance.iri, RDF_TYPE, NamedNode(name), named(self._view.home))
         for instance in (*self._new, *self._dirty):
             for name, pending in instance.__state__.pending.items():
                 field = type(instance).__by_iri__[name]
@@ -105,13 +103,12 @@ class Flush:
 class _Writer:
     """Writes the changes of one agent in one transaction."""
 
-    def __init__(self, session: Session, tx: Writes, statements: Statements) -> None:
-        self._session = session
-        self._kb = session.kb
+    def __init__(self, view: View, tx: Writes, statements: Statements) -> None:
+        self._kb = view.kb
         self._tx = tx
         self._statements = statements
-        self._home = session.home
-        self._inferred = session.inferred
+        self._home = view.home
+        self._inferred = view.inferred
 
     def withdraw(self, subject: NamedNode) -> None:
         """Withdraw all own statements from and to an object."""
@@ -120,7 +117,7 @@ class _Writer:
         for quad in own:
             self._tx.remove(quad.subject, quad.predicate, quad.object, named(self._home))
 
-    def change(self, instance: Model, field: Field, pending: Pending) -> None:
+    def change(self, instance: Model, field: Property, pending: Pending) -> None:
         """Write the changes of one field of one object."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
         added = [stored(term(item)) for item in pending.added]
@@ -145,7 +142,7 @@ class _Writer:
             if value not in own:
                 self._tx.add(subject, predicate, value, named(self._home))
 
-    def replace_list(self, instance: Model, field: Field, pending: Pending) -> None:
+    def replace_list(self, instance: Model, field: Property, pending: Pending) -> None:
         """Replace a list; its cells get IRIs instead of blank nodes."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
         quads = self._statements.match(subject, predicate)
@@ -164,7 +161,7 @@ class _Writer:
             self._tx.add(head, _REST, rest, home)
         self._tx.add(subject, predicate, heads[0] if heads else _NIL, home)
 
-    def _check_version(self, instance: Model, field: Field, current: set[Term]) -> None:
+    def _check_version(self, instance: Model, field: Property, current: set[Term]) -> None:
         state = instance.__state__
         if state.knows(field.iri) and set(state.loaded.get(field.iri, ())) != current:
             raise VersionConflictError(
@@ -173,7 +170,7 @@ class _Writer:
                 field=field.name,
             )
 
-    def _not_ours(self, instance: Model, field: Field, values: set[Term]) -> OwnershipError:
+    def _not_ours(self, instance: Model, field: Property, values: set[Term]) -> OwnershipError:
         shown = ", ".join(sorted(map(str, values)))
         return OwnershipError(
             f"{field.describe()} of {instance!r}: another agent states {shown}, and only it may"

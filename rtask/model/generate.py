@@ -11,10 +11,10 @@ from typing import Protocol
 import pyoxigraph as ox
 
 import ontology
-from rtask.model.codec import python_type
+from rtask.model.codec import THING, python_type
 from rtask.model.instance import Model, Registry
 from rtask.model.limits import Limits
-from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
+from rtask.model.schema import ClassSpec, PropertySpec, Schema, Triples, read_schema
 
 __all__ = ["generate", "generate_for", "generate_rtask", "rtask_schema", "write_rtask"]
 

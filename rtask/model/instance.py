@@ -1,107 +1,38 @@
-"""Base class of objects, its metaclass, and the state of one instance."""
+"""Objects from below: their base class, the state of one, and what a field and a session are to it.
+
+This file is the ground of the package and imports none of its other files but the registry: fields
+(:mod:`rtask.model.fields`) are properties that read and change instances, and a session
+(:mod:`rtask.model.session`) is the unit of work of its objects.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
 import difflib
 import json
-from collections.abc import Container, Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
-from weakref import WeakKeyDictionary
+from functools import lru_cache
+from typing import Any, ClassVar, Protocol, TypeAlias, cast, dataclass_transform, overload
 
 from rtask.errors import FieldError, UsageError
+from rtask.model.codec import THING
+from rtask.model.limits import Limits
+from rtask.model.registry import ClassRegistry, count_class, generation, rank
 from rtask.rdf.terms import NamedNode, Term, iri
 
-if TYPE_CHECKING:
-    from rtask.model.annotations import Annotation
-    from rtask.model.fields import Field
-    from rtask.model.session import Session
-
-__all__ = ["Identity", "Model", "Pending", "Registry", "State"]
-
-
-class Registry:
-    """The Python classes of one vocabulary, by the IRIs of their OWL classes.
-
-    Parameters
-    ----------
-    parent
-        The vocabulary that this one extends.
-    """
-
-    def __init__(self, parent: Registry | None = None) -> None:
-        self.models: dict[str, type[Model]] = {}
-        self.parent = parent
-        self._combined: dict[tuple[type[Model], ...], type[Model]] = {}
-
-        self._specific: dict[object, type[Model]] = {}
-        self._others: dict[object, type[Model] | None] = {}
-
-    def find(self, iri: str) -> type[Model] | None:
-        """Return the class of an IRI, if there is one."""
-        found = self.models.get(iri)
-        return found or (self.parent.find(iri) if self.parent else None)
-
-    def __iter__(self) -> Iterator[type[Model]]:
-        if self.parent:
-            yield from self.parent
-        yield from self.models.values()
-
-    def most_specific(
-        self, types: frozenset[str], asked: type[Model], others: Iterable[Registry] = ()
-    ) -> type[Model]:
-        """Return the most specific class for an individual of these types.
-
-        An individual of several unrelated classes gets a class that inherits from all of them.
-
-        Parameters
-        ----------
-        others
-            Further vocabularies to look in.
-        """
-        vocabularies = [self, *others]
-        key = (asked, types, generation(), *map(id, vocabularies))
-        if key not in self._specific:
-            self._specific[key] = self._find_most_specific(types, asked, vocabularies)
-        return self._specific[key]
-
-    def other_class(self, types: frozenset[str], asked: type[Model]) -> type[Model] | None:
-        """Return the known class of an individual of these types, unless it is the given one."""
-        key = ("other", asked, types, generation())
-        if key not in self._others:
-            kinds = [kind for kind in map(self.find, types) if kind is not None]
-            fits = not kinds or any(issubclass(kind, asked) for kind in kinds)
-            self._others[key] = None if fits else max(kinds, key=lambda kind: len(kind.__mro__))
-        return self._others[key]
-
-    def _find_most_specific(
-        self, types: Iterable[str], asked: type[Model], vocabularies: list[Registry]
-    ) -> type[Model]:
-        found = (vocabulary.find(name) for name in types for vocabulary in vocabularies)
-        known = {model for model in found if model} | {asked}
-        lowest = [m for m in known if not any(o is not m and issubclass(o, m) for o in known)]
-        if len(lowest) == 1:
-            return lowest[0]
-        bases = tuple(sorted(lowest, key=rank))
-        if bases not in self._combined:
-            name = "And".join(sorted(model.__name__ for model in bases))
-            self._combined[bases] = make_class(name, bases, {"__combined__": True})
-        return self._combined[bases]
-
-
-def generation() -> int:
-    """Return a number that rises with each new class, for caches keyed by class."""
-    return len(_born)
-
-
-_born: list[None] = []
-_loaded: WeakKeyDictionary[object, dict[str, Registry]] = WeakKeyDictionary()
-
-
-def vocabularies_of(kb: object) -> dict[str, Registry]:
-    """Return the vocabularies created for a knowledge base, by the ontology's IRI."""
-    return _loaded.setdefault(kb, {})
+__all__ = [
+    "Annotation",
+    "Identity",
+    "Model",
+    "Pending",
+    "Property",
+    "Reads",
+    "Registry",
+    "State",
+    "UnitOfWork",
+]
 
 
 class Identity:
@@ -128,6 +59,67 @@ class Identity:
 
 
 Item: TypeAlias = "Term | Model"
+
+
+class Reads(Protocol):
+    """Reading of objects and of fields that were not read yet."""
+
+    def load(self, instance: Model, field: Property) -> None:
+        """Read one field of one object."""
+
+    def members(self, instance: Model, field: Property, head: Term) -> tuple[Term, ...]:
+        """Return the members of an RDF list."""
+
+    def reference(self, name: str, model: type[Model], source: Model) -> Model:
+        """Return the object of an IRI, which may not have been read yet."""
+
+    def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
+        """Return the objects of several IRIs that one object refers to."""
+
+
+class UnitOfWork(Protocol):
+    """A session as its objects see it (the unit of work of Fowler 2002)."""
+
+    @property
+    def reader(self) -> Reads:
+        """What reads its objects."""
+
+    def known(self, name: str) -> Model | None:
+        """Return the object of an IRI if there is one; nothing is read."""
+
+    def add(self, instance: Model) -> None:
+        """Add a new object."""
+
+    def mark(self, instance: Model) -> None:
+        """Note that an object has changes."""
+
+    def annotations(self, instance: Model, field: Property) -> list[Annotation]:
+        """Return the annotations of a field's statements."""
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """One agent's annotation of a statement.
+
+    Attributes
+    ----------
+    value
+        The value of the statement; an IRI for an object.
+    reifier
+        IRI, or blank node label, of the resource that carries the notes.
+    notes
+        Field name, or property IRI if there is no such field, to values.
+    """
+
+    value: object
+    reifier: str
+    notes: Mapping[str, list[Any]] = field(default_factory=dict)
+
+    @property
+    def confidence(self) -> float | None:
+        """The confidence in the statement, in [0, 1], if it is stated."""
+        found = self.notes.get("confidence", ())
+        return found[0] if found else None
 
 
 @dataclass
@@ -175,7 +167,7 @@ class State:
         Objects prefetched with it, kept alive as long as it is.
     """
 
-    session: Session | None = None
+    session: UnitOfWork | None = None
     iri: str | None = None
     new: bool = True
     deleted: bool = False
@@ -221,11 +213,6 @@ class ModelType(type):
         return [cls, *sorted(above, key=rank), object]
 
 
-def rank(model: type) -> tuple[int, str]:
-    """Return a sort key that puts classes with more ancestors first."""
-    return (-len(model.__mro__), str(getattr(model, "__iri__", "")))
-
-
 @dataclass_transform(kw_only_default=True, eq_default=False)
 class Model(metaclass=ModelType):
     """Base of all classes bound to an OWL class.
@@ -237,8 +224,8 @@ class Model(metaclass=ModelType):
     __registry__: ClassVar[Registry]
     __required__: ClassVar[tuple[str, ...]] = ()
     __combined__: ClassVar[bool] = False
-    __fields__: ClassVar[dict[str, Field]] = {}
-    __by_iri__: ClassVar[dict[str, Field]] = {}
+    __fields__: ClassVar[dict[str, Property]] = {}
+    __by_iri__: ClassVar[dict[str, Property]] = {}
 
     __state__: State
     iri: Identity = Identity()
@@ -250,20 +237,19 @@ class Model(metaclass=ModelType):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        fields: dict[str, Field] = {}
+        fields: dict[str, Property] = {}
         for base in reversed(cls.__mro__):
             fields.update(base.__dict__.get("__own_fields__", {}))
         cls.__fields__ = fields
         cls.__by_iri__ = {field.iri: field for field in fields.values()}
-        _born.append(None)
+        count_class()
         if "__iri__" in cls.__dict__ and cls.__iri__:
             cls.__registry__.models[cls.__iri__] = cls
 
     def annotations(self, name: str) -> list[Annotation]:
         """Return the annotations of each statement of a field, such as its confidence."""
-        from rtask.model.annotations import read_annotations
-
-        return read_annotations(self, name)
+        about, session = field_of(self, name), self.__state__.session
+        return [] if session is None or self.__state__.new else session.annotations(self, about)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values of the object: its IRI, its class and its fields by name.
@@ -271,8 +257,6 @@ class Model(metaclass=ModelType):
         Other objects appear as their IRIs, several values as a list; fields without a value are
         left out. Fields stored with other objects (inverses) are included if they have been read.
         """
-        from rtask.model.query.plan import eager
-
         state, wanted = self.__state__, eager(type(self))
         found: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
         for name, about in sorted(type(self).__fields__.items()):
@@ -308,6 +292,155 @@ class Model(metaclass=ModelType):
 
 def _json_text(value: object) -> str:
     return value.isoformat() if isinstance(value, dt.date) else str(value)
+
+
+Registry: TypeAlias = ClassRegistry[Model]
+"""The Python classes of one vocabulary."""
+
+
+def term(item: Item) -> Term:
+    """Return the RDF term of an item whose IRI is known."""
+    return NamedNode(item.iri) if isinstance(item, Model) else item
+
+
+class Property(ABC):
+    """A property as an attribute of a class: its declaration, and its values on an instance.
+
+    Parameters
+    ----------
+    iri
+        The property.
+    value
+        IRI of the datatype, or of the class of the objects.
+    functional
+        Whether a second value is an error, whichever agent states it.
+    inverse
+        IRI of the inverse property.
+    stored
+        Whether this property is written; if not, its inverse is.
+    unit
+        Local name of the QUDT unit of the numbers.
+    limits
+        Constraints that values must satisfy.
+    """
+
+    single = True
+    is_link = False
+    is_list = False
+
+    def __init__(
+        self,
+        iri: str,
+        value: str,
+        *,
+        functional: bool = False,
+        inverse: str | None = None,
+        stored: bool = True,
+        unit: str | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self.iri = iri
+        self.value = value
+        self.functional = functional
+        self.inverse = inverse
+        self.stored = stored
+        self.unit = unit
+        self.limits = limits or Limits()
+        self.name = ""
+        self.owner: type[Model] = Model
+
+    def __set_name__(self, owner: type[Any], name: str) -> None:
+        self.name = name
+        self.owner = owner
+        if "__own_fields__" not in owner.__dict__:
+            owner.__own_fields__ = {}
+        owner.__own_fields__[name] = self
+
+    def target(self) -> type[Model] | None:
+        """Return the class of the objects, ``None`` for plain values."""
+        if not self.is_link:
+            return None
+        registry = self.owner.__registry__
+        return registry.find(self.value) or registry.find(THING) or Model
+
+    def describe(self) -> str:
+        """Return the field's name in messages, with its unit."""
+        return f"{self.owner.__name__}.{self.name}" + (f" ({self.unit})" if self.unit else "")
+
+    def refuse(self, value: object, expected: str, subject: Model | None) -> FieldError:
+        """Return the error for a value."""
+        where = f" of {subject!r}" if subject is not None else ""
+        return FieldError(
+            f"{self.describe()}{where} takes {expected}, not {value!r}  <{self.iri}>",
+            field=self.name,
+            iri=self.iri,
+            expected=expected,
+        )
+
+    @abstractmethod
+    def item(self, value: object, subject: Model | None = None) -> Item:
+        """Return the item to store for a value.
+
+        Raises
+        ------
+        FieldError
+            With class, field, IRI, value and the expected kind of value.
+        """
+
+    @abstractmethod
+    def items(self, instance: Model) -> list[Item]:
+        """Return the values of the graph with the unwritten changes applied."""
+
+    @abstractmethod
+    def python(self, instance: Model, items: Sequence[Item]) -> list[Any]:
+        """Return items as Python values; objects that were not read yet are read in one query."""
+
+    @abstractmethod
+    def plain(self, instance: Model) -> Any:
+        """Return the value, or the list of several, with objects as their IRIs."""
+
+    @abstractmethod
+    def note(self, instance: Model, item: Item, add: bool) -> None:
+        """Record one change on one side."""
+
+
+def field_of(instance: Model, name: str) -> Property:
+    """Return a field of an object by its name.
+
+    Raises
+    ------
+    UsageError
+        If its class has no such field.
+    """
+    found = type(instance).__fields__.get(name)
+    if found is None:
+        raise UsageError(f"{type(instance).__name__} has no field {name!r}")
+    return found
+
+
+def eager(model: type[Model], more: Sequence[Property] = ()) -> frozenset[str]:
+    """Return the properties that are read with every object of a class or its subclasses.
+
+    Fields stored with other objects (inverses) may be unbounded, and links that any individual may
+    have are rarely needed: both are read on request.
+
+    Parameters
+    ----------
+    more
+        Additional fields to read.
+    """
+    return _eager(model, tuple(more), generation())
+
+
+@lru_cache(maxsize=512)
+def _eager(model: type[Model], more: tuple[Property, ...], at: int) -> frozenset[str]:
+    fields = {field.iri: field for kind in family(model) for field in kind.__fields__.values()}
+    along = {iri for iri, field in fields.items() if _comes_along(field)}
+    return frozenset(along | {field.iri for field in more})
+
+
+def _comes_along(field: Property) -> bool:
+    return field.stored and not (field.is_link and field.owner.__iri__ == THING)
 
 
 def make_class(name: str, bases: tuple[type[Model], ...], body: dict[str, Any]) -> type[Model]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Generic, TypeVar, overload
 
-from rtask.model.codec import RDFS_LITERAL
+from rtask.model.codec import RDFS_LITERAL, THING
 from rtask.model.fields import Field, plain_item
 from rtask.model.instance import Item, Model
 from rtask.model.query.expressions import Path
@@ -90,8 +90,6 @@ class Ordered(Field, Generic[T]):
 
     def root(self) -> type[Model]:
         """Return the class of all individuals."""
-        from rtask.model.query.plan import THING
-
         return self.owner.__registry__.find(THING) or Model
 
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Container, Iterable, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias, TypeVar
 
 from rtask.errors import LazyLoadError, UnknownTermError
-from rtask.model.fields import Field
-from rtask.model.instance import EVERYTHING, Model, Registry, generation, vocabularies_of
+from rtask.model.codec import RDF_TYPE
+from rtask.model.identity import IdentityMap
+from rtask.model.instance import EVERYTHING, Model, Property, Registry, UnitOfWork, eager
 from rtask.model.query.compile import fetch_filter
-from rtask.model.query.plan import RDF_TYPE, eager, short
+from rtask.model.query.plan import short
+from rtask.model.registry import generation, vocabularies_of
+from rtask.model.view import View
 from rtask.rdf.terms import NamedNode, Term
-
-if TYPE_CHECKING:
-    from rtask.model.session import Session
 
 __all__ = ["Facts", "Lazy", "Reader", "collect"]
 
@@ -28,10 +28,26 @@ _WHOLE = 500
 
 
 class Reader:
-    """Reads objects for one session."""
+    """Reads objects for one session.
 
-    def __init__(self, session: Session, lazy: Lazy) -> None:
+    Parameters
+    ----------
+    session
+        The session that the objects belong to.
+    view
+        What it reads from.
+    identities
+        Its objects.
+    lazy
+        How to handle access, in a loop over results, to what the query did not read.
+    """
+
+    def __init__(
+        self, session: UnitOfWork, view: View, identities: IdentityMap, lazy: Lazy
+    ) -> None:
         self._session = session
+        self._view = view
+        self._identities = identities
         self._lazy = lazy
         self._classes: dict[object, type[Model]] = {}
 
@@ -60,13 +76,12 @@ class Reader:
 
     def _everything(self, name: str) -> tuple[Facts | None, Container[str]]:
         """Return all statements about an individual from the store, unless there are too many."""
-        session = self._session
-        session.check_open()
-        if not session.inferred:
+        self._view.check_open()
+        if not self._view.inferred:
             return None, ()
         facts: Facts = {}
         count = 0
-        for predicate, value in session.backing.about(NamedNode(name), _WHOLE + 1):
+        for predicate, value in self._view.backing.about(NamedNode(name), _WHOLE + 1):
             collect(facts, predicate, value)
             count += 1
         return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
@@ -79,7 +94,7 @@ class Reader:
 
     def _gather(self, names: Iterable[str], pattern: str) -> dict[str, Facts]:
         facts: dict[str, Facts] = {name: {} for name in names}
-        for row in self._session.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
+        for row in self._view.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
             subject, predicate, value = row
             assert isinstance(subject, NamedNode)
             assert isinstance(predicate, NamedNode)
@@ -91,7 +106,7 @@ class Reader:
 
     def reference(self, name: str, model: type[Model], source: Model) -> Model:
         """Return the object of an IRI, which may not have been read yet."""
-        known = self._session.identities.find(name)
+        known = self._identities.find(name)
         return known or self._blank(model, name, source.__state__.origin)
 
     def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
@@ -111,7 +126,7 @@ class Reader:
         made = model()
         state = made.__state__
         state.session, state.iri, state.new, state.origin = self._session, name, False, origin
-        self._session.identities.add(name, made)
+        self._identities.add(name, made)
         return made
 
     def materialise(
@@ -131,7 +146,7 @@ class Reader:
         fetched
             The properties that were requested; those that are absent from ``facts`` have no value.
         """
-        known = self._session.identities.find(name)
+        known = self._identities.find(name)
         kinds = tuple(facts.get(RDF_TYPE, ()))
         if known is None:
             known = self._blank(self._best(asked, kinds), name, origin)
@@ -157,7 +172,7 @@ class Reader:
         key = (asked, kinds, generation())
         if key not in self._classes:
             registry = getattr(asked, "__registry__", None)
-            others = vocabularies_of(self._session.kb).values()
+            others = vocabularies_of(self._view.kb).values()
             self._classes[key] = (
                 registry.most_specific(_iris(kinds), asked, others) if registry else asked
             )
@@ -165,14 +180,14 @@ class Reader:
 
     def _own_first(self, name: str, predicate: str, values: Sequence[Term]) -> list[Term]:
         """Return values with the agent's own first; a single-valued field shows the first."""
-        session = self._session
-        own = session.kb.match(NamedNode(name), NamedNode(predicate), None, session.home)
+        view = self._view
+        own = view.kb.match(NamedNode(name), NamedNode(predicate), None, view.home)
         mine = {quad.object for quad in own}
         return sorted(values, key=lambda value: (value not in mine, str(value)))
 
     # Fields that were not read
 
-    def load(self, instance: Model, field: Field) -> None:
+    def load(self, instance: Model, field: Property) -> None:
         """Read one field of one object; fields call it.
 
         Raises
@@ -194,13 +209,13 @@ class Reader:
         listed = ", ".join(map(short, sorted({RDF_TYPE, *fetched})))
         here = f"VALUES ?s {{ {NamedNode(name)} }}"
         pattern = f"{here} ?s ?p ?o FILTER(?p IN ({listed}))"
-        if not self._session.inferred and not field.stored and field.inverse:
+        if not self._view.inferred and not field.stored and field.inverse:
             back = f"{here} ?o {short(field.inverse)} ?s BIND({short(field.iri)} AS ?p)"
             pattern = f"{{ {pattern} }} UNION {{ {back} }}"
         found = self._gather([name], pattern)[name]
         self.materialise(name, type(instance), found, fetched, state.origin)
 
-    def _refuse_loops(self, instance: Model, field: Field) -> None:
+    def _refuse_loops(self, instance: Model, field: Property) -> None:
         state = instance.__state__
         if state.origin is None or self._lazy == "allow":
             return
@@ -213,7 +228,7 @@ class Reader:
             raise LazyLoadError(message, field=field.name)
         warnings.warn(message, stacklevel=6)
 
-    def members(self, instance: Model, field: Field, head: Term) -> tuple[Term, ...]:
+    def members(self, instance: Model, field: Property, head: Term) -> tuple[Term, ...]:
         """Return the members of an RDF list; of a malformed list, those before the defect."""
         self._refuse_loops(instance, field)
         cells = self._cells(str(instance.__state__.iri), field)
@@ -224,14 +239,14 @@ class Reader:
             found.append(first)
         return tuple(found)
 
-    def _cells(self, name: str, field: Field) -> dict[Term, tuple[Term, Term]]:
+    def _cells(self, name: str, field: Property) -> dict[Term, tuple[Term, Term]]:
         """Return the cells of the lists that a field has: first and rest of each."""
         path = f"{NamedNode(name)} {short(field.iri)}/rdf:rest* ?cell"
         cell = "?cell rdf:first ?first ; rdf:rest ?rest"
         text = f"SELECT ?cell ?first ?rest WHERE {{ {path} . {cell} }}"
         return {
             cell: (first, rest)
-            for cell, first, rest in self._session.select(text)
+            for cell, first, rest in self._view.select(text)
             if cell is not None and first is not None and rest is not None
         }
 

@@ -9,17 +9,16 @@ from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import ontology
-from rtask.model.codec import RDF_LANG_STRING, RDFS_LITERAL
+from rtask.model.codec import RDF_LANG_STRING, RDFS_LITERAL, THING
 from rtask.model.limits import Limits
 from rtask.rdf.terms import XSD, BlankNode, Literal, NamedNode, Subject, Term
 
-__all__ = ["THING", "ClassSpec", "PropertySpec", "Schema", "read_schema"]
+__all__ = ["ClassSpec", "PropertySpec", "Schema", "read_schema"]
 
 Triples = Iterable[tuple[Subject, NamedNode, Term]]
 
 OWL, RDF, RDFS = (ontology.PREFIXES[name] for name in ("owl", "rdf", "rdfs"))
 SH, RT = ontology.PREFIXES["sh"], ontology.NS
-THING = OWL + "Thing"
 _TYPE = RDF + "type"
 _RESERVED = {
     *("iri", "annotations", "registry", "str", "int", "float", "bool", "object", "datetime"),

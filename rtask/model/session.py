@@ -9,15 +9,16 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
-from rtask.errors import ClosedError, UnknownTermError, UsageError
-from rtask.model.annotations import Note
-from rtask.model.backing import Backed, Statements, Touched, Writes, backing_of
+from rtask.errors import UnknownTermError, UsageError
+from rtask.model.annotations import Note, read_annotations
+from rtask.model.backing import Backed, Statements, Touched, Writes
 from rtask.model.flush import Flush, named
 from rtask.model.identity import IdentityMap
-from rtask.model.instance import Model
+from rtask.model.instance import Annotation, Model, Property
 from rtask.model.query.builder import Query
 from rtask.model.query.plan import Plan, finished
 from rtask.model.reading import Lazy, Reader
+from rtask.model.view import View
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import GraphName, NamedNode, iri
 from rtask.sparql.results import Solutions
@@ -84,11 +85,8 @@ class Session:
     ) -> None:
         if lazy not in ("raise", "warn", "allow"):
             raise UsageError(f"lazy: expected 'raise', 'warn' or 'allow', not {lazy!r}")
-        self.kb = kb
-        self.backing = backing_of(kb)
-        self.agent = agent
+        self.view = View(kb, agent, inferred)
         self.note = note
-        self.inferred = self.backing.derives() if inferred is None else inferred
         self.check_required = check_required
         self.autoflush = autoflush
         self._new: dict[Model, None] = {}
@@ -96,9 +94,23 @@ class Session:
         self._deleted: dict[Model, None] = {}
         self._notes: list[Note] = []
         self.identities = IdentityMap(self._dirty)
-        self.reader = Reader(self, lazy)
-        self._stop = self.backing.on_touched(_weak_listener(self.identities))
-        self._closed = False
+        self.reader = Reader(self, self.view, self.identities, lazy)
+        self._stop = self.view.backing.on_touched(_weak_listener(self.identities))
+
+    @property
+    def kb(self) -> GraphCore | Backed:
+        """The knowledge base."""
+        return self.view.kb
+
+    @property
+    def agent(self) -> str | None:
+        """The agent who writes; ``None`` for the shared graph."""
+        return self.view.agent
+
+    @property
+    def inferred(self) -> bool:
+        """Whether derived statements are visible."""
+        return self.view.inferred
 
     # Life
 
@@ -118,7 +130,7 @@ class Session:
             self.close()
 
     def __del__(self) -> None:
-        if getattr(self, "_closed", True):
+        if not hasattr(self, "_stop") or self.view.closed:
             return
         self._stop()
         if self._has_changes():
@@ -135,9 +147,9 @@ class Session:
 
     def close(self) -> None:
         """Discard unwritten changes; objects can no longer be read or changed."""
-        if not self._closed:
+        if not self.view.closed:
             self._stop()
-            self._closed = True
+            self.view.closed = True
 
     # Asking
 
@@ -176,24 +188,15 @@ class Session:
 
     def select(self, text: str) -> Solutions:
         """Run a SELECT in the knowledge base as this session sees it; known prefixes are added."""
-        return self.rows(finished(text))
-
-    def rows(self, text: str) -> Solutions:
-        """Run a SELECT whose prefixes are declared."""
-        self.check_open()
-        answer = self.kb.query(text, inferred=self.inferred)
-        if not isinstance(answer, Solutions):
-            raise UsageError("select() is for SELECT queries")
-        return answer
+        return self.view.select(text)
 
     def ask(self, text: str) -> bool:
         """Run an ASK in the knowledge base as this session sees it; known prefixes are added."""
-        return self.holds(finished(text))
+        return self.view.holds(finished(text))
 
-    def holds(self, text: str) -> bool:
-        """Run an ASK whose prefixes are declared."""
-        self.check_open()
-        return self.kb.query(text, inferred=self.inferred) is True
+    def annotations(self, instance: Model, field: Property) -> list[Annotation]:
+        """Return the annotations of a field's statements, by value and reifier."""
+        return read_annotations(self.view, instance, field)
 
     def stated_by(self, instance: Model, name: str) -> list[tuple[object, str]]:
         """Return each value of a field with the graphs that state it."""
@@ -207,7 +210,7 @@ class Session:
 
     def add(self, instance: Model) -> None:
         """Add a new object, with all new objects that it refers to."""
-        self.check_open()
+        self.view.check_open()
         state = instance.__state__
         if state.session is self:
             return
@@ -258,7 +261,7 @@ class Session:
         **notes
             Fields that any resource may have, e.g. ``confidence``, ``valid_until``, ``comment``.
         """
-        self.check_open()
+        self.view.check_open()
         self._notes.append(Note.of(instance, name, value, notes))
 
     @property
@@ -278,7 +281,7 @@ class Session:
 
     def mark(self, instance: Model) -> None:
         """Note that an object has changes; fields call it."""
-        self.check_open()
+        self.view.check_open()
         if instance.__state__.deleted:
             raise UsageError(f"{instance!r} was deleted")
         self._dirty[instance] = None
@@ -295,8 +298,8 @@ class Session:
         VersionConflictError
             If somebody else changed a value that was read and is to be replaced.
         """
-        self.check_open()
-        flush = Flush(self, self._new, self.dirty, self._deleted)
+        self.view.check_open()
+        flush = Flush(self.view, self._new, self.dirty, self._deleted)
         if not flush and not self._notes:
             return None
         if self.check_required:
@@ -305,9 +308,9 @@ class Session:
         def write(tx: Writes, statements: Statements) -> None:
             flush.write(tx, statements)
             for note in self._notes:
-                note.write(self, tx, named(self.home))
+                note.write(self.kb.base, tx, named(self.home))
 
-        commit = self.backing.write(write, flush.subjects(), self.agent, self.note)
+        commit = self.view.backing.write(write, flush.subjects(), self.agent, self.note)
         flush.settle()
         for instance in self._deleted:
             self.identities.drop(instance.iri)
@@ -325,7 +328,7 @@ class Session:
 
         New objects leave the session and keep their values. What was flushed stays written.
         """
-        self.check_open()
+        self.view.check_open()
         new = list(self._new)
         # the other side of an inverse may have changes without being written itself
         for instance in {*self.identities.all(), *self._new, *self._dirty, *self._deleted}:
@@ -360,16 +363,11 @@ class Session:
     @property
     def home(self) -> GraphName:
         """The graph that this session writes."""
-        return self.backing.home(self.agent)
+        return self.view.home
 
     def refresh(self, instance: Model) -> None:
         """Discard the cached values of an object; unwritten changes stay."""
         instance.__state__.forget()
-
-    def check_open(self) -> None:
-        """Raise if the session is closed."""
-        if self._closed:
-            raise ClosedError("the session is closed; open another with kb.session()")
 
     def __repr__(self) -> str:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"

@@ -18,30 +18,6 @@ from tests.architecture.imports import (
     imported_modules,
 )
 
-# Rings that are still there, each as the set of its files. A ring may lose files and must then be
-# written down smaller here; none may grow and none may be added.
-ALLOWED_RINGS: dict[str, frozenset[str]] = {
-    # The object layer: a class, its fields and the session that reads and writes them are one thing
-    # in several files; rtask/model/__init__.py says why.
-    "rtask.model": frozenset(
-        {
-            "rtask.model.annotations",
-            "rtask.model.fields",
-            "rtask.model.flush",
-            "rtask.model.identity",
-            "rtask.model.instance",
-            "rtask.model.query.assembly",
-            "rtask.model.query.builder",
-            "rtask.model.query.compile",
-            "rtask.model.query.expressions",
-            "rtask.model.query.patterns",
-            "rtask.model.query.plan",
-            "rtask.model.reading",
-            "rtask.model.session",
-        }
-    ),
-}
-
 
 def find_rings(graph: Graph) -> list[frozenset[str]]:
     """Return the strongly connected components of more than one module (Tarjan 1972)."""
@@ -102,22 +78,11 @@ def shortest_way_round(graph: Graph, ring: frozenset[str]) -> list[str]:
 @pytest.mark.slow
 def test_no_ring_of_files() -> None:
     graph = import_graph()
-    new = [
+    rings = [
         f"{len(ring)} files: " + " -> ".join(shortest_way_round(graph, ring))
         for ring in find_rings(graph)
-        if not any(ring <= allowed for allowed in ALLOWED_RINGS.values())
     ]
-    assert not new
-
-
-def test_no_allowed_ring_is_larger_than_it_needs_to_be() -> None:
-    rings = find_rings(import_graph())
-    loose = {
-        name: sorted(allowed.difference(*rings))
-        for name, allowed in ALLOWED_RINGS.items()
-        if allowed not in rings
-    }
-    assert not loose, "these files are in no ring any more: take them off the list"
+    assert not rings
 
 
 def test_every_way_to_import_counts() -> None:

@@ -5,25 +5,22 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, Protocol, TypeVar, overload
 
 import pyoxigraph as ox
 
 from rtask.errors import UsageError
 from rtask.model.codec import decode
-from rtask.model.fields import Field
-from rtask.model.instance import Model
+from rtask.model.instance import Model, Property, eager
 from rtask.model.query import compile as compiled
 from rtask.model.query.expressions import After, Path
-from rtask.model.query.plan import Plan, check_root, eager
-from rtask.model.reading import Facts, collect
+from rtask.model.query.plan import Plan, check_root
+from rtask.model.reading import Facts, Reader, collect
+from rtask.model.view import View
 from rtask.rdf.terms import NamedNode, Term
 from rtask.sparql.results import Solutions
 
-if TYPE_CHECKING:
-    from rtask.model.session import Session
-
-__all__ = ["Assembly", "PlainAnswers", "plain_value"]
+__all__ = ["Asking", "Assembly", "PlainAnswers", "plain_value"]
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -35,11 +32,29 @@ G = TypeVar("G")
 H = TypeVar("H")
 
 
+class Asking(Protocol):
+    """A session as its queries see it."""
+
+    @property
+    def view(self) -> View:
+        """What answers them."""
+
+    @property
+    def reader(self) -> Reader:
+        """What makes objects of the answers."""
+
+    def flush_before_query(self) -> None:
+        """Write the changes so far if the session does so before queries."""
+
+    def delete(self, instance: Model) -> None:
+        """Withdraw the agent's own statements about an object, and those that point to it."""
+
+
 class Assembly:
     """Assembles objects from rows of statements."""
 
-    def __init__(self, session: Session, plan: Plan, rows: Solutions) -> None:
-        self._session = session
+    def __init__(self, reader: Reader, plan: Plan, rows: Solutions) -> None:
+        self._reader = reader
         self._plan = plan
         self._order: dict[str, list[tuple[int, Any]]] = {}
         self._facts: dict[str, Facts] = {}
@@ -76,17 +91,21 @@ class Assembly:
         return names
 
     def _make(
-        self, names: Iterable[str], path: tuple[Field, ...], asked: type[Model], origin: str | None
+        self,
+        names: Iterable[str],
+        path: tuple[Property, ...],
+        asked: type[Model],
+        origin: str | None,
     ) -> dict[str, Model]:
         fetched = eager(asked, self._plan.following(path))
-        make, facts = self._session.reader.materialise, self._facts
+        make, facts = self._reader.materialise, self._facts
         return {name: make(name, asked, facts.get(name, {}), fetched, origin) for name in names}
 
     def _follow(self, roots: list[Model], origin: str | None) -> None:
         """Create the prefetched objects, breadth first; each is kept alive by a reference to it."""
-        level: dict[tuple[Field, ...], list[Model]] = {(): roots}
+        level: dict[tuple[Property, ...], list[Model]] = {(): roots}
         while level:
-            below: dict[tuple[Field, ...], list[Model]] = {}
+            below: dict[tuple[Property, ...], list[Model]] = {}
             for path, objects in level.items():
                 for step in self._plan.following(path):
                     longer = (*path, step)
@@ -99,7 +118,7 @@ class Assembly:
             level = below
 
 
-def _linked(instance: Model, step: Field) -> list[str]:
+def _linked(instance: Model, step: Property) -> list[str]:
     values = instance.__state__.loaded.get(step.iri, ())
     return [value.value for value in values if isinstance(value, NamedNode)]
 
@@ -137,13 +156,13 @@ def _sort_key(term: Term | None) -> tuple[int, Any]:
 class PlainAnswers:
     """The part of a query that needs no objects."""
 
-    def __init__(self, session: Session, plan: Plan) -> None:
+    def __init__(self, session: Asking, plan: Plan) -> None:
         self._session = session
         self._plan = plan
 
     def _select(self, text: str) -> Solutions:
         self._session.flush_before_query()
-        return self._session.rows(text)
+        return self._session.view.rows(text)
 
     def count(self) -> int:
         """Return the number of objects."""
@@ -152,7 +171,7 @@ class PlainAnswers:
     def exists(self) -> bool:
         """Return whether there is such an object."""
         self._session.flush_before_query()
-        return self._session.holds(compiled.ask_text(self._plan))
+        return self._session.view.holds(compiled.ask_text(self._plan))
 
     def ids(self) -> list[str]:
         """Return the IRIs of the objects, in order."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Generic, TypeVar, overload
 
 from rtask.errors import FieldError, UnknownTermError, UsageError
-from rtask.model.instance import Model
+from rtask.model.instance import Model, eager
 from rtask.model.query import compile as compiled
 from rtask.model.query.assembly import Assembly, PlainAnswers, plain_value
 from rtask.model.query.expressions import (
@@ -29,7 +29,7 @@ from rtask.model.query.expressions import (
     minimum,
     total,
 )
-from rtask.model.query.plan import check_root, eager
+from rtask.model.query.plan import check_root
 
 __all__ = ["Query"]
 
@@ -120,7 +120,7 @@ class Query(PlainAnswers, Generic[M]):
     def all(self) -> list[M]:
         """Return the objects, in order."""
         rows = self._select(compiled.object_text(self._plan))
-        return Assembly(self._session, self._plan, rows).objects()
+        return Assembly(self._session.reader, self._plan, rows).objects()
 
     def __iter__(self) -> Iterator[M]:
         return iter(self.all())

@@ -14,12 +14,12 @@ from itertools import cycle
 from typing import Any
 
 from rtask.errors import UsageError
-from rtask.model.codec import encode
-from rtask.model.fields import Field
-from rtask.model.instance import Model, class_iris, generation
+from rtask.model.codec import RDF_TYPE, THING, encode
+from rtask.model.instance import Model, Property, class_iris, eager
 from rtask.model.query.expressions import Aggregate, Having, Order, Path, steps
 from rtask.model.query.patterns import MARK, Names, Scope, shape
-from rtask.model.query.plan import RDF_TYPE, THING, Plan, eager, finished, short
+from rtask.model.query.plan import Plan, finished, short
+from rtask.model.registry import generation
 from rtask.rdf.terms import Literal, Term, literal
 
 __all__ = [
@@ -138,7 +138,7 @@ def _roots(plan: Plan) -> str:
     )
 
 
-def fetch_filter(model: type[Model], more: Sequence[Field] = ()) -> str:
+def fetch_filter(model: type[Model], more: Sequence[Property] = ()) -> str:
     """Return the list of properties to fetch, for ``FILTER(?p IN (...))``."""
     return ", ".join(map(short, [RDF_TYPE, *sorted(eager(model, more))]))
 
@@ -165,7 +165,7 @@ def _object_text(plan: Plan) -> str:
     return f"SELECT DISTINCT ?root ?s ?p ?o{keys} WHERE {{\n  {{ {_roots(plan)} }}\n  {union}\n}}"
 
 
-def _start(path: Sequence[Field], inferred: bool) -> str:
+def _start(path: Sequence[Property], inferred: bool) -> str:
     """Return the patterns that lead from ``?root`` to ``?s``."""
     if not path:
         return ""
@@ -174,7 +174,7 @@ def _start(path: Sequence[Field], inferred: bool) -> str:
     return " ".join([*scope.lines, f"{before} {scope.property(path[-1])} ?s . "])
 
 
-def _derived(start: str, own: str, bind: str, following: Iterable[Field]) -> list[str]:
+def _derived(start: str, own: str, bind: str, following: Iterable[Property]) -> list[str]:
     """Return branches for inverse properties, which are not derived without inference."""
     return [
         f"{{ {start}?o {short(step.inverse)} {own} BIND({short(step.iri)} AS ?p){bind} }}"
@@ -299,7 +299,7 @@ def _aggregate_text(
         Filters of the groups.
     """
     by = [f"?group{at}" for at in range(len(groups))]
-    parts: dict[tuple[Field, ...] | None, dict[int, Aggregate]] = {}
+    parts: dict[tuple[Property, ...] | None, dict[int, Aggregate]] = {}
     for at, column in enumerate(columns):
         path = None if column.path is None else steps(column.path)
         parts.setdefault(path, {})[at] = column
@@ -319,7 +319,7 @@ def _aggregate_text(
 def _numbers_text(
     plan: Plan,
     groups: Sequence[Path[Any]],
-    along: tuple[Field, ...] | None,
+    along: tuple[Property, ...] | None,
     columns: dict[int, Aggregate],
 ) -> str:
     names = Names()

@@ -5,13 +5,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rtask.errors import UsageError
-
-if TYPE_CHECKING:
-    from rtask.model.fields import Field
-    from rtask.model.instance import Model
+from rtask.model.instance import Model, Property
 
 __all__ = [
     "After",
@@ -70,7 +67,7 @@ class Path(Generic[T]):
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __init__(self, root: type[Model], steps: tuple[Field, ...]) -> None:
+    def __init__(self, root: type[Model], steps: tuple[Property, ...]) -> None:
         self._root = root
         self._steps = steps
 
@@ -140,7 +137,7 @@ class Path(Generic[T]):
         return Missing(self)
 
 
-def steps(path: Path[Any]) -> tuple[Field, ...]:
+def steps(path: Path[Any]) -> tuple[Property, ...]:
     """Return the fields along a path."""
     return path._steps
 

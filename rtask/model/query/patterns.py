@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 
 from rtask.errors import UsageError
 from rtask.model.codec import decode, encode
-from rtask.model.fields import Field, term
-from rtask.model.instance import Model
+from rtask.model.instance import Model, Property, term
 from rtask.model.query.expressions import (
     After,
     And,
@@ -64,7 +63,7 @@ def shape(condition: Condition, constants: list[Term]) -> Hashable:
     raise UsageError(f"not a condition: {condition!r}; use == < > in_ & | ~")
 
 
-def _compared(along: tuple[Field, ...], operator: str, value: object) -> Term:
+def _compared(along: tuple[Property, ...], operator: str, value: object) -> Term:
     if value is None:
         raise UsageError(f"compare {along[-1].describe()} with is_none(), not with None")
     constant = _constant(along[-1], value)
@@ -80,7 +79,7 @@ def _is_exact(operator: str, constant: Term) -> bool:
     return not isinstance(constant, Literal) or isinstance(decode(constant), str)
 
 
-def _constant(step: Field, value: object) -> Term:
+def _constant(step: Property, value: object) -> Term:
     if step.is_link and isinstance(value, str):
         return NamedNode(value)
     if step.is_link and isinstance(value, Model):
@@ -116,7 +115,7 @@ class Scope:
     lines: list[str] = field(default_factory=list)
     bound: dict[tuple[str, ...], str] = field(default_factory=dict)
 
-    def walk(self, along: Sequence[Field]) -> str:
+    def walk(self, along: Sequence[Property]) -> str:
         """Return the variable at the end of a path, and add the patterns that bind it."""
         subject, done = "?root", tuple[str, ...]()
         for step in along:
@@ -127,7 +126,7 @@ class Scope:
             subject = self.bound[done]
         return subject
 
-    def property(self, step: Field) -> str:
+    def property(self, step: Property) -> str:
         """Return the property, or an equivalent path if derived statements are not visible."""
         if step.is_list:
             return f"{short(step.iri)}/rdf:rest*/rdf:first"
@@ -171,7 +170,7 @@ class Scope:
             case Text(path, function, _, ignore_case):
                 self._text(self.walk(steps(path)), function, ignore_case)
 
-    def _compare(self, along: tuple[Field, ...], operator: str, value: object) -> None:
+    def _compare(self, along: tuple[Property, ...], operator: str, value: object) -> None:
         if _is_exact(operator, _constant(along[-1], value)):
             before = self.walk(along[:-1])
             self.lines.append(f"{before} {self.property(along[-1])} {MARK} .")

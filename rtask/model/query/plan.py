@@ -10,15 +10,12 @@ from typing import Any
 
 import ontology
 from rtask.errors import UsageError
-from rtask.model.fields import Field
-from rtask.model.instance import Model, family, generation
+from rtask.model.instance import Model, Property
 from rtask.model.query.expressions import Condition, Order, Path, root, steps
 from rtask.rdf.terms import NamedNode, prologue
 
-__all__ = ["RDF_TYPE", "THING", "Plan", "check_root", "eager", "finished", "short"]
+__all__ = ["Plan", "check_root", "finished", "short"]
 
-THING = ontology.PREFIXES["owl"] + "Thing"
-RDF_TYPE = ontology.PREFIXES["rdf"] + "type"
 _LOCAL = re.compile(r"[A-Za-z_]\w*")
 _PREFIXED = re.compile(rf"\b({'|'.join(ontology.PREFIXES)}):")
 
@@ -42,10 +39,10 @@ class Plan:
     orders: tuple[Order, ...] = ()
     limit: int | None = None
     offset: int = 0
-    prefetch: tuple[tuple[Field, ...], ...] = ()
+    prefetch: tuple[tuple[Property, ...], ...] = ()
     inferred: bool = True
 
-    def following(self, path: Sequence[Field]) -> list[Field]:
+    def following(self, path: Sequence[Property]) -> list[Property]:
         """Return the next steps of the prefetched paths that begin with this one."""
         longer = [p for p in self.prefetch if p[: len(path)] == tuple(path) != p]
         return list(dict.fromkeys(p[len(path)] for p in longer))
@@ -70,32 +67,7 @@ def finished(text: str) -> str:
     return prologue({name: iri for name, iri in ontology.PREFIXES.items() if name in used}) + text
 
 
-def eager(model: type[Model], more: Sequence[Field] = ()) -> frozenset[str]:
-    """Return the properties that are read with every object of a class or its subclasses.
-
-    Fields stored with other objects (inverses) may be unbounded, and links that any individual may
-    have are rarely needed: both are read on request.
-
-    Parameters
-    ----------
-    more
-        Additional fields to read.
-    """
-    return _eager(model, tuple(more), generation())
-
-
-@lru_cache(maxsize=512)
-def _eager(model: type[Model], more: tuple[Field, ...], at: int) -> frozenset[str]:
-    fields = {field.iri: field for kind in family(model) for field in kind.__fields__.values()}
-    along = {iri for iri, field in fields.items() if _comes_along(field)}
-    return frozenset(along | {field.iri for field in more})
-
-
-def _comes_along(field: Field) -> bool:
-    return field.stored and not (field.is_link and field.owner.__iri__ == THING)
-
-
-def check_root(plan: Plan, path: Path[Any]) -> tuple[Field, ...]:
+def check_root(plan: Plan, path: Path[Any]) -> tuple[Property, ...]:
     """Return the fields of a path, which must begin at the class of the query.
 
     Raises
