@@ -6,8 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from rtask.kb.commit.catalogue import CommitRecord
-from rtask.kb.durability.journal import Record, body_of, encode
+from rtask.kb.durability.journal import CommitRecord, Record, body_of, encode
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.writes import Writes
 from rtask.remote.head import HeadGraph
@@ -33,16 +32,7 @@ class RemoteJournal:
             [quad for quad in quads if quad.graph_name not in self._left_out]
             for quads in (change.removed, change.added)
         )
-        header: dict[str, Any] = {
-            "seq": record.seq,
-            "time": record.ended.isoformat(),
-            "agent": record.access.agent,
-            "note": record.note,
-            "kind": "delta",
-        }
-        if record.is_partial:
-            header["partial"] = True
-        self._store.record = encode(header, body_of(removed, added)).decode()
+        self._store.record = encode(record.header(), body_of(removed, added)).decode()
 
     def withdraw(self) -> None:
         """Forget the record: its commit was not stored."""

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pyoxigraph import Quad
 
 import ontology
-from rtask.kb.commit.access import Access
 from rtask.kb.durability.blobs import Blob
+from rtask.kb.durability.journal import CommitRecord
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs, graph_class
 from rtask.kb.store.overlay import Overlay
@@ -33,7 +33,7 @@ from rtask.rdf.terms import (
     stored,
 )
 
-__all__ = ["Catalogue", "CommitRecord", "GraphFacts"]
+__all__ = ["Catalogue", "GraphFacts"]
 
 _RT = ontology.NS
 _PROV = "http://www.w3.org/ns/prov#"
@@ -47,32 +47,6 @@ _STARTED = iri(_PROV + "startedAtTime")
 _ENDED = iri(_PROV + "endedAtTime")
 _COMMENT = iri("http://www.w3.org/2000/01/rdf-schema#comment")
 _ACTIVITY_TYPES = (iri(_RT + "WriteActivity"), iri(_PROV + "Activity"))
-
-
-@dataclass(frozen=True)
-class CommitRecord:
-    """Record of one commit.
-
-    Parameters
-    ----------
-    seq
-        Number of the commit, from 1, without gaps.
-    started, ended
-        UTC; never earlier than the previous commit.
-    access
-        Rights of the author.
-    note
-        Free text, or ``None``.
-    is_partial
-        Whether the commit counts statements that were stored before it, by a bulk load.
-    """
-
-    seq: int
-    started: dt.datetime
-    ended: dt.datetime
-    access: Access
-    note: str | None = None
-    is_partial: bool = False
 
 
 @dataclass(frozen=True)
@@ -222,8 +196,8 @@ class Catalogue:
         say(_COMMIT_NUMBER, literal(commit.seq))
         say(_STARTED, literal(commit.started))
         say(_ENDED, literal(commit.ended))
-        if commit.access.agent:
-            agent = self.graphs.agent_iri(commit.access.agent, commit.access.role)
+        if commit.agent:
+            agent = self.graphs.agent_iri(commit.agent, commit.role)
             say(_ASSOCIATED, agent)
         for name in changed:
             if isinstance(name, NamedNode):
@@ -243,7 +217,7 @@ class Catalogue:
         notes.added[Quad(graph, RDF_TYPE, graph_class(kind), self.graphs.meta)] = None
         owner = self.graphs.owner(graph)
         if owner is not None and not entry:
-            role = commit.access.role if commit.access.agent == owner else "robot"
+            role = commit.role if commit.agent == owner else "robot"
             agent = self.graphs.agent_iri(owner, role)
             notes.added[Quad(graph, _GRAPH_OWNER, agent, self.graphs.meta)] = None
 

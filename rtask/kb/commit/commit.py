@@ -22,12 +22,12 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.catalogue import Catalogue, CommitRecord, GraphFacts
+from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
-from rtask.kb.durability.journal import Journal
+from rtask.kb.durability.journal import CommitRecord, Journal
 from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import apply
 from rtask.kb.store.collector import collector_paused
@@ -370,8 +370,15 @@ class Committer:
     def _next_record(self, request: Request) -> CommitRecord:
         ended = max(dt.datetime.now(dt.UTC), self.last_time)
         started = min(request.started, ended)
-        seq, is_partial = self.last_seq + 1, bool(request.recount)
-        return CommitRecord(seq, started, ended, request.access, request.note, is_partial)
+        return CommitRecord(
+            self.last_seq + 1,
+            started,
+            ended,
+            request.access.agent,
+            request.access.role,
+            request.note,
+            is_partial=bool(request.recount),
+        )
 
     def _advance(self, record: CommitRecord, notes: Overlay, change: Overlay) -> None:
         self.last_seq, self.last_time = record.seq, record.ended

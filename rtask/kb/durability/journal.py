@@ -8,6 +8,7 @@ hold. The union in the default graph is left out; replaying computes it.
 from __future__ import annotations
 
 import contextlib
+import datetime as dt
 import errno
 import itertools
 import json
@@ -24,13 +25,20 @@ from typing import Any, Protocol
 from pyoxigraph import Quad, RdfFormat, parse, serialize
 
 from rtask.errors import StorageFullError, StoreError
-from rtask.kb.commit.catalogue import CommitRecord
 from rtask.kb.durability.blobs import sync_folder
 from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DefaultGraph, GraphName, iri
 
-__all__ = ["Journal", "JournalFile", "KeptJournal", "NoJournal", "Record", "body_of"]
+__all__ = [
+    "CommitRecord",
+    "Journal",
+    "JournalFile",
+    "KeptJournal",
+    "NoJournal",
+    "Record",
+    "body_of",
+]
 
 Piece = bytes | memoryview
 SEGMENT_BYTES = 64 << 20
@@ -38,6 +46,46 @@ _KEPT_BYTES = 1 << 30
 _BLOCK = 10_000
 """Number of statements that are turned into text at a time."""
 _KEPT_S = 30 * 86_400
+
+
+@dataclass(frozen=True)
+class CommitRecord:
+    """Facts about a commit that is to be written.
+
+    Parameters
+    ----------
+    seq
+        Number of the commit, from 1, without gaps.
+    started, ended
+        UTC; never earlier than the previous commit.
+    agent
+        Name of the author, or ``None``.
+    role
+        Role of the author.
+    note
+        Free text, or ``None``.
+    is_partial
+        Whether the commit counts statements that were stored before it, by a bulk load.
+    """
+
+    seq: int
+    started: dt.datetime
+    ended: dt.datetime
+    agent: str | None
+    role: str
+    note: str | None = None
+    is_partial: bool = False
+
+    def header(self) -> dict[str, Any]:
+        """Return what the header of its record in a journal says of every commit."""
+        header = {
+            "seq": self.seq,
+            "time": self.ended.isoformat(),
+            "agent": self.agent,
+            "note": self.note,
+            "kind": "delta",
+        }
+        return {**header, "partial": True} if self.is_partial else header
 
 
 @dataclass(frozen=True)
@@ -332,17 +380,8 @@ class JournalFile:
 
 
 def _encode(record: CommitRecord, change: Writes) -> list[Piece]:
-    header = {
-        "seq": record.seq,
-        "time": record.ended.isoformat(),
-        "agent": record.access.agent,
-        "note": record.note,
-        "kind": "delta",
-        "removed": len(change.removed),
-        "added": len(change.added),
-    }
-    if record.is_partial:
-        header["partial"] = True
+    header = record.header()
+    header |= {"removed": len(change.removed), "added": len(change.added)}
     for key, graphs in (("created", change.created), ("dropped", change.dropped)):
         if graphs:
             header[key] = [getattr(graph, "value", "") for graph in graphs]
