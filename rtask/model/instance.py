@@ -1,8 +1,8 @@
-"""Objects from below: their base class, the state of one, and what a field and a session are to it.
+"""Base class of objects, the state of one, and the interfaces of its fields and its session.
 
-This file is the ground of the package and imports none of its other files but the registry: fields
-(:mod:`rtask.model.fields`) are properties that read and change instances, and a session
-(:mod:`rtask.model.session`) is the unit of work of its objects.
+The ground of the package: a field (:mod:`rtask.model.fields`) is a :class:`Property` that reads and
+changes instances, and a session (:mod:`rtask.model.session`) is the :class:`UnitOfWork` of its
+objects.
 """
 
 from __future__ import annotations
