@@ -26,7 +26,7 @@ def benchmarks() -> Model:
 
 @cache
 def figures() -> Model:
-    """Return what the file of figures holds; ``docs/benchmarks.md`` says how each was taken."""
+    """Return what the file of figures holds; ``docs/benchmarks/`` says how each was taken."""
     return tomllib.loads(_FILE.read_text(encoding="utf-8"))
 
 

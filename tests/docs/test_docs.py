@@ -127,6 +127,15 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert not [name for name in pages if f"({name})" not in index]
 
 
+def test_every_page_of_benchmarks_is_in_their_table() -> None:
+    folder = ROOT / "docs"
+    table = (folder / "benchmarks.md").read_text(encoding="utf-8")
+    pages = [str(page.relative_to(folder)) for page in folder.glob("*/*.md")]
+    ours = [name for name in pages if not name.startswith("tutorials/")]
+    assert ours
+    assert not [name for name in ours if f"({name})" not in table]
+
+
 def test_the_readme_names_every_room() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     rooms = ["ontology", "rtask", "reasoner", "endpoint", "features", "grasp", "simulate", "docs"]
