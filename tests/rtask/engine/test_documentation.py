@@ -1,4 +1,4 @@
-"""The page on the engine names every operation and field; the page on learning, every number."""
+"""The pages on operations name each one and its fields; the page on learning, every number."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def names(message):
 
 
 def test_every_operation_has_a_section_that_names_every_field():
-    described = sections((DOCS / "engine.md").read_text(encoding="utf-8"))
+    overview, people = ((DOCS / name).read_text("utf-8") for name in ("engine.md", "curation.md"))
+    described = sections(overview) | sections(people)
     for operation in OPERATIONS.values():
         text = described[operation.name]
         missing = [name for name in names(operation.request) if f"`{name}`" not in text]
@@ -35,7 +36,7 @@ def test_every_operation_has_a_section_that_names_every_field():
             text += described["insert_object"]
             missing = [name for name in missing if f"`{name}`" not in text]
         assert not missing, operation.name
-        assert operation.summary in (DOCS / "engine.md").read_text(encoding="utf-8")
+        assert operation.summary in overview
 
 
 def test_the_defaults_on_the_page_about_learning_are_those_of_the_policy():
