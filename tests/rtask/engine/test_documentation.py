@@ -36,7 +36,17 @@ def test_every_operation_has_a_section_that_names_every_field():
             text += described["insert_object"]
             missing = [name for name in missing if f"`{name}`" not in text]
         assert not missing, operation.name
-        assert operation.summary in overview
+        assert f" | {operation.scope} | {operation.summary} |" in overview
+
+
+def test_every_operation_has_a_section_that_names_every_field_of_its_answer():
+    described = sections((DOCS / "engine.md").read_text("utf-8"))
+    described |= sections((DOCS / "curation.md").read_text("utf-8"))
+    described["teach_object"] += described["search_object"]  # "as in `search_object`"
+    for operation in OPERATIONS.values():
+        fields = [name.rstrip("_") for name in operation.answer.model_fields]  # class_ is `class`
+        missing = [name for name in fields if f"`{name}`" not in described[operation.name]]
+        assert not missing, operation.name
 
 
 def test_the_defaults_on_the_page_about_learning_are_those_of_the_policy():
