@@ -11,7 +11,7 @@ __all__ = ["PoseConfidence"]
 
 @dataclass(frozen=True)
 class PoseConfidence:
-    """Constants of the confidence; how they were fitted stands in ``docs/pose.md``.
+    """Constants of the confidence: a logistic function of fit and contradiction, then scaled down.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ Every judgement is ``yes``, ``no`` or ``unknown`` with its evidence, and uses on
 can measure: the opening of the hand, the height of the tool, and points seen by its cameras.
 
 The thresholds were measured over whole-arm attempts of a NAO and a Panda with frictions of 0.05 to
-0.8 and masses of 1 to 8 times the usual: see docs/demo.md.
+0.8 and masses of 1 to 8 times the usual: see docs/benchmarks/demo.md.
 """
 
 from __future__ import annotations
