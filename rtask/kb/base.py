@@ -111,6 +111,11 @@ class GraphBase:
         """Number of the last commit."""
         return self._writer.committer.last_seq
 
+    def _look(self) -> None:
+        """Take in the commits of a writer in another process; reads of the store do so themselves."""
+        if self._follower is not None:
+            self._follower.look()
+
 
 def _follower(files: Files, writer: Writer, feed: Feed) -> Follower | None:
     copy, store, journal = files.held, files.store, files.journal

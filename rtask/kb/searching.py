@@ -42,6 +42,7 @@ class Searching(GraphBase):
         """
         wanted = None if cls is None else iri(cls)
         found: dict[NamedNode, TextHit] = {}
+        self._look()
         with self.index.reading() as db:
             hits = self.texts.search(db, text, lang)
             fitting = (h for h in hits if h.subject not in found and self._is_a(h.subject, wanted))
@@ -69,6 +70,7 @@ class Searching(GraphBase):
         radius
             In metres.
         """
+        self._look()
         with self.index.reading() as db:
             return self.places.near(db, iri(frame), point, radius)
 

@@ -126,4 +126,5 @@ class Watching(GraphBase):
             None if end is None else moment(end),
             agent,
         )
+        self._look()
         return list(history(self.feed, self._files.journal, matches, period))

@@ -23,6 +23,8 @@ from rtask.kb.store.writes import Writes
 
 WRITER = """
 import sys, rtask
+RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+RT = "https://w3id.org/rtask-kg/ns#"
 kb = rtask.open(sys.argv[1], ontologies=False, flush="os")
 print("open", flush=True)
 for line in sys.stdin:
@@ -30,6 +32,11 @@ for line in sys.stdin:
     if word == "add":
         for n in range(int(rest)):
             kb.update(f"INSERT DATA {{ <urn:{kb.seq}:{n}> <urn:p> {n} }}")
+    elif word == "name":
+        kb.update(f"INSERT DATA {{ <urn:{rest}> <{RDFS}label> '{rest}' }}")
+    elif word == "place":
+        at = "".join(f"; <{RT}{axis}> 0e0 " for axis in "xyz")
+        kb.update(f"INSERT DATA {{ <urn:{rest}> <{RT}inFrame> <urn:table> {at} }}")
     elif word == "bulk":
         from rtask.loader import bulk, load
         load.MAX_QUADS = 20
@@ -120,6 +127,21 @@ def test_a_reader_beside_a_writer_sees_each_commit(tmp_path: Path) -> None:
     assert not (folder / "followers").exists()
     with rtask.open(folder, mode="r") as kb:
         assert _count(kb) == 10
+
+
+def test_history_and_searches_of_a_reader_see_each_commit(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    with writing(folder) as writer:
+        writer.say("add 1")
+        with rtask.open(folder, mode="r") as kb:
+            latest = writer.say("add 1")
+            assert [entry.seq for entry in kb.history(predicate="urn:p")][-1] == latest
+            assert kb.search("second") == []  # from here on, the index follows the commits
+            writer.say("name second")
+            assert [hit.text for hit in kb.search("second")] == ["second"]
+            writer.say("place near")
+            (place,) = kb.near("urn:table", (0.0, 0.0, 0.0), 1.0)
+            assert place.pose.value == "urn:near"
 
 
 @pytest.mark.slow
