@@ -241,7 +241,7 @@ def search(
     limit: int,
     as_json: bool,
 ) -> None:
-    """Search labels, comments and descriptions for WORDS.
+    """Search names, labels, comments and descriptions for WORDS.
 
     All words must occur; "cup*" matches any ending. Exit code 1 if nothing is found.
     """

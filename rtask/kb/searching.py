@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from rtask.kb.base import GraphBase
 from rtask.kb.search.places import Place
@@ -24,8 +24,9 @@ class Searching(GraphBase):
         cls: NamedNode | str | None = None,
         lang: str | None = None,
         limit: int = 20,
+        among: Container[str] | None = None,
     ) -> list[TextHit]:
-        """Return hits whose label, comment or description contains all words, best first.
+        """Return hits whose name, label, comment or description contains all words, best first.
 
         Parameters
         ----------
@@ -35,6 +36,8 @@ class Searching(GraphBase):
             Only instances of a class, derived ones included.
         lang
             Only texts in this language; ``en`` includes ``en-GB``.
+        among
+            Only these IRIs.
 
         Returns
         -------
@@ -45,7 +48,13 @@ class Searching(GraphBase):
         self._look()
         with self.index.reading() as db:
             hits = self.texts.search(db, text, lang)
-            fitting = (h for h in hits if h.subject not in found and self._is_a(h.subject, wanted))
+            fitting = (
+                hit
+                for hit in hits
+                if hit.subject not in found
+                and (among is None or hit.subject.value in among)
+                and self._is_a(hit.subject, wanted)
+            )
             for hit in fitting:
                 found[hit.subject] = hit
                 if len(found) >= limit:

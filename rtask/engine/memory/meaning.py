@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Literal
 
 from rtask.engine.terms import folded
 from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -164,17 +163,16 @@ def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], 
 def _searched(
     context: Context,
     words: list[str],
-    classes: Mapping[str, Iterable[str]],
-    functions: Mapping[str, Iterable[str]],
+    classes: Mapping[str, object],
+    functions: Mapping[str, object],
 ) -> list[Sense]:
     """Return the results of full-text search as one sense."""
     if not words:
         return []
-    hits = context.kb.search(" ".join(f"{word}*" for word in words), limit=MAX_HITS)
-    found = [hit.subject.value for hit in hits]
-    said = " ".join(words)
+    text, said = " ".join(f"{word}*" for word in words), " ".join(words)
     for kind, known in (("function", functions), ("class", classes)):
-        terms = tuple(iri(one).value for one in found if one in known)
+        hits = context.kb.search(text, among=known, limit=MAX_HITS)
+        terms = tuple(hit.subject.value for hit in hits)
         if terms:
             return [Sense("class" if kind == "class" else "function", terms, said)]
     return []

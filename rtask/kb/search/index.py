@@ -28,7 +28,7 @@ __all__ = ["SideIndex", "Table"]
 
 _log = logging.getLogger(__name__)
 _FILE = "index.sqlite"
-_FORMAT = "1"
+_FORMAT = "2"
 _MAX_WAITING = 20_000
 
 

@@ -1,4 +1,4 @@
-"""Full-text search over labels, comments and descriptions (SQLite FTS5)."""
+"""Full-text search over names, labels, comments and descriptions (SQLite FTS5)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode, Quad
 
 from rtask.errors import UsageError
+from rtask.rdf.namespaces import RT
 
 if TYPE_CHECKING:
     import sqlite3
@@ -20,6 +21,7 @@ _SKOS = "http://www.w3.org/2004/02/skos/core#"
 _DCT = "http://purl.org/dc/terms/"
 _SCHEMA = "https://schema.org/"
 PROPERTIES = (
+    RT.name.value,
     _RDFS + "label",
     _RDFS + "comment",
     _SKOS + "prefLabel",

@@ -129,6 +129,7 @@ def test_a_reader_beside_a_writer_sees_each_commit(tmp_path: Path) -> None:
         assert _count(kb) == 10
 
 
+@pytest.mark.slow
 def test_history_and_searches_of_a_reader_see_each_commit(tmp_path: Path) -> None:
     folder = tmp_path / "kb"
     with writing(folder) as writer:

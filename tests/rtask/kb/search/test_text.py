@@ -53,6 +53,13 @@ def test_words_are_found_whatever_their_case_and_accents(kb: KnowledgeBase) -> N
     assert len(kb.search("red", limit=1)) == 1
 
 
+def test_objects_and_robots_are_found_by_their_names(kb: KnowledgeBase) -> None:
+    kb.update(_P + 'INSERT DATA { <urn:1> rt:name "tea box" . <urn:nao> rt:name "nao-1" }')
+    assert _found(kb, "tea") == {"urn:1"}
+    assert _found(kb, "nao-1") == {"urn:nao"}
+    assert _found(kb, "red", among={"urn:mug", "urn:1"}) == {"urn:mug"}
+
+
 @pytest.mark.parametrize("text", ["red OR", "NEAR(red cup)", "a-b", "red:cup", "^red", '"red'])
 def test_operators_in_words_do_nothing(kb: KnowledgeBase, text: str) -> None:
     assert _found(kb, text) <= {"urn:mug", "urn:cup"}
@@ -117,6 +124,11 @@ def test_the_index_catches_up_and_is_made_anew_when_it_is_lost(tmp_path: Path) -
     assert _reopened(folder) == {"urn:2"}
     with sqlite3.connect(index) as db:
         db.execute("UPDATE facts SET value = 'other' WHERE name = 'epoch'")
+        db.execute("DELETE FROM texts")
+    db.close()
+    assert _reopened(folder) == {"urn:2"}
+    with sqlite3.connect(index) as db:  # as an earlier version of RTASK left it
+        db.execute("UPDATE facts SET value = '1' WHERE name = 'format'")
         db.execute("DELETE FROM texts")
     db.close()
     assert _reopened(folder) == {"urn:2"}
