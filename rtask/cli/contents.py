@@ -36,13 +36,11 @@ _TRIPLES = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
 @json_option
 def stats(data: Path, server: str | None, as_json: bool) -> None:
     """Count triples, graphs and commits."""
-    import rtask
-
     with Working("counting"):
         if server:
             found = _stats_of_server(data, server)
         else:
-            with rtask.open(data, mode="r") as kb:
+            with open_to_read(data) as kb:
                 found = kb.stats()
     if as_json:
         print_json(found)

@@ -176,7 +176,8 @@ def _store(folder: Path) -> Finding:
         with rtask.open(folder, mode="r") as kb:
             return Finding("store", "ok", f"{kb.stats()['triples']} triples")
     except RtaskError as error:
-        return Finding("store", "broken", str(error))
+        remedy = f"rtask verify -d {folder}" if error.details.get("recover") else ""
+        return Finding("store", "broken", str(error), remedy)
 
 
 def examine(data: Path | None, port: int) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from rtask.cli.connection import open_to_read
 from rtask.cli.options import (
     agent_option,
     data_option,
@@ -53,10 +54,9 @@ _since = click.option(
 @json_option
 def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_json: bool) -> None:
     """List attempts: when, who, with what, and what the robot judged."""
-    import rtask
     from rtask.interop.episodes.episode import episodes_of
 
-    with rtask.open(data, mode="r") as kb:
+    with open_to_read(data) as kb:
         found = episodes_of(kb, robot=agent, since=since)
     if as_json:
         print_json([one.to_json() for one in found])
@@ -101,7 +101,6 @@ def export(
     joints and commands of the attempts for which robots recorded them. `rtask episodes import`
     loses nothing from either.
     """
-    import rtask
     from rtask.extras import naming_extras
     from rtask.interop.episodes.episode import episodes_of
     from rtask.interop.episodes.lerobot import write_lerobot
@@ -109,7 +108,7 @@ def export(
 
     if form in ("mcap", "bag") and out.suffix != f".{form}":
         raise UsageError(f"--format {form}: expected a file that ends in .{form}, got {out}")
-    with rtask.open(data, mode="r") as kb, naming_extras(_EXTRA):
+    with open_to_read(data) as kb, naming_extras(_EXTRA):
         found = episodes_of(kb, robot=agent, since=since)
         if not found:
             raise UsageError("no attempt fits; see `rtask episodes list`")

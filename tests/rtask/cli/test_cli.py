@@ -210,11 +210,24 @@ def test_verify_backup_restore_rebuild(filled: Shell, tmp_path: Path) -> None:
     assert filled("verify", "--json").out == "[]\n"
 
 
-def test_reading_recovers_a_folder_that_was_not_closed(filled: Shell) -> None:
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (("query", "ASK { <urn:mug> a rt:Mug }"), 0),
+        (("stats",), 0),
+        (("history",), 0),
+        (("episodes", "list"), 1),
+    ],
+)
+def test_reading_recovers_a_folder_that_was_not_closed(
+    filled: Shell, command: tuple[str, ...], code: int
+) -> None:
     from rtask.kb.durability.recovery import Checkpoint
 
     Checkpoint(0, clean=False).save(filled.data)
-    assert filled("query", "ASK { <urn:mug> a rt:Mug }").out == "yes\n"
+    done = filled(*command)
+    assert done.code == code
+    assert "not closed properly" not in done.err
 
 
 def test_writing_to_a_folder_in_use_is_refused_in_one_line(filled: Shell) -> None:
