@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import base64
+import logging
+import math
+import time
 import uuid
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
@@ -14,6 +17,7 @@ from rtask.client.calls import Calls
 from rtask.client.failures import TEMPORARY
 from rtask.client.outbox import Outbox
 from rtask.errors import (
+    AuthenticationError,
     CallFailedError,
     RemoteUnavailableError,
     RtaskError,
@@ -25,6 +29,8 @@ if TYPE_CHECKING:
     from rtask.services.proxy import Proxy
 
 __all__ = ["Client"]
+
+_log = logging.getLogger(__name__)
 
 _TOLD = ("insert_object", "report_outcome", "report_refusal")
 
@@ -197,7 +203,9 @@ class Client(Calls):
         """
         args = {name: _as_text(value) for name, value in args.items()}
         if operation not in _TOLD:
-            return self._call(operation, args, timeout_s)
+            found = self._call(operation, args, timeout_s)
+            self._deliver_waiting(timeout_s)
+            return found
         args = _with_ids(operation, args)
         if self._outbox is None:
             return self._call(operation, args, timeout_s)
@@ -210,7 +218,8 @@ class Client(Calls):
                 raise RemoteUnavailableError(
                     f"{error}; kept in {self._outbox.path} and sent again later", **error.details
                 ) from error
-            self._outbox.done(entry)
+            if not isinstance(error, AuthenticationError):  # a new token makes the call good
+                self._outbox.done(entry)
             raise
         self._outbox.done(entry)
         return answer
@@ -229,6 +238,8 @@ class Client(Calls):
         ------
         CallFailedError
             The server answered that it will not, and why.
+        AuthenticationError
+            The token is not valid, or no longer; an outbox keeps the call for the next token.
         RemoteUnavailableError
             No answer, and no outbox to keep it.
         """
@@ -253,20 +264,41 @@ class Client(Calls):
         ------
         RemoteUnavailableError
             No answer; the rest stays.
+        AuthenticationError
+            The token is not valid, or no longer; the rest stays.
         """
         return self._deliver_before(None)
 
-    def _deliver_before(self, entry_id: str | None) -> int:
+    def _deliver_waiting(self, timeout_s: float | None = None) -> None:
+        """Send what waits in the outbox, after a call that was answered; what fails stays.
+
+        Parameters
+        ----------
+        timeout_s
+            Of the call that was answered; nothing more is sent when it has passed again.
+        """
+        end = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        try:
+            while self.waiting and time.monotonic() < end:
+                self._deliver_before(None, timeout_s, at_most=1)
+        except (RemoteUnavailableError, AuthenticationError) as error:
+            _log.warning("%d calls still wait in the outbox: %s", self.waiting, error)
+
+    def _deliver_before(
+        self, entry_id: str | None, timeout_s: float | None = None, at_most: int | None = None
+    ) -> int:
         """Send the entries that are older than one, in order: an object before its outcomes."""
         if self._outbox is None:
             return 0
         sent = 0
-        for entry in self._outbox.pending():
+        for entry in self._outbox.pending()[:at_most]:
             if entry.id == entry_id:
                 break
             try:
-                self._call(entry.operation, entry.args)
+                self._call(entry.operation, entry.args, timeout_s)
             except RtaskError as error:
+                if isinstance(error, AuthenticationError):
+                    raise
                 if _may_change(error):
                     if isinstance(error, RemoteUnavailableError):
                         raise

@@ -107,12 +107,14 @@ class RemoteClient(Client):
             found: dict[str, Any] = answer.json()
         except ValueError as error:
             raise CallFailedError(f"{self.url}/query did not answer with JSON results") from error
+        self._deliver_waiting()
         return found
 
     def update(self, sparql: str) -> None:
         """Carry out a SPARQL update with the token's rights."""
         kind = {"Content-Type": "application/sparql-update"}
         self._post("/update", sparql, kind, may_repeat=False)
+        self._deliver_waiting()
 
     def follow(
         self,

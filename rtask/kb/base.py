@@ -112,7 +112,7 @@ class GraphBase:
         return self._writer.committer.last_seq
 
     def _look(self) -> None:
-        """Take in the commits of a writer in another process; reads of the store do so themselves."""
+        """Take in the commits of a writer in another process, as reads of the store do."""
         if self._follower is not None:
             self._follower.look()
 

@@ -9,7 +9,7 @@ import pytest
 
 from rtask.client.base import Client
 from rtask.client.outbox import Outbox
-from rtask.errors import CallFailedError, RemoteUnavailableError
+from rtask.errors import AuthenticationError, CallFailedError, RemoteUnavailableError
 
 
 class Flaky(Client):
@@ -88,6 +88,35 @@ def test_what_is_refused_when_told_again_is_put_aside_for_people(tmp_path):
     assert [args["task_id"] for _, args in client.arrived] == ["t-2"]
     aside = json.loads((tmp_path / "outbox.jsonl.refused").read_text())
     assert (aside["args"]["task_id"], aside["reason"]) == ("t-1", "too late")
+
+
+def test_what_waits_follows_a_question_that_was_answered(tmp_path):
+    client = Flaky(tmp_path / "outbox.jsonl", [AWAY, AWAY])
+    assert client.tell("report_outcome", task_id="a") is None
+    assert client.tell("report_outcome", task_id="b") is None
+    client.recall_grasps(object="urn:mug")
+    assert [args.get("task_id") for _, args in client.arrived] == [None, "a", "b"]
+    assert client.waiting == 0
+
+
+def test_a_question_is_answered_although_what_waits_cannot_be_sent(tmp_path):
+    client = Flaky(tmp_path / "outbox.jsonl", [AWAY, None, AWAY])
+    assert client.tell("report_outcome", task_id="a") is None
+    assert client.recall_grasps(object="urn:mug") == {"stored": 1}
+    assert client.waiting == 1
+
+
+def test_what_an_expired_token_could_not_tell_waits_for_a_new_one(tmp_path):
+    expired = AuthenticationError("wants a valid token")
+    client = Flaky(tmp_path / "outbox.jsonl", [AWAY, expired, expired])
+    assert client.tell("report_outcome", task_id="a") is None
+    for task in ("b", "c"):
+        with pytest.raises(AuthenticationError):
+            client.tell("report_outcome", task_id=task)
+    later = Flaky(tmp_path / "outbox.jsonl")
+    assert later.deliver() == 3
+    assert [args["task_id"] for _, args in later.arrived] == ["a", "b", "c"]
+    assert not (tmp_path / "outbox.jsonl.refused").exists()
 
 
 def test_a_line_cut_off_by_a_crash_is_dropped_and_the_rest_kept(tmp_path):

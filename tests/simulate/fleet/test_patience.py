@@ -74,8 +74,9 @@ def test_a_busy_server_is_waited_for_like_one_that_is_away(
     assert waited == ["register_robot"] * 3
     client.away = 1
     assert server.report_outcome(task_id="t:1", object="o:1", success=True) == {}
+    assert client.waiting == 1
     server.recognise_for_grasp(data="y")
-    assert client.deliver() == 1
+    assert client.waiting == 0
     assert [args.get("task_id") for _, args in client.arrived] == [None, None, "t:1"]
 
 
