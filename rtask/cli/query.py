@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from rtask.cli.options import (
     term,
 )
 from rtask.cli.progress import Working
-from rtask.errors import UsageError
+from rtask.errors import QuerySyntaxError, UsageError
 
 if TYPE_CHECKING:
     from rtask.graph import Graph
@@ -93,24 +94,42 @@ def query(
     The ontology's prefixes (rt:, cora:, prov: ...) are predefined; with a folder, so is kb: for
     the base. Exit code 1 if there are no rows, or the answer to an ASK is no.
     """
-    from rtask.rdf.terms import prologue
-
     form = "json" if as_json else form
     asked = read_text(text, file)
     if server and no_inferred:
         raise UsageError("--no-inferred needs a folder; with a server, name the graphs with FROM")
-    with open_graph(data, server) as kb:
-        missing = {
-            name: namespace
-            for name, namespace in prefixes(base_of(kb)).items()
-            if f"{name}:" in asked and f"prefix {name}:" not in " ".join(asked.lower().split())
-        }
-        whole = prologue(missing).replace("\n", " ") + asked
+    with open_graph(data, server) as kb, _predefining(asked, base_of(kb)) as whole:
         if form == "table":
             found = _print_answer(kb, whole, not no_inferred, timeout)
         else:
             found = _write_answer(_pieces(kb, whole, form, not no_inferred, timeout), form)
     exit_if_empty(found)
+
+
+@contextmanager
+def _predefining(asked: str, base: str) -> Iterator[str]:
+    """Yield a text with the prefixes that it uses and does not declare.
+
+    They stand in its first line, so an error there is raised again with the column of the text
+    as it was given.
+    """
+    from rtask.rdf.terms import prologue
+
+    told = " ".join(asked.lower().split())
+    missing = {
+        name: namespace
+        for name, namespace in prefixes(base).items()
+        if f"{name}:" in asked and f"prefix {name}:" not in told
+    }
+    before = prologue(missing).replace("\n", " ")
+    try:
+        yield before + asked
+    except QuerySyntaxError as error:
+        line, column = error.details.get("line"), error.details.get("column")
+        if line != 1 or not isinstance(column, int) or column <= len(before):
+            raise
+        message = str(error).replace(f"1:{column}:", f"1:{column - len(before)}:", 1)
+        raise QuerySyntaxError(message, line=1, column=column - len(before)) from error
 
 
 def _pieces(
@@ -169,7 +188,7 @@ def _print_table(rows: Solutions, base: str) -> None:
     for line in ([*rows.variables], ["-" * width for width in widths], *cells):
         padded = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo(padded.rstrip())
-    click.echo(f"{len(rows)} rows", err=True)
+    click.echo(f"{len(rows)} row{'' if len(rows) == 1 else 's'}", err=True)
 
 
 def _short(term: object, known: dict[str, str]) -> str:
@@ -206,14 +225,15 @@ def update(
 ) -> None:
     """Run a SPARQL update; TEXT may be - for standard input.
 
-    The update is one commit: it is stored as a whole or not at all.
+    The update is one commit: it is stored as a whole or not at all. The prefixes of `rtask query`
+    are predefined here, too.
     """
     import rtask
 
     asked = read_text(text, file)
     graph: Graph = open_graph(data, server) if server else rtask.open(data)
-    with graph:
-        done = graph.update(asked, agent=agent, note=note)
+    with graph, _predefining(asked, base_of(graph)) as whole:
+        done = graph.update(whole, agent=agent, note=note)
     if done is None:
         click.echo('{"done": true}' if as_json else "done")
         return

@@ -118,7 +118,7 @@ def test_load_then_query(shell: Shell, tmp_path: Path) -> None:
     assert f"{file}: turtle, 1 statements, +1 -0" in done.out
     rows = shell("query", "SELECT ?s { ?s a rt:Container }")
     assert rows.out.splitlines() == ["s", "-----", "urn:m"]
-    assert rows.err == "1 rows\n"
+    assert rows.err == "1 row\n"
     assert shell("query", "--no-inferred", "ASK { <urn:m> a rt:Container }").out == "no\n"
     assert shell("query", "-o", "csv", "SELECT ?s { ?s a rt:Mug }").out == "s\r\nurn:m\r\n"
     report = json.loads(shell("load", "--json", "--dry-run", "--replace", str(file)).out)
@@ -208,6 +208,27 @@ def test_verify_backup_restore_rebuild(filled: Shell, tmp_path: Path) -> None:
     assert "closure" in done.out
     assert filled("verify", "--repair").code == 0
     assert filled("verify", "--json").out == "[]\n"
+
+
+def test_prefixes_are_predefined_in_updates_as_in_queries(filled: Shell) -> None:
+    assert filled("update", "INSERT DATA { <urn:jar> a rt:Mug ; rdfs:label 'jar' }").code == 0
+    assert filled("query", "ASK { <urn:jar> a rt:Mug }").out == "yes\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        ("query", "SELECT * { ?x a rt:Mug } }"),
+        ("update", "INSERT DATA { <urn:x> a rt:Mug } }"),
+    ],
+)
+def test_the_place_of_a_syntax_error_is_that_in_the_text_as_given(
+    filled: Shell, command: str, text: str
+) -> None:
+    given = filled(command, text)
+    spelt = filled(command, text.replace("rt:Mug", "<urn:>"))  # as long, and without a prefix
+    assert given.code == spelt.code == 1
+    assert given.err == spelt.err
 
 
 @pytest.mark.parametrize(
