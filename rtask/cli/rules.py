@@ -75,16 +75,18 @@ def add(
         found = [dataclasses.replace(found[0], label=label)]
     if server:
         with _connected(server, agent) as client:
+            new = _new(found, client.rules())
             made = client.add(found, replace)
             facts = {name: made[name] for name in ("commit", "derived", "changed")}
     else:
         with announce_compilation(), rtask.open(data) as kb:
+            new = _new(found, kb.rules())
             commit = kb.add_rules(found, agent, replace=replace)
         facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if as_json:
         print_json({"rules": [rule.label for rule in found], **facts})
     elif facts["changed"]:
-        click.echo(f"{_counted(len(found))} added, {facts['derived']} statements derived")
+        click.echo(f"{_counted(len(new))} added, {facts['derived']} statements derived")
     else:
         click.echo("nothing new: these rules are there already")
 
@@ -156,6 +158,14 @@ def _present(data: Path, server: str | None) -> list[Rule]:
             return client.rules()
     with open_to_read(data) as kb:
         return kb.rules()
+
+
+def _new(rules: list[Rule], present: list[Rule]) -> list[Rule]:
+    """Return the rules that are not there yet, or with another text."""
+    from rtask.kb.rules.checking import tidy
+
+    known = {(rule.label, rule.text, rule.comment) for rule in present}
+    return [one for one in map(tidy, rules) if (one.label, one.text, one.comment) not in known]
 
 
 def _connected(server: str, agent: str | None = None) -> ReasonerClient:

@@ -35,6 +35,11 @@ def run(folder: Path, *arguments: str, text: str | None = None) -> Result:
 def test_rules_are_added_listed_shown_and_removed(folder: Path) -> None:
     done = run(folder, "rules", "add", str(folder / "on-above.rq"))
     assert done.output == "1 rule added, 1 statements derived\n", done.output
+    other = "CONSTRUCT { ?b <urn:below> ?a } WHERE { ?a <urn:on> ?b }"
+    (folder / "both.rq").write_text(f"# rule: on-above\n{TEXT}\n# rule: below\n{other}")
+    done = run(folder, "rules", "add", str(folder / "both.rq"))
+    assert done.output == "1 rule added, 1 statements derived\n", done.output
+    assert run(folder, "rules", "remove", "below").exit_code == 0
     assert run(folder, "rules", "list").output.startswith("on-above  ")
     (listed,) = json.loads(run(folder, "rules", "list", "--json").output)
     assert listed["comment"] == "What is on something is above it."
