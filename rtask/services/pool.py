@@ -186,7 +186,7 @@ class Pool:
         """Make an instance ready and carry out calls until there are none for long."""
         try:
             runner = self._start()
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - the author's; callers hear of it
+        except BaseException as error:  # noqa: BLE001 - the author's; callers hear of it
             self._start_failed(error)
             return
         with self._changed:
@@ -236,7 +236,7 @@ class Pool:
         except RtaskError as error:
             can_go_on = not isinstance(error, StateChangedError)
             _fail(task, error)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - the author's; callers hear of it
+        except BaseException as error:  # noqa: BLE001 - the author's; callers hear of it
             _log.warning("%s: %s failed", self.name, task.method.name, exc_info=error)
             _fail(task, _failed(task, error))
         else:

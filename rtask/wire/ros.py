@@ -98,6 +98,6 @@ def _carried(kind: Kind) -> tuple[str, bool]:
     """Return the ROS type of a value that is no message, and whether it is a list."""
     one = carried(kind)
     if one is not None:
-        return one.ros, one.is_list
+        return one.ros, one.is_list or kind.is_list
     is_text = not isinstance(kind.type, type)
     return _JSON if is_text else _PYTHON.get(kind.type, _JSON), kind.is_list

@@ -87,13 +87,34 @@ def show_service(name: str, server: str | None, sources: tuple[str, ...], as_jso
         click.echo(f"data {own}: {need['type']}{default}  {need['summary']}")
     for own, method in found["methods"].items():
         click.echo(f"\n{own}: {method['summary']}")
-        required = method["request"].get("required", ())
-        for field, schema in method["request"].get("properties", {}).items():
-            absent = "" if field in required else f"  [{schema.get('x-absent', '')}]"
-            meaning = schema.get("description", "")
-            click.echo(f"    {field} : {schema['x-ros-type']}{absent}  {meaning}")
+        for line in _field_lines(method["request"], method["request"].get("$defs", {})):
+            click.echo(f"    {line}")
         answer = ", ".join(method["answer"].get("properties", {}))
         click.echo(f"    -> {answer or 'nothing'}")
+
+
+def _field_lines(
+    message: dict[str, Any], parts: dict[str, Any], outer: tuple[str, ...] = ()
+) -> Iterator[str]:
+    """Yield a line for each field of a message; those of a message in it follow, indented."""
+    for field, schema in message.get("properties", {}).items():
+        absent = "" if field in message.get("required", ()) else f"  [{schema.get('x-absent', '')}]"
+        options = " or ".join(map(str, schema.get("enum", ())))
+        meaning = schema.get("description") or schema.get("x-unit", options)
+        yield f"{field} : {schema['x-ros-type']}{absent}  {meaning}".rstrip()
+        for part in _references(schema):
+            if part in parts and part not in outer:
+                yield from (
+                    f"    {line}" for line in _field_lines(parts[part], parts, (*outer, part))
+                )
+
+
+def _references(schema: dict[str, Any]) -> Iterator[str]:
+    """Yield the names of the messages that a field holds or lists."""
+    for choice in (schema, *schema.get("anyOf", ())):
+        for one in (choice, choice.get("items", {})):
+            if "$ref" in one:
+                yield one["$ref"].rpartition("/")[2]
 
 
 @service.command("call")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import rtask
+from rtask.cli import cli
 from rtask.errors import (
     ForbiddenError,
     MissingDataError,
@@ -27,6 +31,9 @@ from rtask.services import (
     method,
     startup,
 )
+from rtask.wire.message import Message
+from rtask.wire.ros import ros_types
+from rtask.wire.types import Unit
 from tests.rtask.services.lab import (
     HEARD,
     Arm,
@@ -182,6 +189,11 @@ class Quitter(Service):
         """Leave."""
         sys.exit("usage: leave")
 
+    @method
+    def cancel(self) -> None:
+        """Leave as a task of asyncio does that was cancelled."""
+        raise asyncio.CancelledError
+
 
 class Unready(Quitter):
     """One that leaves before it is ready."""
@@ -198,8 +210,44 @@ def test_a_method_that_exits_is_an_error_of_its_call():
         for _ in range(2):
             with pytest.raises(ServiceFailedError, match="SystemExit: usage: leave"):
                 host.call("lab/Quitter", "leave", timeout_s=20)
+            with pytest.raises(ServiceFailedError, match="CancelledError"):
+                host.call("lab/Quitter", "cancel", timeout_s=20)
         with pytest.raises(StartupFailedError, match="SystemExit: 2"):
             host.call("lab/Unready", "leave", timeout_s=20)
+
+
+class Box(Message):
+    """A box of parts."""
+
+    labels: list[str]
+    width: Annotated[float, Unit("m")]
+
+
+class Sorter(Service):
+    """A service with lists of texts, alone and in a message."""
+
+    name = "lab/Sorter"
+
+    @method(output="names")
+    def sort(self, names: list[str], box: Box, more: list[str] | None = None) -> list[str]:
+        """Sort names."""
+        return sorted([*names, *box.labels, *(more or [])])
+
+
+def test_lists_of_texts_are_lists_in_ros():
+    with ServiceHost([Sorter]) as host:
+        _, sort = host.find("lab/Sorter", "sort")
+    asked = ros_types("lab/Sort", sort.request)["lab/Sort"]
+    assert [str(one) for one in asked] == ["string[]", "lab/SortBox", "string[]"]
+    (answered,) = ros_types("lab/Sorted", sort.answer)["lab/Sorted"]
+    assert str(answered) == "string[]"
+
+
+def test_the_description_of_a_service_names_the_fields_of_its_messages():
+    loaded = ["service", "show", "lab/Sorter", "--load", "tests.rtask.services.test_services"]
+    shown = CliRunner().invoke(cli, loaded).output.splitlines()
+    at = next(k for k, line in enumerate(shown) if line.startswith("    box : "))
+    assert shown[at + 1 : at + 3] == ["        labels : string[]", "        width : float64  m"]
 
 
 class Silent(Service):
