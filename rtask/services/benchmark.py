@@ -10,6 +10,7 @@ import dataclasses
 import json
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,6 +103,8 @@ class Row:
         Median of the time of those that did not, with its interval.
     measures
         Means of the numbers of the answers, with their intervals.
+    errors
+        How many calls failed for each reason, the most frequent first.
     """
 
     service: str
@@ -110,6 +113,7 @@ class Row:
     failed: int
     ms: tuple[float, float, float] | None
     measures: Mapping[str, tuple[float, float, float] | None]
+    errors: Mapping[str, int]
 
 
 def read_benchmark(file: Path) -> Benchmark:
@@ -202,7 +206,9 @@ def summarise(runs: Sequence[Run]) -> list[Row]:
             name: _interval([run.measures[name] for run in good], np.mean) for name in names
         }
         ms = _interval([run.ms for run in good], np.median)
-        rows.append(Row(service, dataset, len(group), len(group) - len(good), ms, measures))
+        errors = dict(Counter(run.error for run in group if run.error).most_common())
+        failed = len(group) - len(good)
+        rows.append(Row(service, dataset, len(group), failed, ms, measures, errors))
     return rows
 
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["service"]
 
+_SHOWN_REASONS = 3
+"""Number of reasons, the most frequent ones, that a benchmark names for each service."""
+
 
 @dataclass(frozen=True)
 class _Services:
@@ -226,6 +229,8 @@ def benchmark(file: Path, server: str | None, sources: tuple[str, ...], as_json:
         click.echo(f"    {row.calls} calls, {row.failed} failed; median {_shown(row.ms)} ms")
         for name, found in row.measures.items():
             click.echo(f"    {name}: mean {_shown(found)}")
+        for reason, number in list(row.errors.items())[:_SHOWN_REASONS]:
+            click.echo(f"    failed {number} time{'' if number == 1 else 's'}: {reason}")
     if kept:
         click.echo(f"results: {kept}")
 
