@@ -7,6 +7,7 @@ provider disconnects, whichever comes first; later answers are dropped.
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import threading
 from collections.abc import Callable
@@ -21,6 +22,8 @@ from rtask.errors import ForbiddenError, UsageError
 DEFAULT_S = 30.0
 MAX_TIMEOUT_S = 600.0
 MAX_PER_SESSION = 100
+_MAX_REASON = 300
+"""Most characters of the values that a caller hears of when a provider refuses with an object."""
 
 Done = Callable[[bool, Any], None]
 
@@ -198,7 +201,8 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:
     """Return the result and values of a provider's answer.
 
-    If a handler returns nothing, roslibpy sends `null` as result, and roslib neither result nor
+    A handler of roslibpy that returns False sends its response as values, which may say why. If a
+    handler returns nothing, roslibpy sends `null` as result, and roslib neither result nor
     values: both are failures.
 
     Examples
@@ -207,12 +211,17 @@ def outcome_of(message: JsonObject) -> tuple[bool, Any]:
     (True, {'sum': 3})
     >>> outcome_of({"result": None, "values": None})
     (False, 'the provider refused')
+    >>> outcome_of({"result": False, "values": {"message": "the arm is busy"}})
+    (False, 'the provider refused: {"message": "the arm is busy"}')
     """
     values = message.get("values")
     result = bool(message["result"]) if "result" in message else "values" in message
     if result:
         return True, values if isinstance(values, dict) else {}
-    return False, values if isinstance(values, str) and values else "the provider refused"
+    if isinstance(values, str) and values:
+        return False, values
+    told = f": {json.dumps(values, ensure_ascii=False)[:_MAX_REASON]}" if values else ""
+    return False, f"the provider refused{told}"
 
 
 def _key(message: JsonObject) -> str:

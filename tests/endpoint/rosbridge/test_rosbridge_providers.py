@@ -64,6 +64,11 @@ def test_a_call_travels_to_the_provider_and_back_under_the_callers_id(connect: C
         ({"values": "out of reach", "result": False}, False, "out of reach"),
         ({"values": None, "result": None}, False, "the provider refused"),
         ({}, False, "the provider refused"),
+        (
+            {"values": {"message": "busy"}, "result": False},
+            False,
+            'the provider refused: {"message": "busy"}',
+        ),
     ],
 )
 def test_what_counts_as_success(
