@@ -208,6 +208,8 @@ def test_why_a_statement_holds(vessels: FlaskClient) -> None:
     assert body["proof"]["rule"] == "cax-sco"
     assert body["proof"]["premises"][0]["graphs"] == ["urn:lab/graph/shared"]
     assert body["text"].startswith("<urn:t:mug> a <urn:t:Vessel>")
+    short = {**asked, "p": "rdf:type"}
+    assert vessels.get("/reasoner/explain", query_string=short).json == body
     none = vessels.get("/reasoner/explain", query_string={**asked, "o": "urn:t:Cup"}).json
     assert (none["holds"], none["proof"]) == (False, None)
 
