@@ -17,6 +17,7 @@ __all__ = [
     "Frame",
     "Intrinsics",
     "UInt8Array",
+    "finite_depth",
     "look_at",
     "points_from_depth",
     "transform",
@@ -63,9 +64,19 @@ class Intrinsics:
 
     @classmethod
     def from_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> Intrinsics:
-        """Return the square-pixel camera of a horizontal field of view in rad."""
+        """Return the square-pixel camera of a horizontal field of view in rad, 0..pi."""
+        if not 0 < horizontal_fov_rad < np.pi:
+            raise ValueError(f"a field of view lies in 0..pi rad, got {horizontal_fov_rad}")
         focal = width / 2 / float(np.tan(horizontal_fov_rad / 2))
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
+def finite_depth(depth_m: FloatArray) -> NDArray[np.float32]:
+    """Return a depth image (h, w), m, with 0 where it is not finite.
+
+    Cameras mark what is too near or too far by -inf and inf (REP 117).
+    """
+    return np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
 
 
 def points_from_depth(
@@ -102,13 +113,20 @@ def look_at(eye: FloatArray, target: FloatArray) -> NDArray[np.float64]:
     Parameters
     ----------
     eye, target : (3,), m
-        World frame, z up; the view must not be straight up or down.
+        World frame, z up.
+
+    Raises
+    ------
+    ValueError
+        When the view is straight up or down.
 
     Examples
     --------
     >>> look_at(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))[:3, 2].tolist()
     [1.0, 0.0, 0.0]
     """
+    if np.array_equal(target[:2], eye[:2]):
+        raise ValueError(f"looking from {eye} at {target} leaves the image's upright open")
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -170,7 +188,7 @@ class Frame:
 
     def object_mask(self) -> NDArray[np.bool_]:
         """Return the mask, or every pixel with depth when there is none."""
-        return self.depth_m > 0 if self.mask is None else self.mask
+        return finite_depth(self.depth_m) > 0 if self.mask is None else self.mask
 
     def crop(self, mask: NDArray[np.bool_], margin_px: int = 12) -> Frame:
         """Cut out the object under ``mask`` with some context; depth outside becomes 0."""

@@ -114,7 +114,7 @@ def perceive(
     ignored: Sequence[Ignored] = (),
     params: SegmentParams | None = None,
 ) -> Perceived:
-    """Find the table and the objects on it.
+    """Find the table and the objects on it; what shows one upright face alone is left out.
 
     Parameters
     ----------
@@ -151,7 +151,10 @@ def perceive(
             continue  # the robot's own arm, or the inside of its own box
         if lowest > _HANGS_M and any(region.overlaps(points) for region in ignored):
             continue  # an end of something in the box that sticks out of it
-        shape = measure(points, table_height)
+        try:
+            shape = measure(points, table_height)
+        except ValueError:
+            continue  # one upright face has no footprint
         if shape.height > _MAX_HEIGHT_M:
             continue
         objects.append(

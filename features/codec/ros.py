@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.pcd import write_pcd
+from features.geometry import finite_depth
 
 __all__ = ["image_bytes", "is_image", "is_point_cloud", "pcd_from_point_cloud", "pixels_of_image"]
 
@@ -122,7 +123,7 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
         return found
     pixels = pixels_of_image(message, limits)
     if pixels.dtype == np.float32:
-        pixels = np.rint(np.clip(np.nan_to_num(pixels) * 1000, 0, 65_535)).astype(np.uint16)
+        pixels = np.rint(np.clip(finite_depth(pixels) * 1000, 0, 65_535)).astype(np.uint16)
     flipped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
     done, data_png = cv2.imencode(".png", np.ascontiguousarray(flipped))
     if not done:

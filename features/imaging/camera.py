@@ -21,6 +21,7 @@ from features.geometry import (
     Frame,
     Intrinsics,
     UInt8Array,
+    finite_depth,
     points_from_depth,
 )
 
@@ -104,12 +105,12 @@ def lens_from_message(message: Mapping[str, Any]) -> Lens:
         if not all(isinstance(pixels, int) for pixels in size):
             raise ValueError(f"width and height must be whole numbers of px, got {size}")
         camera = Intrinsics(size[0], size[1], *numbers)
+        given = message.get("distortion", message.get("d", message.get("D", ())))
+        coefficients = tuple(float(value) for value in (() if given is None else given))
     except KeyError as error:
         raise ValueError(f"the camera lacks {error.args[0]}") from None
-    except TypeError as error:
+    except (TypeError, OverflowError) as error:
         raise ValueError(f"the camera does not read: {error}") from None
-    given = message.get("distortion", message.get("d", message.get("D", ())))
-    coefficients = tuple(float(value) for value in (() if given is None else given))
     model = str(message.get("distortion_model", "plumb_bob"))
     if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
         raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
@@ -140,8 +141,9 @@ def undistorted(
     if rgb is not None:
         straight = np.asarray(cv2.remap(rgb, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
     if depth_m is not None:
-        known = np.nan_to_num(np.asarray(depth_m, np.float32))
-        depth = np.asarray(cv2.remap(known, *maps, cv2.INTER_NEAREST), dtype=np.float32)
+        depth = np.asarray(
+            cv2.remap(finite_depth(depth_m), *maps, cv2.INTER_NEAREST), dtype=np.float32
+        )
     return straight, depth
 
 
@@ -178,7 +180,7 @@ def align_colour(
     ValueError
         When the sides of the images differ in more than their scale and no camera is given.
     """
-    depth = np.nan_to_num(np.asarray(depth_m, np.float32))
+    depth = finite_depth(depth_m)
     height, width = depth.shape
     if colour_camera is None and colour_from_depth is None:
         down, across = rgb.shape[0] / height, rgb.shape[1] / width
@@ -267,7 +269,7 @@ def frame_of_grid(cloud: Cloud) -> Frame | None:
     camera = camera_of_grid(points)
     if camera is None:
         return None
-    depth = np.nan_to_num(points[..., 2]).astype(np.float32)
+    depth = finite_depth(points[..., 2])
     return Frame(
         np.where(depth > 0, depth, np.float32(0)), camera, colours, frame_id=cloud.frame_id,
         stamp_s=cloud.stamp_s,

@@ -86,13 +86,12 @@ def decode_rle(rle: Mapping[str, Any], limits: Limits | None = None) -> NDArray[
     height, width = size
     (limits or Limits()).check_image(width, height)
     if isinstance(counts, str | bytes):
-        runs = np.array(_uncompressed(counts, height * width), np.int64)
-    elif isinstance(counts, Sequence) and all(type(n) is int for n in counts):
-        runs = np.array(counts, np.int64)
-    else:
+        counts = _uncompressed(counts, height * width)
+    elif not (isinstance(counts, Sequence) and all(type(n) is int for n in counts)):
         raise CloudFormatError("RLE: counts must be a list of whole numbers, or text")
-    if runs.size and (runs.min() < 0 or runs.max() > height * width):
+    if counts and not 0 <= min(counts) <= max(counts) <= height * width:
         raise CloudFormatError("RLE: a count is negative or larger than the image")
+    runs = np.array(counts, np.int64)
     if runs.sum() != height * width:
         raise CloudFormatError(f"RLE: the counts make {runs.sum()} px, not {height}x{width}")
     values = (np.arange(len(runs)) % 2).astype(bool)
@@ -145,9 +144,9 @@ def box_mask(box: Sequence[float], shape: tuple[int, int]) -> NDArray[np.bool_]:
     CloudFormatError
         When it is no box, or lies outside the image.
     """
-    values = np.asarray(box, np.float64).ravel()
-    if values.shape != (4,) or not np.isfinite(values).all() or (values[2:] <= 0).any():
-        raise CloudFormatError(f"a box is [left, top, width, height] in px, got {list(box)}")
+    values = _finite_numbers(box)
+    if len(values) != 4 or (values[2:] <= 0).any():
+        raise CloudFormatError(f"a box is [left, top, width, height] in px, got {box!r:.80}")
     height, width = shape
     low = np.clip(np.floor(values[:2]), 0, (width, height)).astype(int)
     high = np.clip(np.ceil(values[:2] + values[2:]), 0, (width, height)).astype(int)
@@ -156,6 +155,15 @@ def box_mask(box: Sequence[float], shape: tuple[int, int]) -> NDArray[np.bool_]:
     mask = np.zeros(shape, bool)
     mask[low[1] : high[1], low[0] : high[0]] = True
     return mask
+
+
+def _finite_numbers(values: Any) -> NDArray[np.float64]:
+    """Return what a document gives as a list of finite numbers (n,); empty if it is none."""
+    try:
+        numbers = np.asarray(values, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+    return numbers if numbers.ndim == 1 and np.isfinite(numbers).all() else np.empty(0)
 
 
 def labels_from_annotations(
@@ -204,8 +212,8 @@ def _annotated(
     if isinstance(what, list) and what:
         outlines = []
         for polygon in what:
-            points = np.asarray(polygon, np.float64)
-            if points.ndim != 1 or len(points) < 6 or len(points) % 2:
+            points = _finite_numbers(polygon)
+            if len(points) < 6 or len(points) % 2:
                 raise CloudFormatError(f"annotation {number}: a polygon is [x1, y1, x2, y2, ...]")
             outlines.append(np.rint(np.clip(points, -1e6, 1e6)).astype(np.int32).reshape(-1, 2))
         drawn = np.zeros(shape, np.uint8)
@@ -224,7 +232,7 @@ def read_labels(data: bytes, shape: tuple[int, int] | None = None) -> NDArray[np
     CloudFormatError
         When it is neither, or damaged.
     """
-    if data[:1] in (b"{", b"["):
+    if data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
         try:
             document = json.loads(data)
         except (ValueError, RecursionError) as error:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.ros import image_bytes, pixels_of_image
-from features.geometry import Frame, UInt8Array
+from features.geometry import Frame, UInt8Array, finite_depth
 from features.imaging.camera import Lens, align_colour, undistorted
 
 __all__ = ["PAIRED_S", "depth_of_message", "view_of_images"]
@@ -52,7 +52,7 @@ def depth_of_message(
         return None
     values = pixels_of_image(message)
     if values.dtype == np.float32:
-        return np.asarray(np.nan_to_num(values), dtype=np.float32)
+        return finite_depth(values)
     return np.asarray(values * 0.001, dtype=np.float32)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from features.geometry import Frame
+from features.geometry import Frame, finite_depth
 from features.modelling.fusion import smoothed
 from features.pose.visibility import check_free_space
 
@@ -200,7 +200,7 @@ def _violation(
         np.hstack([surface.places - surface.centre, surface.normals]).astype(np.float32),
         np.ascontiguousarray(pose[None, :3, :3]),
         (pose[:3, :3] @ surface.centre + pose[:3, 3])[None],
-        np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32),
+        finite_depth(frame.depth_m),
         own,
         (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0),
         surface.spacing_m,

@@ -156,16 +156,20 @@ def build_pose_model(
         raise ValueError(f"vertices must have shape (v, 3) with v >= 4, got {vertices.shape}")
     if not np.isfinite(vertices).all():
         raise ValueError("vertices hold NaN or infinite coordinates")
-    if samples > np.iinfo(np.int16).max:
-        raise ValueError(f"at most {np.iinfo(np.int16).max} samples, got {samples}")
+    if not 1 <= samples <= np.iinfo(np.int16).max:
+        raise ValueError(f"samples must lie in 1..{np.iinfo(np.int16).max}, got {samples}")
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     diameter = float(np.linalg.norm(high - low))
     if not _SMALLEST_M <= diameter <= _LARGEST_M:
         raise ValueError(f"mesh units? diameter is {diameter:.3g} m, expected 5 mm to 3 m")
     rng = np.random.default_rng(0)
     if faces is not None and len(faces):
+        if faces.shape[1:] != (3,) or faces.min() < 0 or faces.max() >= len(vertices):
+            raise ValueError(f"faces must be (f, 3) numbers of the {len(vertices)} vertices")
         surface = sample_mesh(vertices, faces, _OVERSAMPLED * samples, rng)
     elif normals is not None and normals.shape == vertices.shape:
+        if not np.isfinite(normals).all():
+            raise ValueError("normals hold NaN or infinite coordinates")
         surface = np.hstack([vertices, np.asarray(normals, np.float64)])
     else:
         raise ValueError("give faces, or a normal for each vertex")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from features.geometry import Frame
+from features.geometry import Frame, finite_depth
 from features.pose.hypotheses import Hypothesis, halves, hypotheses, parted
 from features.pose.icp import distances
 from features.pose.model import PoseModel
@@ -69,7 +69,7 @@ class PoseTask:
     ) -> None:
         self.model, self.labels, self.label = model, labels, label
         self.params, self.plane = params, plane
-        self.depth = np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32)
+        self.depth = finite_depth(frame.depth_m)
         self.rgb = frame.rgb
         self.points = frame.points()
         lens = frame.intrinsics

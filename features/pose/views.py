@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from features.geometry import Frame
+from features.geometry import Frame, finite_depth
 from features.pose.confidence import PoseConfidence
 from features.pose.result import PoseEstimate
 from features.pose.rotations import rotation_about
@@ -148,7 +148,7 @@ def _sight(there: ScenePoints, seen: Frame, movement: NDArray[np.float64]) -> Si
         np.hstack([there.places - middle, there.normals]).astype(np.float32),
         movement[None, :3, :3].copy(),
         (movement[:3, :3] @ middle + movement[:3, 3])[None],
-        np.where(np.isfinite(seen.depth_m), seen.depth_m, 0).astype(np.float32),
+        finite_depth(seen.depth_m),
         seen.object_mask() & (seen.depth_m > 0),
         (lens.fx, lens.fy, lens.cx - seen.x0, lens.cy - seen.y0),
         float(2 * nearest.mean()),

@@ -23,6 +23,7 @@ _REFITS = (1.0, 0.7, 0.7)
 _PIXEL_STEP = 6
 _SUBSAMPLE = 8_500
 _MIN_SHARE, _MIN_INLIERS = 0.10, 100
+_MIN_WIDTH_M = 1e-4
 _LEVEL_COS = float(np.cos(np.deg2rad(15)))
 _PLANES_TRIED = 3
 
@@ -97,8 +98,15 @@ def find_table_plane(
     Returns
     -------
     Plane or None
-        None when no plane holds a tenth of the points.
+        None when no plane holds a tenth of the points, or these lie on a line.
+
+    Raises
+    ------
+    ValueError
+        When the gravity is no direction.
     """
+    if gravity is not None and not 0 < np.linalg.norm(gravity) < np.inf:
+        raise ValueError(f"gravity must be a direction (3,), got {gravity}")
     sample = subsample(points, rng_seed)
     total = len(sample)
     up = None if gravity is None else -np.asarray(gravity, float) / np.linalg.norm(gravity)
@@ -108,7 +116,9 @@ def find_table_plane(
         if len(sample) < _MIN_INLIERS:
             break
         plane, near = _fit(sample, total, rng)
-        if plane.inlier_share < _MIN_SHARE or np.count_nonzero(near) < _MIN_INLIERS:
+        if plane is None or plane.inlier_share < _MIN_SHARE:
+            break
+        if np.count_nonzero(near) < _MIN_INLIERS:
             break
         level = up is None or float(plane.normal @ up) >= _LEVEL_COS
         if level and (best is None or plane.inlier_share > best.inlier_share):
@@ -132,19 +142,22 @@ def subsample(points: NDArray[np.floating[Any]], rng_seed: int) -> Float64Array:
 
 def _fit(
     sample: Float64Array, total: int, rng: np.random.Generator
-) -> tuple[Plane, NDArray[np.bool_]]:
+) -> tuple[Plane | None, NDArray[np.bool_]]:
+    """Return a plane and the points (n,) near it; no plane where those lie on a line."""
     triples = rng.integers(0, len(sample), (_ITERATIONS, 3))
     model = _ransac(sample, triples, _TOLERANCE_M)
-    normal, offset = model[:3], float(model[3])
+    normal, offset, variances = model[:3], float(model[3]), np.zeros(3)
     for share in _REFITS:
         inliers = sample[np.abs(sample @ normal + offset) < share * _TOLERANCE_M]
         if len(inliers) < 3:
             break
         mean = inliers.mean(axis=0)
-        _, vectors = np.linalg.eigh(np.cov((inliers - mean).T))
+        variances, vectors = np.linalg.eigh(np.cov((inliers - mean).T))
         normal = vectors[:, 0]
         offset = -float(normal @ mean)
     if offset < 0:
         normal, offset = -normal, -offset
     near = np.abs(sample @ normal + offset) < _TOLERANCE_M
+    if variances[1] < _MIN_WIDTH_M**2:
+        return None, near
     return Plane(normal, offset, float(np.count_nonzero(near) / max(total, 1))), near

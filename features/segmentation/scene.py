@@ -96,6 +96,11 @@ def segment_scene(
     gravity : (3,) float or None
         Direction in which things fall, in the optical frame; give it where it is known.
 
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, depths that are no metres, or a gravity that is no direction.
+
     Examples
     --------
     >>> x, y = np.meshgrid(np.linspace(-0.3, 0.3, 160), np.linspace(-0.2, 0.2, 120))
@@ -313,6 +318,8 @@ def _extents(points, order, near_edge, ends):  # type: ignore[no-untyped-def]
 def _is_grazing(points: NDArray[np.floating[Any]], plane: Plane, prism: Prism) -> bool:
     with np.errstate(invalid="ignore"):
         near = np.flatnonzero(np.abs(prism.heights.ravel()[::7]) < _ON_PLANE_M)
+    if not len(near):
+        return False
     middle = points.reshape(-1, 3)[::7].take(near, axis=0).mean(axis=0)
     ray = middle / max(float(np.linalg.norm(middle)), 1e-9)
     return bool(abs(float(plane.normal @ ray)) < _GRAZING_COS)

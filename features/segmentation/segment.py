@@ -98,9 +98,9 @@ class SegmentParams:
             raise ValueError(f"unknown method {self.method!r}: expected one of {_METHODS}")
         if self.features not in _FEATURES:
             raise ValueError(f"unknown features {self.features!r}: expected one of {_FEATURES}")
-        if not 0 < self.voxel_m <= self.seed_m:
+        if not 0 < self.voxel_m <= self.seed_m < np.inf:
             raise ValueError(
-                f"need 0 < voxel_m <= seed_m, got {self.voxel_m} m and {self.seed_m} m"
+                f"need finite 0 < voxel_m <= seed_m, got {self.voxel_m} m and {self.seed_m} m"
             )
 
     @classmethod
@@ -249,7 +249,7 @@ def check_cloud(
 
 
 def usable_points(flat: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
-    """Return which points (n, 3) are finite, before the camera and within 10 m.
+    """Return which points (n, 3) are finite, before the camera and within 10 m along each axis.
 
     Raises
     ------
@@ -267,11 +267,11 @@ def _usable(flat):  # type: ignore[no-untyped-def]
     usable = np.zeros(flat.shape[0], np.bool_)
     finite = far = 0
     for i in range(flat.shape[0]):
-        z = flat[i, 2]
-        if np.isfinite(flat[i, 0]) and np.isfinite(flat[i, 1]) and np.isfinite(z):
+        x, y, z = flat[i, 0], flat[i, 1], flat[i, 2]
+        if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
             finite += 1
             far += z > _UNIT_DEPTH_M
-            usable[i] = 0 < z <= _MAX_DEPTH_M
+            usable[i] = 0 < z <= _MAX_DEPTH_M and max(abs(x), abs(y)) <= _MAX_DEPTH_M
     return usable, finite, far
 
 

@@ -13,6 +13,7 @@ from features.codec import Cloud, CloudFormatError, decode
 from features.codec.ros import image_bytes, pcd_from_point_cloud, pixels_of_image
 from features.geometry import Frame
 from features.imaging.photo import Photo
+from features.imaging.pictures import depth_of_message
 
 
 def organised(height=12, width=16):
@@ -87,6 +88,14 @@ def test_images_of_messages_become_pictures():
         image_bytes({"format": "h264", "data": b"\0\0\0\1"})
     with pytest.raises(CloudFormatError, match="not known"):
         pixels_of_image({**raw, "encoding": "yuv422"})
+
+
+def test_depth_beyond_the_range_of_the_camera_is_missing():
+    depth = np.array([[0.5, np.inf, -np.inf, np.nan]], "<f4")  # REP 117: too far, too near, unknown
+    raw = {"height": 1, "width": 4, "encoding": "32FC1", "step": 16, "data": depth.tobytes()}
+    stored = cv2.imdecode(np.frombuffer(image_bytes(raw), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert stored.tolist() == [[500, 0, 0, 0]]
+    assert depth_of_message(raw, is_depth_topic=True).tolist() == [[0.5, 0, 0, 0]]
 
 
 def test_ply_of_a_grid_and_of_a_camera_keep_their_rows():

@@ -102,3 +102,23 @@ def test_a_size_that_is_no_whole_number_is_named(width):
     message = {"width": width, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
     with pytest.raises(ValueError, match="width and height must be whole numbers of px, got"):
         lens_from_message(message)
+
+
+@pytest.mark.parametrize(
+    "change", [{"fx": 10**400}, {"d": 5}, {"k": [1, 2, {}]}, {"distortion": [None] * 4}]
+)
+def test_numbers_of_a_camera_that_are_none_are_refused(change):
+    plain = {"width": 80, "height": 60, "fx": 100, "fy": 100, "cx": 40, "cy": 30}
+    with pytest.raises(ValueError, match=r"camera|sequence"):
+        lens_from_message({**plain, **change})
+
+
+def test_depth_beyond_the_range_of_the_camera_is_missing():
+    camera = Intrinsics(6, 4, 5.0, 5.0, 2.5, 1.5)
+    depth = np.full((4, 6), 0.5, np.float32)
+    depth[0], depth[1] = np.inf, -np.inf  # REP 117: too far, and too near
+    rgb = np.zeros((4, 6, 3), np.uint8)
+    assert align_colour(depth, camera, rgb).depth_m[:2].max() == 0
+    straight = undistorted(Lens(camera, (0.0, 0.0, 0.01, 0.0)), None, depth)[1]
+    assert straight is not None
+    assert straight.max() == 0.5

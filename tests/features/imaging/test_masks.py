@@ -97,6 +97,29 @@ def test_annotations_of_every_kind_become_labels():
         labels_from_annotations([{"id": 3}], mask.shape)
 
 
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"bbox": None},
+        {"bbox": {}},
+        {"bbox": [0, 0, "a", 1]},
+        {"bbox": [0, 0, 10**400, 1]},
+        {"segmentation": [{}]},
+        {"segmentation": [[1, 2, 3, 4, 5, None]]},
+        {"segmentation": [[1, 2, 3, 4, 5, 10**400]]},
+        {"size": [2, 2], "counts": [10**30]},
+    ],
+)
+def test_numbers_of_annotations_that_are_none_are_refused(entry):
+    with pytest.raises(CloudFormatError):
+        labels_from_annotations([entry], (20, 30))
+
+
+def test_annotations_may_begin_with_white_space_or_a_byte_order_mark():
+    for start in (b"\n ", b"\xef\xbb\xbf"):
+        assert read_labels(start + b'{"bbox": [0, 0, 3, 3]}', (10, 12)).sum() == 9
+
+
 def test_boxes_are_clipped_and_those_outside_refused():
     assert box_mask([-5, 2, 10, 4], (20, 30)).sum() == 5 * 4
     with pytest.raises(CloudFormatError, match="outside"):

@@ -226,6 +226,13 @@ def test_bad_models_and_segments_are_refused(model: PoseModel) -> None:
         build_pose_model(np.where(vertices > 0.04, np.nan, vertices), faces)
     with pytest.raises(ValueError, match="degenerate"):
         build_pose_model(vertices, np.zeros((3, 3), np.int64))
+    for wrong in ([[0, 1, len(vertices)]], [[0, 1, -1]], [[0, 1, 2, 3]]):
+        with pytest.raises(ValueError, match="faces must be"):
+            build_pose_model(vertices, np.array(wrong))
+    with pytest.raises(ValueError, match="normals hold NaN"):
+        build_pose_model(vertices, normals=np.full_like(vertices, np.nan))
+    with pytest.raises(ValueError, match="samples"):
+        build_pose_model(vertices, faces, samples=0)
     depth = rendered(lamp(), pose_of(0))
     nothing = np.zeros(depth.shape, np.int32)
     assert estimate_pose(model, Frame(depth, CAMERA), nothing, 1, FAST) is None

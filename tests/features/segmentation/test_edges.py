@@ -112,3 +112,54 @@ def test_a_shadow_is_no_thin_thing():
     rng = np.random.default_rng(0)
     ink = np.clip(colours + rng.normal(0, 3, colours.shape), 0, 255).astype(np.uint8)
     assert len(segment_scene(points_from_depth(noisy(depth), CAMERA), ink).objects) == 1
+
+
+def beside_the_camera(x: float) -> np.ndarray:
+    """Return a table with a block and what is lower than one, and a block at x m beside it."""
+    rng = np.random.default_rng(0)
+
+    def block(at, low, high, count):
+        return rng.uniform([at, 0, low], [at + 0.02, 0.02, high], (count, 3))
+
+    table = rng.uniform([-0.3, -0.3, 0.5], [0.3, 0.3, 0.5], (4000, 3))
+    far_off = [[2 * x, 2 * x, 0.5], [-2 * x, 2 * x, 0.5], [0, -2 * x, 0.5]]
+    blocks = block(0, 0.45, 0.48, 500), block(0, 0.4945, 0.4965, 500), block(x, 0.45, 0.48, 300)
+    return np.vstack([table, far_off, *blocks])
+
+
+def test_points_far_beside_the_camera_are_left_out():
+    scene = segment_scene(beside_the_camera(5e5))  # the map of feet would take petabytes
+    assert scene.status == "ok"
+    assert len(scene.objects) == 1
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.tile([0.0, 0.0, 0.5], (500, 1)),
+        np.column_stack([np.linspace(-0.2, 0.2, 500), np.zeros(500), np.full(500, 0.5)]),
+    ],
+    ids=["place", "line"],
+)
+def test_what_lies_in_one_place_or_on_a_line_is_no_table(points):
+    assert segment_scene(points).status == "no_table"
+    whole = segment_scene(points, params=SegmentParams(remove_table=False))
+    assert len(whole.objects) == 1
+
+
+@pytest.mark.parametrize("gravity", [np.zeros(3), np.full(3, np.nan), np.array([0, np.inf, 0])])
+def test_a_gravity_without_a_direction_is_refused(gravity):
+    with pytest.raises(ValueError, match="gravity"):
+        segment_scene(beside_the_camera(0.1), gravity=gravity)
+
+
+def test_a_table_that_no_sampled_row_shows_is_not_grazed():
+    depth = np.full((700, 7), 0.5)
+    depth[:, 0] = np.nan  # every seventh point is looked at
+    points = points_from_depth(depth, Intrinsics(7, 700, 20.0, 20.0, 3.0, 350.0))
+    assert segment_scene(points.reshape(-1, 3)).status == "table_only"
+
+
+def test_a_seed_has_a_finite_size():
+    with pytest.raises(ValueError, match="seed_m"):
+        SegmentParams(seed_m=np.inf)

@@ -1,0 +1,27 @@
+"""Cameras and frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from features.geometry import Frame, Intrinsics, look_at
+
+CAMERA = Intrinsics(4, 1, 1.0, 1.0, 0.0, 0.0)
+
+
+def test_depth_that_is_not_finite_is_no_part_of_an_object() -> None:
+    frame = Frame(np.array([[1.0, np.inf, np.nan, 0.0]], np.float32), CAMERA)
+    assert frame.object_mask().tolist() == [[True, False, False, False]]
+
+
+@pytest.mark.parametrize("target", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+def test_a_view_straight_down_leaves_the_image_open(target: tuple[float, float, float]) -> None:
+    with pytest.raises(ValueError, match="upright"):
+        look_at(np.array([0.0, 0.0, 1.0]), np.array(target))
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi, np.nan])
+def test_a_field_of_view_is_less_than_half_a_turn(angle: float) -> None:
+    with pytest.raises(ValueError, match="field of view"):
+        Intrinsics.from_fov(640, 480, angle)
