@@ -61,7 +61,7 @@ class BatchPlan:
     Raises
     ------
     ValueError
-        An option suits no mesh.
+        The scale suits no mesh.
     """
 
     meshes: tuple[MeshFile, ...]
@@ -71,11 +71,8 @@ class BatchPlan:
     floating: bool = False
 
     def __post_init__(self) -> None:
-        for name, value in (("scale", self.scale), ("mass", self.options.mass)):
-            if value is not None and not 0 < value < math.inf:
-                raise ValueError(f"{name}: expected a finite number above 0, got {value}")
-        if self.options.samples < 1:
-            raise ValueError(f"samples: expected at least 1, got {self.options.samples}")
+        if not 0 < self.scale < math.inf:
+            raise ValueError(f"scale: expected a finite number above 0, got {self.scale}")
 
     def __call__(self, first: int, count: int) -> list[Planned]:
         """Return the plans of ``count`` meshes from number ``first`` on."""

@@ -85,7 +85,7 @@ def as_polygon(points: ArrayLike) -> FloatArray:
     """
     try:
         ring = np.array(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError("a polygon is an array (n, 2) of numbers") from error
     if ring.ndim != 2 or ring.shape[1] != 2:
         raise ValueError(f"a polygon has shape (n, 2), got {ring.shape}")
@@ -278,7 +278,8 @@ def _area(ring: FloatArray) -> float:
 def _diameter(ring: FloatArray) -> float:
     from scipy.spatial import ConvexHull
 
-    corners = ring[ConvexHull(ring).vertices]
+    # Qhull gives up on what is far from the origin.
+    corners = ring[ConvexHull(ring - ring[0]).vertices]
     return float(max(np.hypot(*(corners - c).T).max() for c in corners))
 
 

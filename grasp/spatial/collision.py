@@ -206,12 +206,15 @@ def finger_clearances(
     tip_heights : (n,), m
         Of the fingertips over the support; what lies lower passes under them.
     neighbours : (m, 3) or None, m
-        Points of other objects: x, y in the frame of ``centres``, z over the support.
+        Points of other objects: x, y in the frame of ``centres``, z over the support; not finite
+        ones are left out.
 
     Returns
     -------
     0 when a finger would stand in a neighbour; at most :data:`FREE`.
     """
+    if neighbours is not None:
+        neighbours = neighbours[np.isfinite(neighbours).all(axis=1)]
     if neighbours is None or len(neighbours) == 0:
         return np.full(len(thetas), FREE)
     cos, sin = np.cos(thetas), np.sin(thetas)

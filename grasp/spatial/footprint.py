@@ -98,16 +98,22 @@ class Footprint:
     outline: NDArray[np.float64] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        if not np.isfinite([*self.centre, self.yaw, self.roundness]).all():
+            raise ValueError(
+                "a footprint needs a finite centre, yaw and roundness, got "
+                f"{self.centre}, {self.yaw}, {self.roundness}"
+            )
         sizes = (self.length, self.width, self.height)
         if not all(np.isfinite(s) and s > 0 for s in sizes) or self.width > self.length * 1.001:
             raise ValueError(
                 "a footprint needs finite length >= width > 0 and height > 0 m, got "
                 f"{self.length} x {self.width} x {self.height}"
             )
-        if self.outline is not None and (
-            self.outline.ndim != 2 or self.outline.shape[1] != 2 or len(self.outline) < 3
-        ):
-            raise ValueError(f"an outline has shape (k >= 3, 2), got {self.outline.shape}")
+        ring = self.outline
+        if ring is not None and (ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3):
+            raise ValueError(f"an outline has shape (k >= 3, 2), got {ring.shape}")
+        if ring is not None and not np.isfinite(ring).all():
+            raise ValueError("an outline has finite corners")
 
     @property
     def kind(self) -> Kind:

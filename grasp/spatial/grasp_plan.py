@@ -72,6 +72,13 @@ class SpatialOptions:
     hedge: bool = True
     pairs: bool = True
 
+    def __post_init__(self) -> None:
+        if self.mass is not None and not 0 < self.mass < np.inf:
+            raise ValueError(f"mass: expected a finite number above 0, got {self.mass}")
+        for name in ("samples", "tries", "most"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: expected at least 1, got {getattr(self, name)}")
+
 
 def plan_on_mesh(
     mesh: Mesh,
@@ -131,6 +138,8 @@ def plan_given(
     """
     options = options or SpatialOptions()
     around = surroundings or Surroundings()
+    if len(mesh.faces) == 0:
+        return Proposals(reason="the mesh has no face", notes=mesh.notes)
     if not candidates:
         return Proposals(reason="no given grasp closes on the object")
     poses = np.stack([c.frame_from_gripper for c in candidates])

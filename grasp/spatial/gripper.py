@@ -161,12 +161,13 @@ class ParallelGripper:
     joint_table: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        if not 0 <= self.min_opening < self.max_opening:
+        if not 0 <= self.min_opening < self.max_opening < np.inf:
             raise ValueError(
-                f"gripper {self.name!r}: openings must satisfy 0 <= min < max m, "
+                f"gripper {self.name!r}: openings must satisfy 0 <= min < max m, finite, "
                 f"got {self.min_opening} and {self.max_opening}"
             )
-        if self.finger_width <= 0 or self.finger_length <= 0 or self.max_payload <= 0:
+        sizes = (self.finger_width, self.finger_length, self.max_payload)
+        if not all(0 < size < np.inf for size in sizes):
             raise ValueError(
                 f"gripper {self.name!r}: finger_width, finger_length (m) and max_payload (kg) "
                 f"must be positive, got {self.finger_width}, {self.finger_length}, "

@@ -67,6 +67,11 @@ class SceneOptions:
     most: int = 50
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        for name in ("samples", "hands", "most"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name}: expected at least 1, got {getattr(self, name)}")
+
 
 def plan_on_scene(
     points: FloatArray,

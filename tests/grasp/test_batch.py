@@ -156,12 +156,17 @@ def test_a_server_says_what_it_cannot_carry_out(server, task):
 
 @pytest.mark.parametrize(
     "options",
-    [{"scale": float("nan")}, {"scale": 0.0}, {"options": SpatialOptions(mass=-1.0)},
-     {"options": SpatialOptions(samples=0)}],
-)  # fmt: skip
-def test_options_that_suit_no_mesh_are_refused_once(task, options):
+    [{"mass": -1.0}, {"mass": float("nan")}, {"samples": 0}, {"tries": 0}, {"most": 0}],
+)
+def test_options_that_suit_no_plan_are_refused(options):
     with pytest.raises(ValueError, match="expected"):
-        dataclasses.replace(task, **options)
+        SpatialOptions(**options)
+
+
+@pytest.mark.parametrize("scale", [float("nan"), 0.0])
+def test_a_scale_that_suits_no_mesh_is_refused_once(task, scale):
+    with pytest.raises(ValueError, match="expected"):
+        dataclasses.replace(task, scale=scale)
 
 
 @pytest.mark.parametrize(

@@ -212,7 +212,7 @@ def outline_from_json(
     try:
         ring = np.array(data, dtype=np.float64)
         mass = None if com is None else np.array(com, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError("vertices and centre of mass are pairs of numbers") from error
     if not isinstance(given, list):
         raise ValueError("holes are a list of polygons")

@@ -114,10 +114,7 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     ahead = seen.mean(axis=0) - cloud.viewpoints[0]
     ahead -= (ahead @ up) * up
     length = float(np.linalg.norm(ahead))
-    if length < 1e-6:
-        ahead = cloud.axes[0] - (cloud.axes[0] @ up) * up
-        length = float(np.linalg.norm(ahead))
-    ahead /= length
+    ahead = _level_axis(cloud) if length < 1e-6 else ahead / length
     side = np.cross(up, ahead)
     options = [*_planes(seen, ahead, side), *_turns(seen, up, ahead, side)]
     images = np.stack([option.apply(drawn) for option in options])
@@ -126,6 +123,16 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     if against[best] > _PLAUSIBLE_M:
         return None
     return replace(options[best], contradiction=float(against[best]))
+
+
+def _level_axis(cloud: SurfaceCloud) -> FloatArray:
+    """Return the longest axis of a cloud on a table that is not upright, laid level (3,)."""
+    assert cloud.table is not None
+    up = cloud.table[:3]
+    level = cloud.axes[0] - (cloud.axes[0] @ up) * up
+    if np.linalg.norm(level) < 1e-3:
+        level = cloud.axes[1] - (cloud.axes[1] @ up) * up
+    return np.asarray(level / np.linalg.norm(level))
 
 
 def _planes(seen: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
@@ -268,10 +275,7 @@ def _walls(cloud: SurfaceCloud) -> tuple[FloatArray, FloatArray]:
     """
     assert cloud.table is not None
     up = cloud.table[:3]
-    east = cloud.axes[0] - (cloud.axes[0] @ up) * up
-    if np.linalg.norm(east) < 1e-3:
-        east = cloud.axes[1] - (cloud.axes[1] @ up) * up
-    east /= np.linalg.norm(east)
+    east = _level_axis(cloud)
     north = np.cross(up, east)
     seen = cloud.points[cloud.target]
     height = seen @ up + cloud.table[3]

@@ -133,6 +133,8 @@ def as_mesh(
         )
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"the scale of a mesh is a positive number of m per unit, got {scale}")
+    if not (np.issubdtype(f.dtype, np.integer) or f.size == 0):
+        raise ValueError(f"faces name vertices by whole numbers, got {f.dtype}")
     f = f.astype(np.int64)
     if f.size and (f.min() < 0 or f.max() >= len(v)):
         raise ValueError(f"faces name vertices 0 .. {len(v) - 1}, got {f.min()} .. {f.max()}")

@@ -53,12 +53,18 @@ def test_repeated_vertices_are_one_vertex() -> None:
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], r"shape \(n, 2\)"),
         ([(0, 0), (1e200, 0), (0, 1e200)], "out of range"),
         ("part", "array"),
+        ([(0, 0), (10**400, 0), (0, 1)], "array"),
         ([], "shape"),
     ],
 )
 def test_outlines_that_are_no_polygon_are_refused(ring: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         as_polygon(ring)  # type: ignore[arg-type]
+
+
+def test_a_part_far_from_the_origin_has_its_diameter() -> None:
+    far = np.array([(0, 0), (2, 0), (2, 1), (0, 1)]) + 1e15  # in steps of an eighth there
+    assert as_part(far).diameter == pytest.approx(math.sqrt(5))
 
 
 def test_a_part_of_ten_thousand_vertices_is_simplified_or_refused() -> None:

@@ -146,3 +146,18 @@ def test_the_top_of_a_low_box_gets_walls() -> None:
     assert found[0].completed
     assert abs(found[0].closing[0]) > 0.9
     assert found[0].approach[2] < -0.5
+
+
+def test_a_tall_thing_seen_from_straight_above_is_turned_about_its_own_axes() -> None:
+    """Neither the view nor the longest axis has a level part."""
+    steps = np.arange(-4, 5) / 256  # exact in binary, so that nothing is level by rounding alone
+    x, y, z = (a.ravel() for a in np.meshgrid(steps, 2 * steps, 8 * steps))
+    points = np.stack([x, y, z], axis=1)
+    every = np.ones(len(points), bool)
+    cloud = SurfaceCloud(
+        points, np.tile([0.0, 0, 1], (len(points), 1)), every, every, ~every, 1 / 256,
+        np.array([[0.0, 0, 1]]), np.array([0.0, 0, 1, 0.25]),
+    )  # fmt: skip
+    found = find_symmetry(cloud)
+    assert found is not None
+    assert np.isfinite(found.offset).all()

@@ -88,6 +88,7 @@ def test_an_implausible_size_names_the_factor(unit: float, factor: str) -> None:
         (np.zeros((3, 2)), [[0, 1, 2]], r"vertices \(v, 3\)"),
         (np.zeros((3, 3)), [[0, 1]], r"triangles \(f, 3\)"),
         (np.zeros((3, 3)), [[0, 1, 3]], "faces name vertices 0 .. 2"),
+        (np.zeros((3, 3)), [[0.9, 1.0, 2.0]], "whole numbers"),
     ],
 )
 def test_what_is_no_mesh_is_refused(vertices: object, faces: object, words: str) -> None:

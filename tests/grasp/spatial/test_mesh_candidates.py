@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grasp.spatial import grasp_plan
+from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
+from grasp.spatial.grasp_plan import SpatialOptions, plan_given, plan_on_cloud, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper, panda_hand, parallel_jaw
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
@@ -255,3 +256,9 @@ def test_clouds_of_nothing_give_a_reason(points: np.ndarray) -> None:
     found = plan_on_cloud(points, HAND)
     assert len(found) == 0
     assert found.reason
+
+
+def test_given_grasps_of_a_mesh_without_a_face_have_a_reason() -> None:
+    nothing = as_mesh(np.empty((0, 3)), np.empty((0, 3), int))
+    given = [GraspCandidate(np.eye(4), 0.04)]
+    assert plan_given(given, nothing, panda_hand()).reason == "the mesh has no face"

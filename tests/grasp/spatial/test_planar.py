@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -195,3 +197,30 @@ def test_impossible_sizes_are_refused_with_the_numbers(sizes):
 def test_neighbours_of_a_wrong_shape_are_refused_with_it():
     with pytest.raises(ValueError, match=r"\(4, 2\)"):
         propose_planar(CAN, HAND, np.zeros((4, 2)))
+
+
+def test_neighbours_that_are_not_finite_are_left_out():
+    missing = np.array([[np.nan, 0.0, 0.1], [0.0, 0.0, np.inf]])
+    assert propose_planar(CAN, HAND, missing) == propose_planar(CAN, HAND)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"centre": (np.nan, 0.0)}, "finite centre"),
+        ({"yaw": np.inf}, "finite centre"),
+        ({"roundness": np.nan}, "finite centre"),
+        ({"outline": np.full((4, 2), np.nan)}, "finite corners"),
+    ],
+)
+def test_a_footprint_that_is_not_finite_is_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        replace(BOX, **change)
+
+
+@pytest.mark.parametrize(
+    "change", [{"finger_width": np.nan}, {"max_payload": np.nan}, {"max_opening": np.inf}]
+)
+def test_sizes_of_a_gripper_are_finite(change):
+    with pytest.raises(ValueError, match=r"positive|finite"):
+        replace(HAND, **change)
