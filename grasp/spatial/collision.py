@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FREE",
-    "HIT_BY",
     "LOW_M",
     "SLIDE",
     "Room",
@@ -33,7 +32,7 @@ __all__ = [
 FREE = 0.05
 """Clearance that is reported when nothing is near, m: more than any finger needs."""
 
-HIT_BY = ("free", "object", "neighbours", "support")
+_HIT_BY = ("free", "object", "neighbours", "support")
 """Obstacles that a gripper would touch, by code."""
 
 LOW_M = 0.03
@@ -76,6 +75,11 @@ class Support:
         """Unit vector out of the support (3,)."""
         return np.array(self.normal, dtype=np.float64)
 
+    @property
+    def plane(self) -> NDArray[np.float64]:
+        """Plane n . p + d = 0 under what stands on it, (4,): its normal and d, m."""
+        return np.array([*self.normal, -self.height])
+
     def below(self, poses: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how high the lowest corner of each gripper is over the plane (c,), m."""
         middle, half = boxes.mean(axis=2), np.ptp(boxes, axis=2) / 2
@@ -113,7 +117,7 @@ class Room:
     clearance : (c,), m
         To support, neighbours and object, 0 where one of them is touched; at most :data:`FREE`.
     hit : (c,) int
-        Index into :data:`HIT_BY`.
+        0 = nothing is touched, 1 the object, 2 neighbours, 3 the support.
     """
 
     clearance: NDArray[np.float64]
@@ -123,6 +127,10 @@ class Room:
     def free(self) -> NDArray[np.bool_]:
         """Poses that touch nothing, (c,) bool."""
         return np.asarray(self.hit == 0)
+
+    def hits(self) -> dict[str, int]:
+        """Return how many poses touch each kind of obstacle, by its name."""
+        return {name: int((self.hit == k).sum()) for k, name in enumerate(_HIT_BY) if k}
 
 
 def room_around(

@@ -11,7 +11,7 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
-from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
+from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
 from grasp.spatial.mesh_candidates import propose_on_mesh
@@ -145,7 +145,7 @@ def plan_given(
     poses = np.stack([c.frame_from_gripper for c in candidates])
     openings = np.array([c.opening or gripper.max_opening for c in candidates])
     room = room_around(poses, openings, gripper, around, mesh)
-    counts = {name: int((room.hit == k).sum()) for k, name in enumerate(HIT_BY)}
+    counts = {"free": int(room.free.sum()), **room.hits()}
     free = [
         replace(one, scores={**one.scores, "clearance": float(away)})
         for one, is_free, away in zip(candidates, room.free, room.clearance, strict=True)
@@ -192,17 +192,17 @@ def plan_on_cloud(
     Grasps that differ from a better one by half a turn about the approach come last.
     """
     from grasp.spatial.hand_search.hand_search import propose_on
-    from grasp.spatial.hand_search.surface_pairs import known_surface, propose_pairs
+    from grasp.spatial.hand_search.surface_pairs import propose_pairs
 
     options = options or SpatialOptions()
-    table = None if support is None else np.array([*support.normal, -support.height])
+    table = None if support is None else support.plane
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
     whole = complete_by_symmetry(seen)
     judge = chosen_filter(classifier, gripper)
     up = None if support is None else support.up
 
     def plan(cloud: SurfaceCloud) -> tuple[Proposals, Proposals]:
-        surface = known_surface(cloud)
+        surface = cloud.surface()
         body = cloud.points[cloud.target]
         hands = propose_on(
             cloud, gripper, max(options.tries // 10, 1), options.seed, classifier=judge

@@ -16,7 +16,6 @@ from scipy.spatial import cKDTree
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import (
-    HIT_BY,
     LOW_M,
     SLIDE,
     Surroundings,
@@ -225,7 +224,6 @@ def _approached(
     _raise_over(poses, openings, gripper, around)
     room = room_around(poses, openings, gripper, around, mesh)
     free = room.free & (depth <= gripper.reach + gripper.fingertip)
-    hits = {name: int((room.hit == k).sum()) for k, name in enumerate(HIT_BY) if k}
     steep = np.ones(len(poses))
     if around.support is not None:
         steep = -(poses[:, :3, 2] @ around.support.up)
@@ -244,7 +242,7 @@ def _approached(
                     scores={"clearance": float(room.clearance[i])},
                 )
             )  # fmt: skip
-    return candidates, hits
+    return candidates, room.hits()
 
 
 def _raise_over(

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.boxes import boxes_meet_mesh
 from grasp.spatial.candidate import GraspCandidate, Proposals
-from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.cloud import SURFEL_VOXELS, SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.hand_search import propose_on
@@ -29,7 +29,6 @@ from grasp.spatial.scoring.select import diverse
 
 __all__ = ["SceneOptions", "plan_on_scene"]
 
-_SURFEL = 1.5
 _MAX_SCORED = 60
 _SWEEP_M = 0.05
 _VOXEL_M, _TABLE_VOXELS = 0.003, 2.0
@@ -271,7 +270,7 @@ class _Scene:
             if k != without:
                 points.append(part.points[part.completed])
                 normals.append(part.normals[part.completed])
-        size = _SURFEL * self.cloud.voxel
+        size = SURFEL_VOXELS * self.cloud.voxel
         return surfels(np.vstack(points), np.vstack(normals), size)
 
 

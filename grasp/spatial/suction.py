@@ -17,9 +17,9 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
-from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
+from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.grasp_plan import SpatialOptions
-from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import NOTHING, first_and_last
 from grasp.spatial.scoring.object_load import ObjectLoad, load_to_plan_for
 from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
@@ -37,7 +37,6 @@ _SCREENED, _SCORED = 400, 60
 _GRAVITY = 9.81
 _SHAKEN_G = 1.5
 _NO_ROOM = "the cup touches something, or cannot be brought there, wherever it would seal"
-_SURFEL = 1.5
 
 
 def sealed(mesh: Mesh, cup: SuctionCup, poses: FloatArray) -> NDArray[np.bool_]:
@@ -199,9 +198,7 @@ def _plan(
         reason = f"the lip of {1000 * cup.radius:.0f} mm radius seals nowhere on the object"
         return Proposals(reason=reason, notes=notes, counts=counts)
     room = room_around(poses, np.zeros(len(poses)), cup, around, mesh)
-    for k, name in enumerate(HIT_BY):
-        if k and (room.hit == k).any():
-            counts[f"touches the {name}"] = int((room.hit == k).sum())
+    counts.update({f"touches the {name}": n for name, n in room.hits().items() if n})
     poses, away = poses[room.free], room.clearance[room.free]
     if not len(poses):
         return Proposals(reason=_NO_ROOM, notes=notes, counts=counts)
@@ -275,20 +272,16 @@ def plan_suction_on_cloud(
     [0, 0, -1]
     """
     options = options or SpatialOptions()
-    table = None if support is None else np.array([*support.normal, -support.height])
+    table = None if support is None else support.plane
     # Without the support: what lies within two voxels of it, as a plate does, would be left out.
     cloud = prepare_cloud(points, viewpoints=viewpoints, flat=True)
     if cloud.reason:
         return Proposals(reason=cloud.reason, notes=cloud.notes)
     standing = prepare_cloud(points, table=table, viewpoints=viewpoints)
     whole = cloud if standing.reason else complete_by_symmetry(standing)
-    directed = np.linalg.norm(cloud.normals, axis=1) > 0
-    seen = cloud.target & directed
-    if not seen.any():
+    surface, body = cloud.surface(), whole.surface()
+    if not len(surface.faces):
         return Proposals(reason="no surface is seen of the object", notes=cloud.notes)
-    surface = surfels(cloud.points[seen], cloud.normals[seen], _SURFEL * cloud.voxel)
-    solid = whole.target & (np.linalg.norm(whole.normals, axis=1) > 0)
-    body = surfels(whole.points[solid], whole.normals[solid], _SURFEL * whole.voxel)
     load = ObjectLoad.of(body, options.mass, support)
     around = Surroundings(support, neighbours)
     found = _plan(replace(surface, com=body.com), cup, around, options, load)

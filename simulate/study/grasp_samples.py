@@ -16,7 +16,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.classifier import GraspSamples, gripper_key
 from grasp.spatial.hand_search.closing_region import PICTURE, STATISTICS, closing_regions
 from grasp.spatial.hand_search.hand_search import propose_on
-from grasp.spatial.hand_search.surface_pairs import known_surface, propose_pairs
+from grasp.spatial.hand_search.surface_pairs import propose_pairs
 from grasp.spatial.meshes.mesh import Mesh
 from simulate.study.grasp_shapes import FAMILIES, sample_shape
 from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
@@ -109,5 +109,5 @@ def _candidates(
     if cloud.reason:
         return []
     hands = propose_on(cloud, gripper, seed=seed).candidates[:most]
-    pairs = propose_pairs(cloud, known_surface(cloud), gripper, cloud.support, seed=seed)
+    pairs = propose_pairs(cloud, cloud.surface(), gripper, cloud.support, seed=seed)
     return [*hands, *pairs.candidates[:most]]

@@ -12,16 +12,20 @@ from grasp.arrays import FloatArray
 from grasp.spatial.clouds.neighbours import PointGrid
 from grasp.spatial.clouds.surfaces import estimate_normals
 from grasp.spatial.collision import Support
+from grasp.spatial.meshes.mesh import Mesh, surfels
 
-__all__ = ["SurfaceCloud", "prepare_cloud"]
+__all__ = ["SURFEL_VOXELS", "SurfaceCloud", "prepare_cloud"]
 
 Flags = NDArray[np.bool_]
+
+SURFEL_VOXELS = 1.5
+"""Edge of the square that stands for a point, so that squares leave no gaps."""
 
 _MAX_RAW = 500_000
 _MAX_VOXELS = 40_000
 _FAR_M = 2.0
 _ABSURD_M = 1e6
-_TABLE_VOXELS = 2.0
+_TABLE_VOXELS, _OVER_TABLE_VOXELS = 2.0, 3
 _FLAT_VOXELS = 0.1
 _THIN_VOXELS = 0.5
 
@@ -89,6 +93,19 @@ class SurfaceCloud:
             return None
         x, y, z, offset = (float(value) for value in self.table)
         return Support(-offset, (x, y, z))
+
+    @property
+    def obstacles(self) -> FloatArray:
+        """Points (m, 3), m, of what else stands there, without the table."""
+        others = self.points[~self.target]
+        if self.table is None:
+            return others
+        return others[others @ self.table[:3] + self.table[3] > _OVER_TABLE_VOXELS * self.voxel]
+
+    def surface(self) -> Mesh:
+        """Return the target, seen and completed, as small squares where its normals are known."""
+        known = self.target & (np.linalg.norm(self.normals, axis=1) > 0)
+        return surfels(self.points[known], self.normals[known], SURFEL_VOXELS * self.voxel)
 
     def with_points(self, points: FloatArray, normals: FloatArray) -> SurfaceCloud:
         """Return the cloud and points (m, 3) with normals that are assumed, not seen."""

@@ -198,15 +198,11 @@ def _room(
     cloud: SurfaceCloud, gripper: ParallelGripper, hands: Hands, chosen: NDArray[np.int64]
 ) -> Room:
     """Return what the whole gripper would touch on a straight approach, completed points too."""
-    table = cloud.table
-    obstacles = cloud.points[~cloud.target]
-    if table is not None:
-        obstacles = obstacles[obstacles @ table[:3] + table[3] > 3 * cloud.voxel]
     return room_around(
         hands.poses[chosen],
         hands.column("opening")[chosen],
         gripper,
-        Surroundings(cloud.support, obstacles),
+        Surroundings(cloud.support, cloud.obstacles),
         cloud=cloud.points[cloud.target],
     )
 

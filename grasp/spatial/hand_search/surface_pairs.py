@@ -17,19 +17,10 @@ from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import PoseNoise
 
-__all__ = ["known_surface", "propose_pairs"]
-
-_OVER_TABLE_VOXELS = 3
-_SURFEL = 1.5
-
-
-def known_surface(cloud: SurfaceCloud) -> Mesh:
-    """Return the target of a cloud, seen and completed, as small squares."""
-    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
-    return surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
+__all__ = ["propose_pairs"]
 
 
 def propose_pairs(
@@ -48,7 +39,7 @@ def propose_pairs(
     cloud
         Of one object, ready; its points that are no target are obstacles.
     surface
-        Its target as small squares; see :func:`known_surface`.
+        Its target as small squares; see :meth:`SurfaceCloud.surface`.
     support
         In the frame of the cloud.
     noise, tries, seed
@@ -58,11 +49,7 @@ def propose_pairs(
     -------
     Candidates with label ``full``, not scored yet; ``completed`` where a contact was not seen.
     """
-    others = cloud.points[~cloud.target]
-    if cloud.table is not None:
-        height = others @ cloud.table[:3] + cloud.table[3]
-        others = others[height > _OVER_TABLE_VOXELS * cloud.voxel]
-    around = Surroundings(support, others)
+    around = Surroundings(support, cloud.obstacles)
     found = propose_on_mesh(surface, gripper, around, tries=tries, noise=noise, seed=seed)
     if not found:
         return found

@@ -16,9 +16,9 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
-from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
+from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.grasp_plan import SpatialOptions
-from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.holding import CARRY_G, LIFT_G
 from grasp.spatial.scoring.object_load import load_to_plan_for
 from grasp.spatial.scoring.pose_errors import Judged, scored_under_errors
@@ -37,7 +37,6 @@ _WIDE_M, _ROOM_M, _MIN_ROOM_M = 0.025, 0.010, 0.006
 _SCREENED, _SCORED = 600, 60
 _OFF_M, _SAME_M, _SAME = 0.004, 0.002, 0.02
 _GRAVITY = 9.81
-_SURFEL = 1.5
 
 
 def _asked(
@@ -108,9 +107,7 @@ def plan_three_finger(
     widest = np.minimum(2 * closed.radius + 2 * _WIDE_M, hand.max_opening)
     wide = room_around(poses, widest[chosen], hand, around, mesh).free
     openings = np.where(wide, widest[chosen], openings[chosen])
-    for k, name in enumerate(HIT_BY):
-        if k and (room.hit == k).any():
-            counts[f"touches the {name}"] = int((room.hit == k).sum())
+    counts.update({f"touches the {name}": n for name, n in room.hits().items() if n})
     candidates = [
         GraspCandidate(
             closed.poses[i], 2 * float(closed.radius[i]), contacts=closed.contacts[i],
@@ -155,14 +152,13 @@ def plan_three_finger_on_cloud(
     Proposals
         As of :func:`plan_three_finger`.
     """
-    table = None if support is None else np.array([*support.normal, -support.height])
+    table = None if support is None else support.plane
     cloud = complete_by_symmetry(prepare_cloud(points, table=table, viewpoints=viewpoints))
     if cloud.reason:
         return Proposals(reason=cloud.reason, notes=cloud.notes)
-    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
-    if not known.any():
+    surface = cloud.surface()
+    if not len(surface.faces):
         return Proposals(reason="no surface is seen of the object", notes=cloud.notes)
-    surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
     found = plan_three_finger(surface, hand, Surroundings(support, neighbours), options)
     return replace(found, notes=(*cloud.notes, *found.notes))
 

@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.cloud import prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import Support
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud
 from grasp.spatial.gripper import nao_hand, panda_hand
 from grasp.spatial.hand_search.surface_pairs import propose_pairs
-from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh
 from simulate.study.grasp_views import TABLE, correct, depth_view
 
@@ -25,11 +25,6 @@ def _standing(mesh: Mesh) -> Mesh:
     pose = np.eye(4)
     pose[2, 3] = -mesh.vertices[:, 2].min()
     return mesh.moved(pose)
-
-
-def _surface(cloud: SurfaceCloud) -> Mesh:
-    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
-    return surfels(cloud.points[known], cloud.normals[known], 1.5 * cloud.voxel)
 
 
 @pytest.mark.parametrize("classifier", [None, "shipped"], ids=["plain", "filter"])
@@ -53,7 +48,7 @@ def test_a_contact_that_was_not_seen_marks_its_grasp_as_completed() -> None:
     seen = depth_view(box, EYE)
     cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=EYE[None])
     whole = complete_by_symmetry(cloud)
-    found = propose_pairs(whole, _surface(whole), hand, Support(), tries=600)
+    found = propose_pairs(whole, whole.surface(), hand, Support(), tries=600)
     assert found
     assert correct(list(found), box, hand).mean() > 0.7
     for one in found:
@@ -74,8 +69,8 @@ def test_pairs_keep_off_what_else_stands_there() -> None:
     )
     alone = prepare_cloud(points, table=TABLE)
     beside = prepare_cloud(points, table=TABLE, obstacles=walls)
-    assert propose_pairs(alone, _surface(alone), hand, Support(), tries=600)
-    assert not propose_pairs(beside, _surface(beside), hand, Support(), tries=600)
+    assert propose_pairs(alone, alone.surface(), hand, Support(), tries=600)
+    assert not propose_pairs(beside, beside.surface(), hand, Support(), tries=600)
 
 
 @pytest.mark.parametrize("hand", [nao_hand(), panda_hand()], ids=["nao", "panda"])
