@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame, transform
-from features.segmentation import Scene, SegmentParams, segment_scene
+from features.segmentation import Scene, segment_scene
 from features.tabletop import TabletopShape, measure
 
 __all__ = ["Ignored", "Perceived", "Seen", "neighbour_points", "perceive"]
@@ -112,7 +112,6 @@ def perceive(
     frame: Frame,
     base_from_camera: NDArray[np.float64],
     ignored: Sequence[Ignored] = (),
-    params: SegmentParams | None = None,
 ) -> Perceived:
     """Find the table and the objects on it; what shows one upright face alone is left out.
 
@@ -124,8 +123,6 @@ def perceive(
         Pose of the optical frame, from the robot's own joint angles.
     ignored
         Regions whose segments are left out.
-    params
-        Parameters of the segmentation; None chooses them by the distance of the table.
 
     Raises
     ------
@@ -135,7 +132,7 @@ def perceive(
     if frame.rgb is None:
         raise ValueError("perceive needs a frame with colour")
     down = base_from_camera[:3, :3].T @ np.array([0.0, 0.0, -1.0])
-    scene = segment_scene(frame.points(), frame.rgb, params=params, gravity=down)
+    scene = segment_scene(frame.points(), frame.rgb, gravity=down)
     if scene.plane is None:
         return Perceived(scene.status, float("nan"), ())
     on_plane = -scene.plane.offset * np.asarray(scene.plane.normal, dtype=np.float64)

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame, UInt8Array
 
-__all__ = ["SceneChange", "SceneChangeGate", "SceneChangeParams", "scene_entropy", "warm_up"]
+__all__ = ["SceneChange", "SceneChangeGate", "SceneChangeParams", "warm_up"]
 
 BLOCK_PX = 20
 _GREY_BINS = 8
 _MAX_BINS = 1_024
 _COMPARABLE, _EMPTY, _FULL = 0.25, 0.10, 0.60
-_VOXEL_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -168,20 +167,6 @@ class SceneChangeGate:
         elif now.stamp_s - key.stamp_s >= limits.max_age_s:
             reason = "age"
         return SceneChange(reason != "unchanged", reason, depth, colour)
-
-
-def scene_entropy(frame: Frame) -> float:
-    """Return the Shannon entropy of a frame's occupancy of 1 cm voxels, bit; 0 when it is empty.
-
-    It belongs into logs and plots; no decision depends on it.
-    """
-    points = frame.points().reshape(-1, 3)
-    points = points[np.isfinite(points[:, 2])]
-    if len(points) == 0:
-        return 0.0
-    _, counts = np.unique(np.floor(points / _VOXEL_M).astype(np.int64), axis=0, return_counts=True)
-    share = counts / counts.sum()
-    return float(-(share * np.log2(share)).sum())
 
 
 def _segments_moved(before: FloatArray | None, now: FloatArray | None, limit_m: float) -> bool:

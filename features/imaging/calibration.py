@@ -77,15 +77,13 @@ class BoardCheck:
     corners: int
 
 
-def registration_shift(frame: Frame, max_px: int = _MAX_SHIFT_PX) -> Shift:
+def registration_shift(frame: Frame) -> Shift:
     """Return the shift at which edges of depth meet the strongest edges of colour.
 
     Parameters
     ----------
     frame
         With colour; of a scene in which things stand before others.
-    max_px
-        Largest shift that is tried.
 
     Raises
     ------
@@ -96,7 +94,8 @@ def registration_shift(frame: Frame, max_px: int = _MAX_SHIFT_PX) -> Shift:
         raise ValueError("the frame has no colour image to compare depth with")
     edges = _depth_edges(frame.depth_m)
     inner = np.zeros_like(edges)
-    inner[max_px:-max_px, max_px:-max_px] = edges[max_px:-max_px, max_px:-max_px]
+    inside = slice(_MAX_SHIFT_PX, -_MAX_SHIFT_PX)
+    inner[inside, inside] = edges[inside, inside]
     rows, columns = np.nonzero(inner)
     if len(rows) < _MIN_EDGE_PX:
         raise ValueError(
@@ -104,15 +103,16 @@ def registration_shift(frame: Frame, max_px: int = _MAX_SHIFT_PX) -> Shift:
             "that stand before others"
         )
     strength = _colour_edges(frame.rgb)
-    span = range(-max_px, max_px + 1)
+    span = range(-_MAX_SHIFT_PX, _MAX_SHIFT_PX + 1)
     scores = np.array(
         [[strength[rows + down, columns + right].mean() for right in span] for down in span]
     )
     # A ridge along straight edges has many maxima; the least shift among the nearly best counts.
     lengths = np.hypot(*np.meshgrid(np.array(span), np.array(span)))
     best = np.where(scores > 0.98 * scores.max(), lengths, np.inf)
-    down, right = (int(k) - max_px for k in np.unravel_index(int(best.argmin()), best.shape))
-    gain = float(scores[down + max_px, right + max_px] / max(scores[max_px, max_px], 1e-9))
+    row, column = np.unravel_index(int(best.argmin()), best.shape)
+    gain = float(scores[row, column] / max(scores[_MAX_SHIFT_PX, _MAX_SHIFT_PX], 1e-9))
+    down, right = int(row) - _MAX_SHIFT_PX, int(column) - _MAX_SHIFT_PX
     return Shift(right, down, max(gain, 1.0), len(rows))
 
 

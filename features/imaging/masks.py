@@ -30,7 +30,7 @@ __all__ = [
 _MAX_LABELS = 10_000
 
 
-def labels_from_png(data: bytes, limits: Limits | None = None) -> NDArray[np.int32]:
+def labels_from_png(data: bytes) -> NDArray[np.int32]:
     """Return the label image (h, w) of a PNG; 0 = no object.
 
     Grey values are the labels. Of a coloured PNG each colour is one, black is none.
@@ -40,7 +40,7 @@ def labels_from_png(data: bytes, limits: Limits | None = None) -> NDArray[np.int
     CloudFormatError
         When the bytes are no image, or one beyond the limits.
     """
-    (limits or Limits()).check_image(*image_size(data))
+    Limits().check_image(*image_size(data))
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -58,7 +58,7 @@ def labels_from_png(data: bytes, limits: Limits | None = None) -> NDArray[np.int
     return np.asarray(ranks[of].reshape(number.shape), dtype=np.int32)
 
 
-def decode_rle(rle: Mapping[str, Any], limits: Limits | None = None) -> NDArray[np.bool_]:
+def decode_rle(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
     """Return the mask (h, w) of a COCO run-length encoding.
 
     Parameters
@@ -84,7 +84,7 @@ def decode_rle(rle: Mapping[str, Any], limits: Limits | None = None) -> NDArray[
     ):
         raise CloudFormatError(f"RLE: size must be [height, width], got {size!r}")
     height, width = size
-    (limits or Limits()).check_image(width, height)
+    Limits().check_image(width, height)
     if isinstance(counts, str | bytes):
         counts = _uncompressed(counts, height * width)
     elif not (isinstance(counts, Sequence) and all(type(n) is int for n in counts)):

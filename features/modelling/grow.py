@@ -36,6 +36,7 @@ _MODEL_GRID, _MODEL_POINTS = 48, 6000
 _NOISE_M = 0.0005
 _MAX_CELLS = 160
 _MIN_SETTLED, _MAX_SETTLED = 3, 12
+_MAX_SWEPT, _COPIES = 600, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,28 +169,19 @@ class ObjectModel:
     def _round_pose_model(self) -> PoseModel:
         return self.revolved()._pose_model
 
-    def revolved(self, most: int = 600, steps: int = 24) -> ObjectModel:
-        """Return the body that a round object's surface sweeps about the z axis of its frame.
-
-        Parameters
-        ----------
-        most
-            Of its points that are swept.
-        steps
-            Copies, evenly turned.
-        """
+    def revolved(self) -> ObjectModel:
+        """Return the body that a round object's surface sweeps about the z axis of its frame."""
         rng = np.random.default_rng(0)
-        rows = np.sort(rng.permutation(len(self.cloud))[:most])
-        turns = np.stack(
-            [rotation_about(np.array([0.0, 0.0, 1.0]), 2 * np.pi * k / steps) for k in range(steps)]
-        )
+        rows = np.sort(rng.permutation(len(self.cloud))[:_MAX_SWEPT])
+        axis = np.array([0.0, 0.0, 1.0])
+        turns = np.stack([rotation_about(axis, 2 * np.pi * k / _COPIES) for k in range(_COPIES)])
         swept = [
             np.einsum("kij,nj->kni", turns, self.cloud[rows, part].astype(np.float64))
             for part in (slice(0, 3), slice(3, 6))
         ]
         cloud = np.concatenate(swept, axis=2).reshape(-1, 6).astype(np.float32)
         return ObjectModel(
-            cloud, np.tile(self.colours[rows], (steps, 1)), np.tile(self.weights[rows], steps)
+            cloud, np.tile(self.colours[rows], (_COPIES, 1)), np.tile(self.weights[rows], _COPIES)
         )
 
     def mesh(

@@ -41,9 +41,10 @@ def estimate_pose_from_views(
     stored: Frame,
     seen: Frame,
     seen_from_stored: NDArray[np.float64],
-    confidence: PoseConfidence | None = None,
 ) -> PoseEstimate | None:
     """Improve the movement between two views of one object, and say how sure it is.
+
+    What rests on one view is as sure as :attr:`PoseConfidence.max_from_view` at most.
 
     Parameters
     ----------
@@ -52,8 +53,6 @@ def estimate_pose_from_views(
     seen_from_stored : (4, 4) float64, m
         Of the stored camera's frame in the new one's, as matched keypoints gave it; good within
         about 8 mm. The views should not differ by more than 40 degrees.
-    confidence
-        Constants; what rests on one view reaches ``max_from_view`` at most.
 
     Returns
     -------
@@ -61,7 +60,7 @@ def estimate_pose_from_views(
         ``camera_from_object`` is the improved ``seen_from_stored``: the stored camera's frame is
         the object's. None when one of the views has fewer than 30 points.
     """
-    constants = confidence or PoseConfidence()
+    constants = PoseConfidence()
     there, here = _cloud(stored), _cloud(seen)
     if there is None or here is None:
         return None

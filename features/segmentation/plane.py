@@ -81,7 +81,6 @@ def _ransac(points, triples, tolerance):  # type: ignore[no-untyped-def]
 def find_table_plane(
     points: NDArray[np.floating[Any]],
     gravity: NDArray[np.floating[Any]] | None = None,
-    rng_seed: int = 0,
 ) -> Plane | None:
     """Find the plane of the table.
 
@@ -92,8 +91,6 @@ def find_table_plane(
     gravity : (3,) float or None
         Direction in which things fall; with it only planes within 15 deg of level count, so that
         a wall or the floor's edge is not taken for the table.
-    rng_seed
-        Of the random triples.
 
     Returns
     -------
@@ -107,10 +104,10 @@ def find_table_plane(
     """
     if gravity is not None and not 0 < np.linalg.norm(gravity) < np.inf:
         raise ValueError(f"gravity must be a direction (3,), got {gravity}")
-    sample = subsample(points, rng_seed)
+    sample = subsample(points)
     total = len(sample)
     up = None if gravity is None else -np.asarray(gravity, float) / np.linalg.norm(gravity)
-    rng = np.random.default_rng(rng_seed)
+    rng = np.random.default_rng(0)
     best: Plane | None = None
     for _ in range(1 if up is None else _PLANES_TRIED):
         if len(sample) < _MIN_INLIERS:
@@ -127,14 +124,14 @@ def find_table_plane(
     return best
 
 
-def subsample(points: NDArray[np.floating[Any]], rng_seed: int) -> Float64Array:
+def subsample(points: NDArray[np.floating[Any]]) -> Float64Array:
     """Return finite points (m, 3): every 6th row and column, or 8,500 at random."""
     if points.ndim == 3:
         picked = points[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3)
     else:
         picked = points
         if len(points) > _SUBSAMPLE:
-            rng = np.random.default_rng(rng_seed)
+            rng = np.random.default_rng(0)
             picked = points[rng.choice(len(points), _SUBSAMPLE, replace=False)]
     finite: Float64Array = picked[np.isfinite(picked).all(axis=1)].astype(np.float64)
     return finite

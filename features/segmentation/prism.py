@@ -111,7 +111,7 @@ def _hull(
         sample = points[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3).astype(np.float64)
         sample = sample[np.isfinite(sample).all(axis=1)]
     else:
-        sample = subsample(points, 0)
+        sample = subsample(points)
     on_plane = sample[np.abs(plane.heights(sample)) < _TOLERANCE_M]
     if len(on_plane) < 3:
         return np.zeros((0, 2))

@@ -247,9 +247,7 @@ def contacts_of(candidate: GraspCandidate, hand: EndEffector) -> Contacts | None
     return Contacts("three_fingers", candidate.width / 2 * ways, ways).moved(pose)
 
 
-def to_planar(
-    candidate: GraspCandidate, support_height: float = 0.0, max_tilt: float = np.deg2rad(20)
-) -> PlanarGrasp:
+def to_planar(candidate: GraspCandidate, support_height: float = 0.0) -> PlanarGrasp:
     """Return a candidate that comes from above as (X, Y, theta) (Gatto 2016, 3.3.4).
 
     Parameters
@@ -262,7 +260,7 @@ def to_planar(
     Raises
     ------
     ValueError
-        When the approach is more than ``max_tilt`` rad off the vertical.
+        When the approach is more than 20 degrees off the vertical.
 
     Examples
     --------
@@ -271,7 +269,7 @@ def to_planar(
     >>> round(planar.x, 3), round(planar.theta, 3)
     (0.1, 0.5)
     """
-    x, y, z, theta = planar_from_pose(candidate.frame_from_gripper, max_tilt)
+    x, y, z, theta = planar_from_pose(candidate.frame_from_gripper)
     return PlanarGrasp(
         x, y, z - support_height, theta, candidate.width,
         candidate.width if candidate.opening is None else candidate.opening,

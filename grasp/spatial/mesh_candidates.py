@@ -32,7 +32,8 @@ __all__ = ["propose_on_mesh"]
 
 
 _OPEN_M = 0.02
-_TIP_M = 0.002
+_TIP_M, _MARGIN_M = 0.002, 0.004
+_PAIRS = 60
 _SCREEN, _SCREENED = 24, 600
 _ROUNDS = 10
 _ALIKE_M, _ALIKE = 0.005, np.sin(np.deg2rad(10))
@@ -44,10 +45,7 @@ def propose_on_mesh(
     surroundings: Surroundings | None = None,
     *,
     tries: int = 2000,
-    pairs: int = 60,
-    turns: int | None = None,
     per_pair: int = 2,
-    margin: float = 0.004,
     noise: PoseNoise | None = None,
     screen: bool = True,
     central: int = 20,
@@ -63,14 +61,8 @@ def propose_on_mesh(
         Support and neighbours in the mesh's frame.
     tries
         Points drawn on the surface.
-    pairs
-        Pairs of contacts that are looked at from all sides.
-    turns
-        Approach directions about the closing axis; None = 16 with a support, else 8.
     per_pair
         Free approaches that are kept of each pair.
-    margin
-        Space that each jaw keeps before closing, m.
     noise
         Under which pairs are compared before approaches are tried.
     screen
@@ -92,10 +84,10 @@ def propose_on_mesh(
     mesh and surroundings moves the candidates with it.
     """
     around = surroundings or Surroundings()
-    reason = _unfit(mesh, gripper, margin)
+    reason = _unfit(mesh, gripper)
     if reason:
         return Proposals(reason=reason, notes=mesh.notes)
-    found = antipodal_pairs(mesh, gripper, tries, seed, margin)
+    found = antipodal_pairs(mesh, gripper, tries, seed, _MARGIN_M)
     counts = {"tried": tries, **found.dropped, "pairs": len(found)}
     if len(found) == 0:
         reason = f"no antipodal pair: {_why(found.dropped)}"
@@ -105,18 +97,18 @@ def propose_on_mesh(
     order = np.random.default_rng(seed).permutation(len(found))
     if screen:
         order = _promising(found, mesh, gripper, noise or PoseNoise(), seed)
-    count = turns if turns is not None else (8 if around.support is None else 16)
+    count = 8 if around.support is None else 16
     candidates: list[GraspCandidate] = []
     hits: Counter[str] = Counter()
-    for start in range(0, min(len(order), _ROUNDS * pairs), pairs):
-        some = found.take(order[start : start + pairs])
+    for start in range(0, min(len(order), _ROUNDS * _PAIRS), _PAIRS):
+        some = found.take(order[start : start + _PAIRS])
         free, touched = _approached(some, mesh, gripper, around, count, per_pair)
         candidates += free
         hits.update(touched)
-        if len(candidates) >= pairs // 3:
+        if len(candidates) >= _PAIRS // 3:
             break
     if central:
-        straight = antipodal_pairs(mesh, gripper, tries, seed, margin, spread=0.0)
+        straight = antipodal_pairs(mesh, gripper, tries, seed, _MARGIN_M, spread=0.0)
         if len(straight):
             near = straight.take(_central(straight, mesh, gripper)[:central])
             free, touched = _approached(near, mesh, gripper, around, count, per_pair)
@@ -145,14 +137,14 @@ def _why(dropped: dict[str, int]) -> str:
     return max(dropped, key=lambda name: dropped[name])
 
 
-def _unfit(mesh: Mesh, gripper: ParallelGripper, margin: float) -> str:
+def _unfit(mesh: Mesh, gripper: ParallelGripper) -> str:
     """Return why there cannot be a grasp, or ""."""
     if len(mesh.faces) == 0:
         return "the mesh has no face"
-    if gripper.max_opening <= 2 * margin:
+    if gripper.max_opening <= 2 * _MARGIN_M:
         return (
             f"the stroke of {gripper.max_opening:.4g} m leaves nothing between margins of "
-            f"{margin:.4g} m on both sides"
+            f"{_MARGIN_M:.4g} m on both sides"
         )
     return ""
 

@@ -83,7 +83,6 @@ def antipodal_pairs(
     tries: int = 2000,
     seed: int = 0,
     margin: float = 0.004,
-    friction: float | None = None,
     spread: float = 1.0,
 ) -> Pairs:
     """Draw pairs of contacts whose line lies in both friction cones.
@@ -95,8 +94,6 @@ def antipodal_pairs(
     margin
         Space that each jaw keeps before closing, m: pairs wider than the stroke less twice this
         are dropped.
-    friction
-        Coulomb coefficient; None = the gripper's.
     spread
         Part of the friction cones that lines are drawn from; 0 = along the normals, so that pads
         lie flat on faces.
@@ -110,7 +107,7 @@ def antipodal_pairs(
         none, nothing = np.empty((0, 3)), np.empty((0, 2, 3))
         return Pairs(nothing, nothing, none, none, np.empty(0), np.empty(0), {})
     rng = np.random.default_rng(seed)
-    mu = gripper.friction if friction is None else friction
+    mu = gripper.friction
     points, face = mesh.sample(tries, rng)
     normals = mesh.normals[face]
     edges = mesh.vertices[mesh.faces[face, 1]] - mesh.vertices[mesh.faces[face, 0]]

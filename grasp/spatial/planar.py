@@ -201,7 +201,6 @@ def rate(
     footprint: Footprint,
     gripper: ParallelGripper,
     grasp: PlanarGrasp,
-    neighbours: NDArray[np.float64] | None = None,
 ) -> PlanarGrasp | None:
     """Judge a grasp that comes from elsewhere on an object as it is measured now.
 
@@ -214,7 +213,7 @@ def rate(
     -------
     None when the jaws would close on nothing or the object no longer fits between them.
     """
-    return rate_all(footprint, gripper, [grasp], neighbours)[0]
+    return rate_all(footprint, gripper, [grasp])[0]
 
 
 def rate_all(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame, Intrinsics
-from features.scene_change import SceneChangeGate, SceneChangeParams, scene_entropy
+from features.scene_change import SceneChangeGate, SceneChangeParams
 
 CAMERA = Intrinsics.from_fov(320, 240, 1.0)
 
@@ -101,13 +101,6 @@ def test_frames_without_any_depth_or_smaller_than_a_block_are_no_accident() -> N
     speck = Frame(np.ones((4, 4), np.float32), Intrinsics(4, 4, 5, 5, 1.5, 1.5))
     tiny.offer(speck, 0.0)
     assert not tiny.offer(speck, 0.1).send
-    assert scene_entropy(blind) == 0.0
-
-
-def test_entropy_is_that_of_the_occupied_voxels() -> None:
-    camera = Intrinsics(4, 4, 1e-3, 1e-3, 0, 0)  # rays so far apart that each has its own voxel
-    frame = Frame(np.full((4, 4), 1.0, np.float32), camera)
-    assert scene_entropy(frame) == pytest.approx(4.0)  # 16 equal shares
 
 
 @pytest.mark.parametrize("name", ["depth_bits", "colour_bits", "max_age_s", "moved_m"])

@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike
 
 __all__ = ["Canvas"]
 
-COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf",
-           "#bcbd22", "#7f7f7f", "#393b79", "#637939")  # fmt: skip
-
 
 class Canvas:
     """A drawing of ``width`` px that shows a box of the plane, y upwards.

@@ -292,15 +292,12 @@ def _check_count(path: Path) -> None:
         raise ValueError(f"its header states {int(stated[1])} points, the file has {size} bytes")
 
 
-def outline_from_cloud(points: FloatArray, cell_m: float | None = None) -> tuple[FloatArray, float]:
+def outline_from_cloud(points: FloatArray) -> tuple[FloatArray, float]:
     """Return footprint (n, 2) and height of a segmented object's cloud, z up from its support.
 
     Parameters
     ----------
     points : (n, 3), m
-    cell_m
-        Of the grid on which the footprint is drawn; by default what the density of points allows,
-        so that a fold of the outline stays a fold.
 
     Raises
     ------
@@ -323,7 +320,8 @@ def outline_from_cloud(points: FloatArray, cell_m: float | None = None) -> tuple
         raise ValueError("the cloud's points lie on a line seen from above: it has no footprint")
     height = float(np.quantile(cloud[:, 2], 0.99) - cloud[:, 2].min())
     size = float(spans.max())
-    cell = cell_m or max(size / 200, 2.0 * math.sqrt(float(np.prod(spans)) / len(cloud)))
+    # As fine as the density of points allows, so that a fold of the outline stays a fold.
+    cell = max(size / 200, 2.0 * math.sqrt(float(np.prod(spans)) / len(cloud)))
     shape = np.minimum(np.ceil(spans / cell).astype(int) + 8, 2048)
     image = np.zeros((shape[1], shape[0]), np.uint8)
     at = np.minimum(((flat - low) / cell).astype(int) + 4, shape - 1)

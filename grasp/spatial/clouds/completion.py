@@ -63,19 +63,15 @@ class Symmetry:
         return points @ self.linear.T + self.offset
 
 
-def complete_by_symmetry(
-    cloud: SurfaceCloud, symmetry: Symmetry | None = None, walls: bool = True
-) -> SurfaceCloud:
+def complete_by_symmetry(cloud: SurfaceCloud) -> SurfaceCloud:
     """Return the cloud with the hidden side added, its points marked as completed.
+
+    Walls fall from the visible surface's edge to the table besides.
 
     Parameters
     ----------
     cloud
         Of one object, with one viewpoint or more.
-    symmetry
-        None = the most plausible one, see :func:`find_symmetry`.
-    walls
-        Also let walls fall from the visible surface's edge to the table.
 
     Returns
     -------
@@ -83,14 +79,14 @@ def complete_by_symmetry(
     """
     if cloud.reason or len(cloud.viewpoints) == 0:
         return cloud
-    symmetry = symmetry or find_symmetry(cloud)
+    symmetry = find_symmetry(cloud)
     added: list[tuple[FloatArray, FloatArray]] = []
     if symmetry is not None:
         chosen = cloud.target & ~cloud.completed & cloud.counted
         image = symmetry.apply(cloud.points[chosen])
         normals = cloud.normals[chosen] @ symmetry.linear.T
         added.append((image, normals))
-    if walls and cloud.table is not None:
+    if cloud.table is not None:
         added.append(_walls(cloud))
     for points, normals in added:
         keep = _hidden(cloud, points)

@@ -159,8 +159,6 @@ def closures(
     gripper: ParallelGripper,
     errors: FloatArray,
     openings: FloatArray | None = None,
-    friction: float | None = None,
-    errors_in_object: bool = False,
 ) -> NDArray[np.bool_]:
     """Return which grasps (c, K) close on the mesh under which errors.
 
@@ -169,11 +167,11 @@ def closures(
     poses : (c, 4, 4)
         ``mesh_from_gripper``.
     errors : (K, 4, 4)
-        Of the gripper, in its own frame; or in the object's frame with ``errors_in_object``.
+        Of the gripper, in its own frame.
     openings : (c,) or None, m
         Between the jaws before closing; None = the stroke.
     """
-    return _swept(mesh, poses, gripper, errors, openings, friction, errors_in_object)[0] > 0
+    return _swept(mesh, poses, gripper, errors, openings, None, in_object=False)[0] > 0
 
 
 def confidences(
@@ -276,7 +274,6 @@ def score_grasps(
     samples: int = 100,
     quality: Quality = "closure",
     weighting: Weighting = "plain",
-    gamma: float = 0.5,
     exact: int = _EXACT,
     sweep: float | None = None,
     load: Load | None = None,
@@ -288,8 +285,6 @@ def score_grasps(
 
     Parameters
     ----------
-    gamma
-        Torsion that a soft fingertip takes, see :func:`grasp.spatial.scoring.wrench.wrenches`.
     sweep, load
         See :func:`confidences`.
     exact
@@ -322,7 +317,7 @@ def score_grasps(
                 candidate.contacts, candidate.normals, mesh.com, mesh.radius, candidate.approach
             )
             measure = epsilon if i in best else epsilon_bound
-            scores["epsilon"] = measure(contacts, gripper.friction, gamma)
+            scores["epsilon"] = measure(contacts, gripper.friction)
         scored.append(replace(candidate, scores=scores))
     return scored
 

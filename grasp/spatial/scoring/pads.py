@@ -18,7 +18,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import line_ends
 
-__all__ = ["PadContacts", "pad_contacts", "pad_grid"]
+__all__ = ["PadContacts", "pad_contacts"]
 
 ACROSS, ALONG = 3, 7
 _COMPLIANCE_M = 0.001
@@ -53,11 +53,11 @@ class PadContacts:
     gap: FloatArray
 
 
-def pad_grid(gripper: ParallelGripper, across: int = ACROSS, along: int = ALONG) -> FloatArray:
+def _pad_grid(gripper: ParallelGripper) -> FloatArray:
     """Return places (n, 2) on a pad, m: along the gripper's y and z, evenly over the finger."""
     wide, low = gripper.finger_width, gripper.fingertip - gripper.finger_length
-    y = wide * ((np.arange(across) + 0.5) / across - 0.5)
-    z = low + gripper.finger_length * (np.arange(along) + 0.5) / along
+    y = wide * ((np.arange(ACROSS) + 0.5) / ACROSS - 0.5)
+    z = low + gripper.finger_length * (np.arange(ALONG) + 0.5) / ALONG
     return np.stack(np.meshgrid(y, z, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
@@ -68,7 +68,6 @@ def pad_contacts(
     errors: FloatArray,
     openings: FloatArray,
     errors_in_object: bool = False,
-    grid: FloatArray | None = None,
 ) -> PadContacts:
     """Return what the pads meet.
 
@@ -82,10 +81,8 @@ def pad_contacts(
         Of the gripper, in its own frame; or in the object's frame with ``errors_in_object``.
     openings : (c,), m
         Between the jaws before closing.
-    grid : (n, 2) or None, m
-        See :func:`pad_grid`.
     """
-    places = pad_grid(gripper) if grid is None else grid
+    places = _pad_grid(gripper)
     out = np.zeros((len(poses), len(errors), _COLUMNS))
     if len(poses) and len(errors) and len(mesh.faces):
         _press(

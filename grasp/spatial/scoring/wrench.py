@@ -104,15 +104,13 @@ def epsilon(contacts: Contacts, friction: float, gamma: float = 0.5, edges: int 
     return max(0.0, float(-hull.equations[:, 6].max()))
 
 
-def epsilon_bound(
-    contacts: Contacts, friction: float, gamma: float = 0.5, edges: int = _EDGES
-) -> float:
+def epsilon_bound(contacts: Contacts, friction: float) -> float:
     """Return an upper bound of epsilon, quickly.
 
     Epsilon is the least, over unit vectors u, of the largest w . u over all wrenches w; a descent
     from several u finds some value of it, mostly the least.
     """
-    w = wrenches(contacts, friction, gamma, edges)
+    w = wrenches(contacts, friction)
     # Seen from the contacts, so that the starts are the same in every frame.
     frame = _frame(contacts)
     w = np.hstack([w[:, :3] @ frame, w[:, 3:] @ frame])
