@@ -172,7 +172,7 @@ def kernel(
     >>> round(float(kernel(here, np.zeros(1), here, turned, 0.1)[0, 0]), 2)
     0.61
     """
-    if size_m <= 0:
+    if not 0 < size_m < np.inf:
         raise ValueError(f"size_m must be positive, got {size_m}")
 
     def features(p: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,7 +208,7 @@ def kernel_in_space(
     >>> round(float(kernel_in_space(here, np.array(above), here, np.array(side), 0.1)[0, 0]), 2)
     0.0
     """
-    if size_m <= 0:
+    if not 0 < size_m < np.inf:
         raise ValueError(f"size_m must be positive, got {size_m}")
 
     def features(p: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -261,7 +261,7 @@ class BetaThompson:
         Raises
         ------
         ValueError
-            Naming the arm whose quality or counts are not finite numbers in range.
+            Naming the arm or the trial whose numbers are not finite or not in range.
         """
         policy = self.policy
         for i, arm in enumerate(arms):
@@ -270,6 +270,11 @@ class BetaThompson:
                 raise ValueError(f"arm {i}: pose and counts must be finite, counts >= 0: {arm}")
             if arm.quality is not None and not 0 <= arm.quality <= 1:
                 raise ValueError(f"arm {i}: quality must lie in 0..1, got {arm.quality}")
+            if not 0 <= arm.hidden <= 1:
+                raise ValueError(f"arm {i}: hidden must lie in 0..1, got {arm.hidden}")
+        for i, trial in enumerate(trials):
+            if not all(np.isfinite(v) for v in (*trial.position, trial.theta)):
+                raise ValueError(f"trial {i}: its pose must be finite: {trial}")
         belief = np.full((len(arms), 2), policy.floor)
         for i, arm in enumerate(arms):
             if arm.quality is not None:

@@ -79,21 +79,15 @@ def moved_by(curve: Curve, frame: FloatArray) -> Curve:
     return at
 
 
-def flatten(rings: Sequence[Sequence[Piece]], tolerance: float | None = None) -> list[FloatArray]:
+def flatten(rings: Sequence[Sequence[Piece]]) -> list[FloatArray]:
     """Return the polylines (n, 2) of pieces that follow one another, repeated points left out.
 
-    Parameters
-    ----------
-    tolerance
-        Largest distance of a curve from its chords; by default .05 % of each polyline's extent.
+    No curve is farther from its chords than .05 % of its polyline's extent.
     """
     out = []
     for pieces in rings:
-        allowed = tolerance
-        if allowed is None and pieces:
-            rough = _chords(pieces, math.inf)
-            allowed = _TOLERANCE * float(np.ptp(rough, axis=0).max())
-        out.append(_chords(pieces, allowed or 0.0))
+        extent = float(np.ptp(_chords(pieces, math.inf), axis=0).max()) if pieces else 0.0
+        out.append(_chords(pieces, _TOLERANCE * extent))
     return out
 
 

@@ -67,18 +67,13 @@ class DxfOutlines:
     hidden: int = 0
 
 
-def rings_from_dxf(text: str, tolerance: float | None = None) -> DxfOutlines:
+def rings_from_dxf(text: str) -> DxfOutlines:
     """Return the closed outlines of an ASCII DXF drawing.
 
     Read are closed LWPOLYLINE and POLYLINE with bulges, CIRCLE, closed ELLIPSE and SPLINE, and
     what open ones, LINE and ARC join to end to end; also inside blocks. Open outlines are closed
     by a straight line only when nothing else is closed. Layers that are off or frozen, invisible
     entities and the paper space do not count.
-
-    Parameters
-    ----------
-    tolerance
-        Of curves, in the drawing's unit; by default .05 % of each entity's extent.
 
     Raises
     ------
@@ -93,7 +88,7 @@ def rings_from_dxf(text: str, tolerance: float | None = None) -> DxfOutlines:
     try:
         document = read(io.StringIO(_with_subclasses(text)))
         visible = _Visible(document)
-        curves = [found for entity in visible if (found := _polyline(entity, tolerance))]
+        curves = [found for entity in visible if (found := _polyline(entity))]
     except (DXFError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise ValueError(f"no DXF: {' '.join(str(error).split())}") from error
     rings = [line for line, closed in curves if closed and len(line) > 2]
@@ -170,13 +165,13 @@ class _Visible:
                 yield entity
 
 
-def _polyline(entity: Any, tolerance: float | None) -> tuple[FloatArray, bool] | None:
+def _polyline(entity: Any) -> tuple[FloatArray, bool] | None:
     """Return an entity's points (n, 2) and whether they close; None for meshes."""
     from ezdxf.path import make_path
 
     kind = entity.dxftype()
     if kind == "SPLINE":
-        return _spline(entity, tolerance)
+        return _spline(entity)
     if kind in ("CIRCLE", "ARC") and not entity.dxf.hasattr("radius"):
         raise ValueError(f"{kind} without a radius")
     if kind == "POLYLINE":
@@ -185,19 +180,19 @@ def _polyline(entity: Any, tolerance: float | None) -> tuple[FloatArray, bool] |
         # Control points of a fitted curve (flag 16) are not on it.
         entity.vertices[:] = [v for v in entity.vertices if not v.dxf.get("flags", 0) & 16]
     path = make_path(entity)
-    points = _flattened(path, kind, tolerance)
+    points = _flattened(path, kind)
     closed = kind == "CIRCLE" or (kind != "LINE" and path.is_closed)
     if kind in ("LWPOLYLINE", "POLYLINE"):
         closed = bool(entity.is_closed)
     return points, closed
 
 
-def _flattened(path: Path, kind: str, tolerance: float | None) -> FloatArray:
+def _flattened(path: Path, kind: str) -> FloatArray:
     around = _plane(path.control_vertices(), kind)
     extent = float(np.ptp(around, axis=0).max()) if len(around) else 0.0
     if extent == 0.0:
         return around[:1]
-    return _plane(path.flattening(tolerance or _TOLERANCE * extent), kind)
+    return _plane(path.flattening(_TOLERANCE * extent), kind)
 
 
 def _plane(points: Iterable[Any], kind: str) -> FloatArray:
@@ -209,7 +204,7 @@ def _plane(points: Iterable[Any], kind: str) -> FloatArray:
     return flat[np.concatenate([[True], differs])] if len(flat) else flat
 
 
-def _spline(entity: Spline, tolerance: float | None) -> tuple[FloatArray, bool]:
+def _spline(entity: Spline) -> tuple[FloatArray, bool]:
     """Return a B-spline, rational where it has weights; one through fit points without knots.
 
     ezdxf's own evaluation leaves the domain of splines whose knots are not clamped.
@@ -247,5 +242,5 @@ def _spline(entity: Spline, tolerance: float | None) -> tuple[FloatArray, bool]:
     if not np.isfinite(ends).all():
         raise ValueError("a coordinate of a SPLINE is no finite number")
     meets = abs(ends[1] - ends[0]) <= 1e-9 * (1.0 + abs(ends[0]))
-    (points,) = flatten([[(at, max(4, 2 * spans))]], tolerance)
+    (points,) = flatten([[(at, max(4, 2 * spans))]])
     return points, bool(entity.closed) or bool(meets)

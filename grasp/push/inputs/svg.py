@@ -23,17 +23,12 @@ _HREF = "{http://www.w3.org/1999/xlink}href"
 _MAX_USES = 100
 
 
-def rings_from_svg(text: str, tolerance: float | None = None) -> tuple[list[FloatArray], str]:
+def rings_from_svg(text: str) -> tuple[list[FloatArray], str]:
     """Return the closed shapes (n, 2) of an SVG document, y upwards, and their unit.
 
     Transforms, nested groups, viewBox and ``use`` are applied. The unit is that of the document's
     width when it has a viewBox, as drawing programs write it, else "px"; subpaths are closed as
     for filling.
-
-    Parameters
-    ----------
-    tolerance
-        Of curves, in the unit of the result; by default .05 % of each shape's extent.
 
     Raises
     ------
@@ -59,7 +54,7 @@ def rings_from_svg(text: str, tolerance: float | None = None) -> tuple[list[Floa
         subpaths = list(document.subpaths(root, document.view))
     except RecursionError as error:
         raise ValueError("the SVG's elements are nested too deeply") from error
-    return flatten(subpaths, tolerance), document.unit
+    return flatten(subpaths), document.unit
 
 
 class _Document:

@@ -103,6 +103,8 @@ def first_and_last(
     faces : (n, 2)
         Of the mesh; :data:`NOTHING` without a crossing.
     """
+    if not len(tree.faces):
+        return np.zeros((len(origins), 2)), np.full((len(origins), 2), NOTHING)
     lines = np.ascontiguousarray(np.hstack([origins, directions]), dtype=np.float64)
     at, index = _ends_of_lines(*tree.arrays, lines, half)
     return at, np.where(index >= 0, tree.faces[index], NOTHING)
@@ -125,6 +127,9 @@ def crossings(
         Of the tree's triangles; at most :data:`MAX_HITS` are kept.
     counts : (n,)
     """
+    if not len(tree.faces):
+        none = np.zeros((len(origins), MAX_HITS))
+        return none, np.full(none.shape, -1), np.zeros(len(origins), np.int64)
     lines = np.ascontiguousarray(np.hstack([origins, directions]), dtype=np.float64)
     found: tuple[FloatArray, IntArray, IntArray] = _all_of_lines(*tree.arrays, lines, low, high)
     return found

@@ -144,6 +144,7 @@ def test_nothing_is_chosen_when_nothing_is_worth_it():
         Arm(HERE, 0.0, 1.2),
         Arm(HERE, 0.0, 0.5, successes=-1.0),
         Arm((0.0, float("inf"), 0.0), 0.0, 0.5),
+        Arm(HERE, 0.0, 0.5, hidden=float("nan")),
     ],
 )
 def test_a_number_that_is_none_is_an_error_naming_the_arm(arm):
@@ -164,3 +165,11 @@ def test_failures_send_the_search_elsewhere_until_it_succeeds():
         tries.append(len(trials))
     # Three of twelve directions work: drawing with replacement takes 4 tries on average.
     assert np.mean(tries) < 4
+
+
+def test_attempts_nowhere_and_objects_of_no_size_are_refused():
+    arms, nowhere = [Arm(HERE, 0.0, 0.5)], Trial((float("nan"), 0.0, 0.0), 0.0, success=False)
+    with pytest.raises(ValueError, match="trial 0"):
+        BetaThompson().rank(arms, [nowhere])
+    with pytest.raises(ValueError, match="size_m"):
+        BetaThompson(size_m=float("nan")).rank(arms, [Trial(HERE, 0.0, success=False)])

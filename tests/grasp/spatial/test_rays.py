@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.rays import NOTHING, build_tree, crossings, first_and_last
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, sphere_mesh
 
@@ -66,3 +66,10 @@ def test_many_faces_in_one_place_do_not_overflow_the_stack() -> None:
     _, _, counts = crossings(tree, np.zeros((1, 3)), towards[None], 0.0, 10.0)
     assert counts[0] == 64  # as many as are kept
     assert sorted(tree.faces.tolist()) == list(range(4000))
+
+
+def test_no_line_meets_a_mesh_without_a_face() -> None:
+    nothing = as_mesh(np.empty((0, 3)), np.empty((0, 3), int))
+    origins, up = np.zeros((2, 3)), np.array([[0.0, 0, 1]] * 2)
+    assert (first_and_last(nothing.tree, origins, up, 1.0)[1] == NOTHING).all()
+    assert not crossings(nothing.tree, origins, up, -1.0, 1.0)[2].any()
