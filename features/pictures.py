@@ -211,6 +211,8 @@ def box_corners(camera_from_box: FloatArray, half_extent: FloatArray) -> NDArray
 def shade(depth_m: FloatArray, intrinsics: Intrinsics) -> UInt8Array:
     """Return a picture (h, w, 3) of a depth image without colours: surfaces lit from the camera."""
     points = points_from_depth(depth_m, intrinsics)
+    if min(depth_m.shape) < 2:
+        return np.full((*depth_m.shape, 3), 20, np.uint8)  # no slope, as where depth is missing
     across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
     normals = np.cross(across, down)
     length = np.linalg.norm(normals, axis=-1)

@@ -47,7 +47,7 @@ def jpeg(image: NDArray[np.uint8], quality: int) -> Section:
 
 
 def _section(codec: int, suffix: str, image: NDArray[Any], options: list[int]) -> Section:
-    done, stored = cv2.imencode(suffix, image, options)
+    done, stored = cv2.imencode(suffix, image, options) if image.size else (False, np.empty(0))
     if not done:
         raise ValueError(f"cannot encode an image of shape {image.shape}, {image.dtype}")
     return Section(codec, stored.tobytes(), image.nbytes)

@@ -153,10 +153,12 @@ def check_board(frame: Frame, inner: tuple[int, int], square_m: float) -> BoardC
     Raises
     ------
     ValueError
-        When the board is not found, or has too little depth.
+        When the board is not found, has fewer than 3 x 3 inner corners, or too little depth.
     """
     if frame.rgb is None:
         raise ValueError("the frame has no colour image to find the board in")
+    if min(inner) < 3:
+        raise ValueError(f"a chessboard has at least 3 x 3 inner corners, got {inner}")
     grey = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY)
     if not found:

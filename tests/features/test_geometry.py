@@ -1,4 +1,4 @@
-"""Cameras and frames."""
+"""Cameras, frames and their pictures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame, Intrinsics, look_at
+from features.pictures import shade
 
 CAMERA = Intrinsics(4, 1, 1.0, 1.0, 0.0, 0.0)
 
@@ -25,3 +26,10 @@ def test_a_view_straight_down_leaves_the_image_open(target: tuple[float, float, 
 def test_a_field_of_view_is_less_than_half_a_turn(angle: float) -> None:
     with pytest.raises(ValueError, match="field of view"):
         Intrinsics.from_fov(640, 480, angle)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5)])
+def test_an_image_without_slopes_is_shaded_as_where_depth_is_missing(
+    shape: tuple[int, int],
+) -> None:
+    assert (shade(np.ones(shape), CAMERA) == 20).all()

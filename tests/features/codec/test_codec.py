@@ -283,3 +283,8 @@ def test_a_cloud_cut_off_or_changed_anywhere_is_refused_or_read(kind: str) -> No
             decode(bytes(broken))
         except CloudFormatError:
             continue
+
+
+def test_a_frame_without_pixels_is_refused() -> None:
+    with pytest.raises(ValueError, match="cannot encode"):
+        encode_frame(Frame(np.empty((0, 0), np.float32), Intrinsics(1, 1, 1.0, 1.0, 0.0, 0.0)))

@@ -101,3 +101,11 @@ def test_the_command_says_what_is_off(tmp_path, capsys):
     assert "depth is 1.1" in " ".join(told["faults"])
     assert code == 1
     assert "belong together" in run(blocks(), "--square", "0.03")[1]
+
+
+@pytest.mark.parametrize("inner", [(0, 0), (4, 2)])
+def test_a_board_too_small_to_be_found_is_refused(inner):
+    camera = Intrinsics(40, 40, 40.0, 40.0, 20.0, 20.0)
+    frame = Frame(np.ones((40, 40), np.float32), camera, np.zeros((40, 40, 3), np.uint8))
+    with pytest.raises(ValueError, match="at least 3 x 3"):
+        check_board(frame, inner, 0.02)
