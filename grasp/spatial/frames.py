@@ -28,6 +28,9 @@ __all__ = [
 ]
 
 
+_MAX_TILT_RAD = float(np.deg2rad(20))
+
+
 def wrap_2pi(angle: float) -> float:
     """Return an angle in [0, 2 pi), rad.
 
@@ -74,20 +77,18 @@ def pose_from_planar(x: float, y: float, z: float, theta: float) -> FloatArray:
     return pose
 
 
-def planar_from_pose(
-    frame_from_gripper: FloatArray, max_tilt: float = np.deg2rad(20)
-) -> tuple[float, float, float, float]:
+def planar_from_pose(frame_from_gripper: FloatArray) -> tuple[float, float, float, float]:
     """Return (x, y, z, theta) of a pose that approaches nearly straight down.
 
     Raises
     ------
     ValueError
-        When the approach is more than ``max_tilt`` rad off the vertical.
+        When the approach is more than 20 degrees off the vertical.
     """
     if frame_from_gripper.shape != (4, 4):
         raise ValueError(f"expected a (4, 4) transform, got {frame_from_gripper.shape}")
     off = float(np.arccos(np.clip(-frame_from_gripper[2, 2], -1.0, 1.0)))
-    if off > max_tilt:
+    if off > _MAX_TILT_RAD:
         raise ValueError(
             f"the approach is {np.rad2deg(off):.0f} deg off the vertical: no planar grasp"
         )
