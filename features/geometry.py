@@ -113,22 +113,22 @@ def look_at(eye: FloatArray, target: FloatArray) -> NDArray[np.float64]:
     Parameters
     ----------
     eye, target : (3,), m
-        World frame, z up.
+        World frame, z up. Straight up or down, the world's x is to the right.
 
     Raises
     ------
     ValueError
-        When the view is straight up or down.
+        When both are one point.
 
     Examples
     --------
     >>> look_at(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))[:3, 2].tolist()
     [1.0, 0.0, 0.0]
     """
-    if np.array_equal(target[:2], eye[:2]):
-        raise ValueError(f"looking from {eye} at {target} leaves the image's upright open")
+    if np.array_equal(target, eye):
+        raise ValueError(f"a camera cannot look at its own place, got {eye} twice")
     forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = np.cross(forward, [0.0, 0.0, 1.0]) if forward[:2].any() else np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward

@@ -16,10 +16,15 @@ def test_depth_that_is_not_finite_is_no_part_of_an_object() -> None:
     assert frame.object_mask().tolist() == [[True, False, False, False]]
 
 
-@pytest.mark.parametrize("target", [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
-def test_a_view_straight_down_leaves_the_image_open(target: tuple[float, float, float]) -> None:
-    with pytest.raises(ValueError, match="upright"):
-        look_at(np.array([0.0, 0.0, 1.0]), np.array(target))
+@pytest.mark.parametrize(("height", "down"), [(1.0, -1.0), (-1.0, 1.0)])
+def test_a_camera_looks_straight_down_and_up(height: float, down: float) -> None:
+    pose = look_at(np.array([0.0, 0.0, height]), np.zeros(3))
+    assert pose[:3, :3].tolist() == [[1, 0, 0], [0, down, 0], [0, 0, down]]
+
+
+def test_a_camera_does_not_look_at_its_own_place() -> None:
+    with pytest.raises(ValueError, match="own place"):
+        look_at(np.ones(3), np.ones(3))
 
 
 @pytest.mark.parametrize("angle", [0.0, np.pi, np.nan])
