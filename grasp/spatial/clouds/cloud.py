@@ -100,7 +100,8 @@ class SurfaceCloud:
         others = self.points[~self.target]
         if self.table is None:
             return others
-        return others[others @ self.table[:3] + self.table[3] > _OVER_TABLE_VOXELS * self.voxel]
+        heights = others @ self.table[:3] + self.table[3]
+        return np.asarray(others[heights > _OVER_TABLE_VOXELS * self.voxel])
 
     def surface(self) -> Mesh:
         """Return the target, seen and completed, as small squares where its normals are known."""
