@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 
 from pyoxigraph import Quad
 
-from rtask.errors import EpochChangedError, GoneError, UsageError
+from rtask.errors import ClosedError, EpochChangedError, GoneError, UsageError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Change, Commit
 from rtask.kb.durability.journal import KeptJournal, Record
@@ -24,6 +24,8 @@ __all__ = ["Feed"]
 
 _REMEMBERED = 100_000
 _REMEMBERED_QUADS = 1_000_000
+_MAX_DIGITS = 18
+"""Digits of a commit's number."""
 _Key = tuple[Term | None, NamedNode | None, Term | None, GraphName | None]
 _Mask = tuple[bool, bool, bool, bool]
 
@@ -145,6 +147,8 @@ class Feed:
         after = None if since is None else self._after(since)
         subscriber = _Subscriber(wanted)
         with self._lock:
+            if self._closed:
+                raise ClosedError("the knowledge base is closed; it has no commits to follow")
             if after is not None:
                 self.require_kept(after)
             upto = self._announced
@@ -176,7 +180,7 @@ class Feed:
     def _after(self, since: int | str) -> int:
         """Return the commit number given by ``since``."""
         epoch, colon, number = str(since).rpartition(":")
-        if not number.isdigit():
+        if not number.isdecimal() or len(number) > _MAX_DIGITS:
             raise UsageError(f"since={since!r}: expected a commit's number or epoch:number")
         if colon and epoch != self.epoch:
             raise EpochChangedError(
@@ -215,7 +219,9 @@ class Feed:
     def changes(self, after: int, upto: int) -> Iterator[Change]:
         """Yield the commits numbered above ``after`` and up to ``upto``."""
         if self._journal is None:
-            yield from [c for c in self._remembered if after < c.commit.seq <= upto]
+            with self._lock:  # a writer may announce commits meanwhile
+                remembered = list(self._remembered)
+            yield from (c for c in remembered if after < c.commit.seq <= upto)
             return
         for record in self._journal.records(after):
             if record.seq > upto:

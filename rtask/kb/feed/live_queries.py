@@ -103,6 +103,7 @@ class _LiveQuery:
         self.rows: Counter[_Row] = Counter()
         self.is_due = True
         self.is_new = True
+        self.asking = threading.Lock()
 
 
 class LiveQueries:
@@ -198,6 +199,11 @@ class LiveQueries:
                     self._remove(one)
 
     def _ask(self, one: _LiveQuery) -> None:
+        """Evaluate a query and put the difference from its rows so far."""
+        with one.asking:  # the subscriber's thread asks first, and this one's after a commit
+            self._put_difference(one)
+
+    def _put_difference(self, one: _LiveQuery) -> None:
         seq = self._last_seq()
         answer = one.ask()
         if len(answer) > MAX_ROWS:

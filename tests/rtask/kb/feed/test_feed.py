@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import datetime as dt
 import random
 import threading
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,11 +24,12 @@ from rtask.errors import (
     TooLargeError,
     UsageError,
 )
-from rtask.kb.commit.commit import Change
-from rtask.kb.feed.live_queries import predicates_of
+from rtask.kb.commit.commit import Change, Commit
+from rtask.kb.feed.live_queries import LiveQueries, predicates_of
 from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import Quad, iri, literal
+from rtask.sparql.results import Solutions
 
 _RT = "https://w3id.org/rtask-kg/ns#"
 _ENOUGH_S = 30.0
@@ -232,6 +236,40 @@ def test_closing_ends_subscriptions(kb: KnowledgeBase) -> None:
         changes.get(0.0)
 
 
+def test_a_closed_graph_takes_no_subscription(kb: KnowledgeBase) -> None:
+    kb.close()
+    with pytest.raises(ClosedError, match="is closed"):
+        kb.subscribe()
+
+
+@pytest.mark.parametrize("since", ["²", "9" * 5_000, "one", -1])
+def test_what_is_no_number_of_a_commit_is_refused(kb: KnowledgeBase, since: int | str) -> None:
+    with pytest.raises(UsageError, match="expected a commit's number"):
+        kb.subscribe(since=since)
+
+
+def test_the_past_can_be_read_while_others_commit() -> None:
+    """A commit in the midst of reading those kept in memory, as another thread may make it."""
+
+    class Interrupted:
+        @property
+        def seq(self) -> int:
+            _insert(kb, 100 + len(inserted))
+            inserted.append(kb.seq)
+            return start + 1
+
+    inserted: list[int] = []
+    with rtask.open(":memory:", reason=False, ontologies=False) as kb:
+        start = kb.seq
+        _insert(kb, 0)
+        _insert(kb, 1)
+        kept = kb.feed._remembered
+        place = next(at for at, change in enumerate(kept) if change.commit.seq == start + 1)
+        kept[place] = replace(kept[place], commit=Interrupted())  # type: ignore[arg-type] # a stand-in
+        assert len(list(kb.feed.changes(start, start + 2))) == 2
+        assert inserted
+
+
 def test_subscribers_see_what_a_replay_of_the_journal_gives(tmp_path: Path) -> None:
     """Applying the feed to nothing gives the graph, whatever was committed (seeded)."""
     chance = random.Random(5)
@@ -248,6 +286,37 @@ def test_subscribers_see_what_a_replay_of_the_journal_gives(tmp_path: Path) -> N
             assert state.issuperset(change.removed)
             state = (state - set(change.removed)) | set(change.added)
         assert state == set(kb.match(graph=kb.graphs.shared))
+
+
+def test_a_commit_during_the_first_evaluation_of_a_live_query_is_told_once() -> None:
+    """The rows put one after the other add up to the last answer."""
+    again = threading.Event()
+    answers = iter((1, 2))
+
+    def ask() -> Solutions:
+        number = next(answers)
+        if number == 1:
+            added = (Quad(iri("urn:s"), iri("urn:p"), literal(2)),)
+            commit = Commit(2, 1, 0, 0, dt.datetime.now(dt.UTC), None)
+            queries.announce(Change(commit, None, None, added, (), (), ()))
+            again.wait(0.3)  # as long as another evaluation could overtake this one
+        else:
+            again.set()
+        return Solutions(["o"], [(literal(number),)])
+
+    queries = LiveQueries(lambda: 1, str)
+    first = queries.add("SELECT ?o { ?s <urn:q> ?o }", lambda: Solutions(["o"], []))
+    rows = queries.add("SELECT ?o { ?s <urn:p> ?o }", ask)
+    told: Counter[object] = Counter()
+    while told != Counter([2]):
+        change = rows.get(_ENOUGH_S)
+        assert change is not None
+        told.update(row.value("o") for row in change.added)
+        told.subtract(row.value("o") for row in change.removed)
+        told = +told
+    assert rows.get(0.0) is None
+    queries.close()
+    assert first.closed
 
 
 @pytest.mark.slow
