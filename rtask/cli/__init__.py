@@ -168,9 +168,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stderr.close()
         sys.exit(0)
     except OSError as error:
-        if "--debug" in given or error.filename is None:
+        if "--debug" in given:
             raise
-        click.echo(f"rtask: {_printable(str(error.filename))}: {error.strerror}", err=True)
+        where = "" if error.filename is None else f"{error.filename}: "
+        click.echo(f"rtask: {_printable(f'{where}{error.strerror or error}')}", err=True)
         sys.exit(2)
     sys.exit(done if isinstance(done, int) else 0)
 

@@ -110,14 +110,16 @@ def read_text(text: str | None, file: Path | None) -> str:
     """Return SPARQL text from the argument, a file, or standard input (``-``)."""
     from rtask.errors import UsageError
 
-    if file is not None:
-        try:
-            return file.read_text("utf-8")
-        except OSError as error:
-            raise UsageError(f"{file}: {error.strerror}") from error
-    if text is None:
+    if file is None and text is None:
         raise UsageError("give the text as an argument, --file FILE, or - for standard input")
-    return sys.stdin.read() if text == "-" else text
+    try:
+        if file is not None:
+            return file.read_text("utf-8")
+        return sys.stdin.read() if text == "-" else str(text)
+    except OSError as error:
+        raise UsageError(f"{file or 'standard input'}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{file or 'standard input'} is not text in UTF-8: {error}") from error
 
 
 def prefixes(base: str) -> dict[str, str]:
@@ -139,16 +141,16 @@ def term(text: str, base: str) -> Any:
     >>> term("rt:Mug", "urn:lab/").value.rpartition("#")[2], term('"3"', "urn:lab/").value
     ('Mug', '3')
     """
-    from pyoxigraph import NamedNode, RdfFormat, parse
+    from pyoxigraph import RdfFormat, parse
 
     from rtask.errors import UsageError
-    from rtask.rdf.terms import prologue
+    from rtask.rdf.terms import iri, prologue
 
     known = prefixes(base)
-    if "://" in text or text.startswith("urn:"):
-        return NamedNode(text)
+    if text.startswith("urn:") or ("://" in text and text[0] not in "<\"'"):
+        return iri(text)
     try:
-        document = f"{prologue(known)}<urn:s> <urn:p> {text} ."
+        document = f"{prologue(known)}<urn:s> <urn:p> {text} .".encode()
         return next(parse(document, format=RdfFormat.TURTLE)).object
     except (SyntaxError, ValueError) as error:
         raise UsageError(

@@ -226,10 +226,10 @@ def moment(value: dt.datetime | str | float | None) -> dt.datetime:
     """
     if value is None or value == "":
         return LONG_AGO
-    if isinstance(value, int | float):
-        return dt.datetime.fromtimestamp(value, dt.UTC)
     try:
+        if isinstance(value, int | float):
+            return dt.datetime.fromtimestamp(value, dt.UTC)
         found = dt.datetime.fromisoformat(value) if isinstance(value, str) else value
-    except ValueError as error:
+        return found.astimezone(dt.UTC) if found.tzinfo else found.replace(tzinfo=dt.UTC)
+    except (ValueError, OverflowError, OSError) as error:  # OSError: seconds out of range
         raise UsageError(f"{value!r} is not a time; expected e.g. 2026-01-02T03:04:05Z") from error
-    return found.astimezone(dt.UTC) if found.tzinfo else found.replace(tzinfo=dt.UTC)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +15,8 @@ import pytest
 import ontology
 import rtask
 from rtask.cli import main
+from rtask.cli.options import term
+from rtask.rdf.terms import literal
 
 pytestmark = pytest.mark.slow
 
@@ -105,6 +109,37 @@ def test_an_error_is_one_line_and_debug_shows_the_rest(shell: Shell) -> None:
         main(["--debug", "stats"])
 
 
+def test_an_error_of_the_system_that_names_no_file_is_one_line_too(
+    filled: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("rtask.knowledge_base.KnowledgeBase.dump", full)
+    done = filled("export", str(tmp_path / "all.trig"))
+    assert (done.code, done.err) == (2, "rtask: No space left on device\n")
+
+
+@pytest.mark.parametrize(
+    ("written", "iri"),
+    [("<http://h/mug>", "http://h/mug"), ("http://h/mug", "http://h/mug"), ("rt:Mug", None)],
+)
+def test_a_term_is_an_iri_with_or_without_brackets(written: str, iri: str | None) -> None:
+    assert term(written, "").value == (iri or ontology.NS + "Mug")
+
+
+def test_a_term_may_be_a_literal_that_contains_an_address() -> None:
+    assert term('"http://h/mug"', "") == literal("http://h/mug")
+
+
+@pytest.mark.parametrize("written", ["http://a b/", "<http://a b/>", "urn:a b", "\udcff", ""])
+def test_what_is_no_term_is_refused(filled: Shell, written: str) -> None:
+    done = filled("explain", written, "rdf:type", "rt:Mug")
+    assert done.code in (1, 2)
+    assert done.err.startswith("rtask: ")
+    assert done.err.count("\n") == 1
+
+
 def test_usage_errors_have_their_own_code(shell: Shell) -> None:
     assert shell("query").code == 2
     assert shell("query", "ASK {}", "--no-such").code == 2
@@ -153,6 +188,10 @@ def test_text_comes_from_a_file_or_standard_input(
     (tmp_path / "q.rq").write_text("ASK { <urn:mug> a rt:Mug }")
     assert filled("query", "-f", str(tmp_path / "q.rq")).out == "yes\n"
     assert filled("query", "-f", str(tmp_path / "absent.rq")).code == 2
+    (tmp_path / "latin.rq").write_bytes("ASK { ?s ?p 'é' }".encode("latin-1"))
+    done = filled("query", "-f", str(tmp_path / "latin.rq"))
+    assert done.code == 2
+    assert done.err.startswith(f"rtask: {tmp_path / 'latin.rq'} is not text in UTF-8")
     monkeypatch.setattr(sys, "stdin", io.StringIO("ASK {}"))
     assert filled("query", "-").out == "yes\n"
 

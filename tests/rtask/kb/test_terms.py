@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 from decimal import Decimal
 
 import pytest
@@ -14,6 +15,7 @@ from rtask.rdf.terms import (
     iri,
     is_ground,
     literal,
+    moment,
     object_term,
     python_value,
     stored,
@@ -29,8 +31,8 @@ def test_values_come_back(value: object) -> None:
 
 
 def test_other_values_become_typed_literals() -> None:
-    moment = dt.datetime(2026, 1, 2, 3, 4, 5, 600, tzinfo=dt.UTC)
-    assert literal(moment).value == "2026-01-02T03:04:05.000600Z"
+    time = dt.datetime(2026, 1, 2, 3, 4, 5, 600, tzinfo=dt.UTC)
+    assert literal(time).value == "2026-01-02T03:04:05.000600Z"
     assert literal(dt.date(2026, 1, 2)).value == "2026-01-02"
     assert literal(Decimal("1E-3")).value == "0.001"
     with pytest.raises(UsageError, match="a list cannot be converted"):
@@ -44,6 +46,14 @@ def test_text_is_an_iri_where_only_an_iri_can_stand() -> None:
         iri("a b")
     with pytest.raises(UsageError, match="expected an IRI, got int"):
         iri(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "value", ["tomorrow", "0001-01-01T00:00:00+05:00", 1e20, math.nan, math.inf]
+)
+def test_a_moment_that_is_no_time_or_out_of_range_is_refused(value: str | float) -> None:
+    with pytest.raises(UsageError, match="is not a time"):
+        moment(value)
 
 
 def test_blank_nodes_are_found_inside_triple_terms() -> None:
