@@ -156,6 +156,11 @@ def open_knowledge_base(
     if text.startswith(("http://", "https://", "sparql+http")):
         place = Place(text, None if folder is None else Path(folder))
         return _open_address(place, token, timeout_s, base, union, plain, options)
+    if "://" in text:
+        raise UsageError(
+            f"{text!r} is no address of a SPARQL server; one begins with http://, https://, "
+            "sparql+http:// or sparql+https://"
+        )
     if text == ":memory:":
         return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
     path = Path(text)

@@ -138,6 +138,15 @@ def test_wrong_options_are_named(options: dict[str, object], error: type[Excepti
         rtask.open(":memory:", **options)
 
 
+def test_an_address_of_another_scheme_is_not_taken_for_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"one begins with http://"):
+        rtask.open("ftp://host/sparql")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_closed_knowledge_base_says_so() -> None:
     kb = _bare(":memory:")  # type: ignore[arg-type]
     kb.close()
