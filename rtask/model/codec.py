@@ -107,15 +107,24 @@ def _integer(value: object, datatype: str) -> Literal:
         raise ValueError("a whole number")
     low, high = _INTEGERS[datatype.removeprefix(XSD)]
     if not low <= value <= high:
-        raise ValueError(f"a whole number of {low} or more" if high == math.inf else "less")
+        raise ValueError(f"a whole number {_range(low, high)}")
     return Literal(str(value), datatype=NamedNode(datatype))
+
+
+def _range(low: float, high: float) -> str:
+    if high == math.inf:
+        return f"of {low} or more"
+    return f"of {high} or less" if low == -math.inf else f"from {low} to {high}"
 
 
 def _double(value: object, datatype: str) -> Literal:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError("a number")
-    # 0.0 and -0.0 are two values of a functional property
-    return Literal(repr(float(value) + 0.0), datatype=NamedNode(datatype))
+    try:
+        number = float(value) + 0.0  # 0.0 and -0.0 are two values of a functional property
+    except OverflowError:
+        raise ValueError("a number within the range of a double") from None
+    return Literal(repr(number), datatype=NamedNode(datatype))
 
 
 def _boolean(value: object, datatype: str) -> Literal:
@@ -135,7 +144,10 @@ def _text(value: object, datatype: str) -> Literal:
 def _decimal(value: object, datatype: str) -> Literal:
     if isinstance(value, bool) or not isinstance(value, int | decimal.Decimal):
         raise ValueError("a Decimal")
-    return Literal(format(decimal.Decimal(value), "f"), datatype=NamedNode(datatype))
+    number = decimal.Decimal(value)
+    if not number.is_finite():
+        raise ValueError("a finite Decimal")
+    return Literal(format(number, "f"), datatype=NamedNode(datatype))
 
 
 def _datetime(value: object, datatype: str) -> Literal:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 
 __all__ = ["Limits"]
 
@@ -36,7 +37,7 @@ class Limits:
 
     def complaint(self, value: object) -> str | None:
         """Return what was expected, if the value violates a constraint."""
-        if isinstance(value, int | float) and not isinstance(value, bool):
+        if isinstance(value, int | float | Decimal) and not isinstance(value, bool):
             if self.least is not None and value < self.least:
                 return f"{self.least} or more"
             if self.most is not None and value > self.most:

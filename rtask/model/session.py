@@ -14,7 +14,7 @@ from rtask.model.annotations import Note, read_annotations
 from rtask.model.backing import Backed, Statements, Touched, Writes
 from rtask.model.flush import Flush, named
 from rtask.model.identity import IdentityMap
-from rtask.model.instance import Annotation, Model, Property
+from rtask.model.instance import Annotation, Model, Property, field_of
 from rtask.model.query.builder import Query
 from rtask.model.query.plan import Plan, finished
 from rtask.model.reading import Lazy, Reader
@@ -172,7 +172,7 @@ class Session:
 
     def find(self, model: type[M], name: str | NamedNode) -> M | None:
         """Return the object of an IRI, or ``None`` if the graph states nothing about it."""
-        text = name if isinstance(name, str) else name.value
+        text = iri(name).value
         known = self.identities.find(text)
         if known is not None and known.__state__.deleted:
             return None
@@ -200,7 +200,7 @@ class Session:
 
     def stated_by(self, instance: Model, name: str) -> list[tuple[object, str]]:
         """Return each value of a field with the graphs that state it."""
-        field = type(instance).__fields__[name]
+        field = field_of(instance, name)
         quads = self.kb.match(NamedNode(instance.iri), NamedNode(field.iri))
         values = field.python(instance, [quad.object for quad in quads])
         graphs = [getattr(quad.graph_name, "value", "") for quad in quads]

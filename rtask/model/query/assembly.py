@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from decimal import Decimal
 from typing import Any, Protocol, TypeVar, overload
 
 import pyoxigraph as ox
@@ -144,7 +145,7 @@ def _sort_key(term: Term | None) -> tuple[int, Any]:
     if isinstance(term, NamedNode):
         return (2, term.value)
     value = decode(term)
-    if isinstance(value, bool | int | float):
+    if isinstance(value, bool | int | float | Decimal):
         return (3, value)
     if isinstance(value, str):
         return (4, value)
@@ -278,18 +279,25 @@ class PlainAnswers:
             check_root(self._plan, path)
         if batch is None:
             return _plain(self._select(compiled.row_text(self._plan, paths)), len(paths))
+        self._check_batch(batch, "values(batch=)")
+        return self._batches(paths, batch)
+
+    def _check_batch(self, batch: int, what: str) -> None:
+        """Raise unless the objects can be read in batches of this size, by IRI."""
         if isinstance(batch, bool) or not isinstance(batch, int) or batch < 1:
             raise UsageError(f"expected a batch of 1 or more objects, not {batch!r}")
         if self._plan.orders or self._plan.limit is not None or self._plan.offset:
-            raise UsageError("values(batch=) sorts by IRI: remove order_by, limit and offset")
-        return self._batches(paths, batch)
+            raise UsageError(f"{what} sorts by IRI: remove order_by, limit and offset")
+
+    def _page(self, last: str, batch: int) -> Plan:
+        """Return the plan of the batch that begins after an IRI."""
+        conditions = (*self._plan.conditions, (After(last),))
+        return replace(self._plan, conditions=conditions, limit=batch)
 
     def _batches(self, paths: tuple[Path[Any], ...], batch: int) -> Iterator[tuple[Any, ...]]:
         last = ""
         while True:
-            conditions = (*self._plan.conditions, (After(last),))
-            plan = replace(self._plan, conditions=conditions, limit=batch)
-            rows = self._select(compiled.page_text(plan, paths))
+            rows = self._select(compiled.page_text(self._page(last, batch), paths))
             yield from _plain(rows, len(paths))
             roots = {term_name(row[0]) for row in rows.tuples()}
             if len(roots) < batch:

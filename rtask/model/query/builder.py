@@ -106,7 +106,8 @@ class Query(PlainAnswers, Generic[M]):
             named = ", ".join(dict.fromkeys(repr(p) for c in conditions for p in _paths(c)))
             lines.append(f"{query.count():7d}  after where {at + 1}: {named or 'a raw pattern'}")
         if plan.limit is not None or plan.offset:
-            lines.append(f"         then {plan.limit} of them from number {plan.offset} on")
+            some = "all" if plan.limit is None else plan.limit
+            lines.append(f"         then {some} of them from number {plan.offset} on")
         wanted = eager(plan.model, plan.following(()))
         lines.append(f"{len(wanted):7d}  properties are read with each")
         for path in plan.prefetch:
@@ -158,13 +159,13 @@ class Query(PlainAnswers, Generic[M]):
 
         Memory use is constant. Each batch is one query, which begins after the last IRI.
         """
-        if self._plan.orders or self._plan.limit is not None or self._plan.offset:
-            raise UsageError("stream() sorts by IRI: remove order_by, limit and offset")
+        self._check_batch(batch, "stream()")
+        return self._objects(batch)
+
+    def _objects(self, batch: int) -> Iterator[M]:
         last = ""
         while True:
-            conditions = (*self._plan.conditions, (After(last),))
-            page: Query[M] = self._with(conditions=conditions, limit=batch)
-            objects = page.all()
+            objects = Query[M](self._session, self._page(last, batch)).all()
             yield from objects
             if len(objects) < batch:
                 return
@@ -291,6 +292,8 @@ class Groups:
         """Return one dictionary per group: path names and the named aggregates."""
         plan = self._query._plan
         for column in (*columns.values(), *(condition.number for condition in self._having)):
+            if not isinstance(column, Aggregate):
+                raise UsageError(f"not an aggregate: {column!r}; use count(), avg(path) and so on")
             if column.path is not None:
                 check_root(plan, column.path)
         text = compiled.aggregate_text(plan, self._paths, list(columns.values()), self._having)

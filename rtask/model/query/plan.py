@@ -73,8 +73,12 @@ def check_root(plan: Plan, path: Path[Any]) -> tuple[Property, ...]:
     Raises
     ------
     UsageError
-        If it begins elsewhere.
+        If it begins elsewhere, or is no path at all.
     """
+    if not isinstance(path, Path):
+        raise UsageError(
+            f"expected a path such as {plan.model.__name__}.name_of_a_field, not {path!r}"
+        )
     if not (issubclass(plan.model, root(path)) or issubclass(root(path), plan.model)):
         raise UsageError(f"{path!r} does not begin at {plan.model.__name__}")
     return steps(path)

@@ -64,6 +64,7 @@ def test_explain_shows_where_nothing_is_left(still_lab: KnowledgeBase) -> None:
     with still_lab.session() as s:
         query = s.query(G).where(G.grasp_quality > 0.7).where(G.grasp_of.name == "spoon")
         lines = query.prefetch(G.grasp_of).limit(3).explain().splitlines()
+        assert "then all of them from number 2 on" in s.query(G).offset(2).explain()
     counts = [int(line.split()[0]) for line in lines[:3]]
     assert counts == [3, 2, 0]
     assert "GraspConfiguration.grasp_of.name" in lines[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -15,6 +16,7 @@ from rtask.model import RTASK, FieldError, load_model
 from rtask.model.dynamic import build
 from rtask.model.generate import generate_rtask
 from rtask.model.instance import required
+from rtask.model.limits import Limits
 from rtask.model.schema import read_schema
 
 pytestmark = pytest.mark.slow
@@ -115,6 +117,25 @@ def test_a_dynamic_class_behaves_like_a_generated_one(shop: KnowledgeBase) -> No
         assert isinstance(s.query(RTASK.ManipulableObject).one(), onto.Toy)
     with pytest.raises(FieldError, match="takes a Decimal"):
         onto.Article(price="cheap")
+
+
+def test_decimals_are_sorted_as_numbers(shop: KnowledgeBase) -> None:
+    onto = load_model(shop, "http://example.org/shop")
+    prices = [Decimal("10.5"), Decimal("9.5"), Decimal("100")]
+    with shop.session(agent="clerk") as s:
+        for number, price in enumerate(prices):
+            s.add(onto.Toy(object_id=f"shop/toy-{number}", price=price))
+    with shop.session() as s:
+        toys = s.query(onto.Toy).order_by(onto.Toy.price).all()
+        assert [toy.price for toy in toys] == sorted(prices)
+
+
+def test_a_decimal_is_finite_and_within_its_limits(shop: KnowledgeBase) -> None:
+    onto = load_model(shop, "http://example.org/shop")
+    with pytest.raises(FieldError, match="takes a finite Decimal"):
+        onto.Article(price=Decimal("NaN"))
+    assert Limits(least=0.0).complaint(Decimal("-0.01")) == "0.0 or more"
+    assert Limits(least=0.0).complaint(Decimal("0.01")) is None
 
 
 def test_dynamic_classes_are_found_by_name_and_iri(shop: KnowledgeBase) -> None:

@@ -47,6 +47,23 @@ def test_wrong_values_are_refused(make: Any, message: str) -> None:
         make()
 
 
+@pytest.mark.parametrize(
+    ("datatype", "value", "message"),
+    [
+        ("byte", 128, "a whole number from -128 to 127"),
+        ("unsignedByte", -1, "a whole number from 0 to 255"),
+        ("negativeInteger", 0, "a whole number of -1 or less"),
+        ("nonNegativeInteger", -1, "a whole number of 0 or more"),
+        ("double", 10**400, "a number within the range of a double"),
+    ],
+)
+def test_a_number_out_of_range_is_refused_with_the_range(
+    datatype: str, value: int, message: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        encode(value, XSD + datatype)
+
+
 def test_an_error_names_field_and_property() -> None:
     with pytest.raises(FieldError) as caught:
         RTASK.Mug(mass=-1.0)

@@ -254,7 +254,9 @@ def test_streaming_gives_the_same_objects(still_lab: KnowledgeBase, queries: lis
         assert [g.iri for g in s.query(G).stream(batch=2)] == s.query(G).ids()
         assert len(queries) == 3
         with pytest.raises(UsageError, match="remove order_by"):
-            next(s.query(G).limit(1).stream())
+            s.query(G).limit(1).stream()
+        with pytest.raises(UsageError, match="1 or more objects, not 0"):
+            s.query(G).stream(batch=0)
 
 
 def test_a_raw_pattern_narrows_too(still_lab: KnowledgeBase) -> None:
@@ -291,6 +293,16 @@ def test_a_path_must_begin_at_the_class(still_lab: KnowledgeBase) -> None:
             s.query(G).where(G.grasp_quality == None).all()  # noqa: E711
         with pytest.raises(UsageError, match="no truth value"):
             s.query(G).where(0.1 < G.grasp_quality < 0.9)
+
+
+def test_text_in_the_place_of_a_path_is_refused(still_lab: KnowledgeBase) -> None:
+    with still_lab.session() as s:
+        query: Any = s.query(G)
+        for wrong in (query.order_by, query.prefetch, query.group_by, query.min, query.values):
+            with pytest.raises(UsageError, match=r"a path such as .*, not 'grasp_quality'"):
+                wrong("grasp_quality")
+        with pytest.raises(UsageError, match="not an aggregate: 3"):
+            query.aggregate(number=3)
 
 
 def test_after_closing_nothing_is_asked(still_lab: KnowledgeBase) -> None:

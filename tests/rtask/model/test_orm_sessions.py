@@ -9,7 +9,13 @@ from pyoxigraph import NamedNode
 
 import ontology
 import rtask
-from rtask.errors import InconsistentError, UnknownTermError, UsageError, VersionConflictError
+from rtask.errors import (
+    DataError,
+    InconsistentError,
+    UnknownTermError,
+    UsageError,
+    VersionConflictError,
+)
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, OwnershipError, Session
 
@@ -47,6 +53,10 @@ def test_unknown_and_misnamed_objects(lab: KnowledgeBase) -> None:
             s.get(RTASK.Mug, lab.base + "object/99")
         with pytest.raises(UnknownTermError, match=r"is a .*, not a Frame"):
             s.get(RTASK.Frame, lab.base + "object/1")
+        with pytest.raises(DataError, match="not an absolute IRI: 'object 1'"):
+            s.get(RTASK.Mug, "object 1")
+        with pytest.raises(UsageError, match="Mug has no field 'masss'"):
+            s.stated_by(s.get(RTASK.Mug, lab.base + "object/1"), "masss")
 
 
 def test_a_block_is_one_commit_in_the_agents_graph(kb: KnowledgeBase) -> None:
