@@ -164,6 +164,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         click.echo(f"rtask: {_printable(str(error))}{_advice(error)}", err=True)
         sys.exit(error.exit_code)
+    except UnicodeEncodeError as error:  # an argument that is not UTF-8, or a terminal of another
+        if "--debug" in given:
+            raise
+        there = error.object[max(error.start - 20, 0) : error.end + 20]
+        click.echo(f"rtask: {there!r} cannot be written in {error.encoding}", err=True)
+        sys.exit(2)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)

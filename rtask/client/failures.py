@@ -24,7 +24,7 @@ def failure_of(answer: httpx.Response) -> Exception:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
     try:
         problem = answer.json()
-        words = str(problem.get("detail") or problem.get("title"))
+        words = str(problem.get("detail") or problem.get("title") or answer.text[:500])
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
     if answer.status_code == 401:

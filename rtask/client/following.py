@@ -141,7 +141,10 @@ def follow_remote(
                 if name != "change":
                     continue
                 if data.get("truncated"):
-                    data = session().get(str(data["whole"])).raise_for_status().json()
+                    answer = session().get(str(data["whole"]))
+                    if answer.is_error:
+                        raise failure_of(answer)
+                    data = answer.json()
                 version = id_
                 yield FollowedChange.told(data, id_)
         except httpx.TransportError as error:

@@ -15,6 +15,7 @@ from rtask.errors import (
     ForbiddenError,
     RemoteUnavailableError,
     RtaskError,
+    UsageError,
 )
 
 __all__ = ["ServiceSocket", "is_near"]
@@ -66,6 +67,8 @@ class ServiceSocket:
             Not connected, or no answer in time.
         CallFailedError
             The server's words.
+        UsageError
+            The arguments are not JSON, such as a number that is not finite.
         """
         patience = Patience(self._timeout_s if timeout_s is None else timeout_s)
         with self._lock:
@@ -136,7 +139,11 @@ class ServiceSocket:
         message: dict[str, Any] = {"op": "call_service", "id": number, "service": service}
         message.update(args=args, timeout=max(patience.left_s, 0.001))
         try:
-            self._socket.send(json.dumps(message, allow_nan=False))
+            text = json.dumps(message, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise UsageError(f"{service}: the arguments are not JSON: {error}") from error
+        try:
+            self._socket.send(text)
         except ConnectionClosed as error:
             raise EOFError(str(error)) from error
         return number

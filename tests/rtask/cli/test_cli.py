@@ -120,6 +120,11 @@ def test_an_error_of_the_system_that_names_no_file_is_one_line_too(
     assert (done.code, done.err) == (2, "rtask: No space left on device\n")
 
 
+def test_an_argument_that_is_not_utf8_is_an_error_of_one_line(filled: Shell) -> None:
+    done = filled("contributors", "withdraw", "nao-\udcff")
+    assert (done.code, done.err) == (2, "rtask: 'nao-\\udcff' cannot be written in utf-8\n")
+
+
 @pytest.mark.parametrize(
     ("written", "iri"),
     [("<http://h/mug>", "http://h/mug"), ("http://h/mug", "http://h/mug"), ("rt:Mug", None)],

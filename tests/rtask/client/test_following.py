@@ -8,10 +8,12 @@ import socket
 import threading
 from pathlib import Path
 
+import httpx
 import pytest
 
 import rtask
-from rtask.errors import EpochChangedError, RemoteUnavailableError, UsageError
+from rtask.client.following import Pattern, follow_remote
+from rtask.errors import CallFailedError, EpochChangedError, RemoteUnavailableError, UsageError
 from tests.servers import running_server
 
 
@@ -88,3 +90,15 @@ def test_nobody_there_is_an_error_after_the_given_time():
         changes = graph.follow()
         with pytest.raises(RemoteUnavailableError):
             next(changes)
+
+
+def test_a_large_change_that_is_no_longer_kept_is_an_error_in_the_servers_words():
+    def serve(request: httpx.Request) -> httpx.Response:
+        if request.url.path == "/changes":
+            event = 'event: change\nid: e:1\ndata: {"truncated": true, "whole": "/changes/1"}\n\n'
+            return httpx.Response(200, text=event)
+        return httpx.Response(410, json={"detail": "commit 1 is no longer kept"})
+
+    session = httpx.Client(base_url="http://graph", transport=httpx.MockTransport(serve))
+    with session, pytest.raises(CallFailedError, match="commit 1 is no longer kept"):
+        next(follow_remote(lambda: session, Pattern(), None, 1.0))

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
 
 from rtask.client.base import Client
 from rtask.client.outbox import Outbox
-from rtask.errors import AuthenticationError, CallFailedError, RemoteUnavailableError
+from rtask.client.remote import RemoteClient
+from rtask.errors import (
+    AuthenticationError,
+    CallFailedError,
+    RemoteUnavailableError,
+    UsageError,
+)
 
 
 class Flaky(Client):
@@ -166,3 +173,11 @@ def test_bytes_are_kept_and_sent_as_base64(tmp_path):
     client.tell("insert_object", objects=[{"data": b"xyz"}])
     client.deliver()
     assert client.arrived[0][1]["objects"][0]["data"] == "eHl6"
+
+
+def test_a_number_that_json_lacks_is_refused_and_does_not_block_the_outbox(tmp_path, monkeypatch):
+    client = RemoteClient("http://127.0.0.1:9", outbox=tmp_path / "outbox.jsonl")
+    monkeypatch.setattr(client._socket, "_open", lambda patience: None)
+    with client, pytest.raises(UsageError, match="the arguments are not JSON"):
+        client.call("report_outcome", task_id="t-1", grasp_quality=math.nan)
+    assert client.waiting == 0
