@@ -33,7 +33,7 @@ __all__ = ["Pool", "Runner", "Sizes"]
 
 _log = logging.getLogger(__name__)
 _CLOSE_S, _GRACE_S = 10.0, 4.0
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S, _MAX_DOUBLINGS = 1.0, 60.0, 10
 
 
 class Runner(Protocol):
@@ -268,7 +268,7 @@ class Pool:
             self._starting -= 1
             self._threads.discard(threading.current_thread())
             pause_s = min(_FIRST_PAUSE_S * 2**self._failures, _LONGEST_PAUSE_S)
-            self._failures += 1
+            self._failures = min(self._failures + 1, _MAX_DOUBLINGS)
             problem = StartupFailedError(
                 f"{self.name} could not be made ready: {words}", retry_after_s=round(pause_s, 1)
             )

@@ -27,8 +27,8 @@ class Merge:
     Parameters
     ----------
     rules
-        What to do with conflicts, by the beginning of ``path`` or, for records, of ``path#key``;
-        the longest one that fits counts. ``""`` is for all.
+        What to do with conflicts, by the path of a file, of a folder that holds it or, for records,
+        by ``path#key``; the longest one that fits counts. ``""`` is for all.
     key
         Field that tells records apart; empty where files are only bytes.
     read, write

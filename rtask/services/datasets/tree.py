@@ -143,8 +143,8 @@ def merge(
     Parameters
     ----------
     rules
-        What to do with conflicts, by the beginning of a path; the longest one that fits counts.
-        ``""`` is for all.
+        What to do with conflicts, by the path of a file or of a folder that holds it; the longest
+        one that fits counts. ``""`` is for all.
     combine
         Is asked first about each file that both sides changed.
 
@@ -197,9 +197,25 @@ def _without_clashes(
 
 
 def rule_for(path: str, rules: Mapping[str, Strategy]) -> Strategy:
-    """Return the rule whose beginning of a path fits best; ``fail`` if none does."""
-    fitting = [start for start in rules if path.startswith(start.removeprefix("/"))]
+    """Return the rule of the narrowest place that a path lies in; ``fail`` if there is none.
+
+    Examples
+    --------
+    >>> rule_for("parts/cup.stl", {"": "ours", "parts": "theirs", "parts/c": "ours"})
+    'theirs'
+    >>> rule_for("tries.jsonl#t17", {"tries.jsonl#t1": "theirs"})
+    'fail'
+    """
+    fitting = [place for place in rules if _lies_in(path, place.removeprefix("/"))]
     return rules[max(fitting, key=len)] if fitting else "fail"
+
+
+def _lies_in(path: str, place: str) -> bool:
+    """Tell whether a file, or a record of one, is at a place or in it."""
+    if place in ("", path) or path.startswith(f"{place}#"):
+        return True
+    is_record = "#" in place and not place.endswith("/")
+    return not is_record and path.startswith(f"{place.rstrip('/')}/")
 
 
 def as_json(tree: Tree) -> dict[str, Any]:

@@ -22,8 +22,10 @@ from rtask.services import (
     method,
     shutdown,
 )
-from rtask.services.call import Invocation
+from rtask.services.call import Call, Invocation
 from rtask.services.host import MAX_POOLS
+from rtask.services.pool import Pool, Sizes
+from rtask.services.task import Task
 from tests.rtask.services.lab import (
     CLOSED,
     Arm,
@@ -35,6 +37,18 @@ def test_a_service_that_cannot_start_says_so_and_pauses(host):
         with pytest.raises(StartupFailedError, match="OSError: no such device"):
             host.call("lab/Broken", "use")
     assert host.state(host.registry.find("lab/Broken")) == "failed"
+
+
+def test_callers_hear_of_a_start_that_has_failed_ever_so_often():
+    def start():
+        raise UnknownTermError("no such device")  # of the product's own errors, nothing is logged
+
+    pool = Pool("lab/Broken", start, Sizes(1))
+    for _ in range(1_030):  # two to the power of this is more than a float holds
+        pool._try_again_s = 0.0
+        task = Task(None, None, Call(), "lab/Broken@1.0.0")
+        pool.submit(task)
+        assert isinstance(task.done.exception(timeout=10.0), StartupFailedError)
 
 
 @pytest.mark.slow

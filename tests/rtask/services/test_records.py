@@ -82,7 +82,7 @@ def test_each_conflict_of_records_is_named_and_decided_by_a_rule(datasets, ours,
     assert raised.value.details["conflicts"] == [{"path": FILE, "kind": kind, "key": "a"}]
     assert datasets.find("lab/Outcomes") == before
     with pytest.raises(ConflictError):
-        datasets.merge("lab/Outcomes", "nao/Outcomes", {f"{FILE}#b": "theirs"})
+        datasets.merge("lab/Outcomes", "nao/Outcomes", {f"{FILE}#b": "theirs", FILE[:3]: "ours"})
     datasets.merge("lab/Outcomes", "nao/Outcomes", {f"{FILE}#a": "theirs"})
     merged = {one["id"]: one for one in records(datasets, "lab/Outcomes")}
     assert merged.get("a") == theirs
