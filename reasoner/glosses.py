@@ -86,6 +86,3 @@ class Glossary:
         for c in sorted(self._view.objects(v.COMPLEMENT, number)):
             return f"not {self.term(c, depth + 1)}"
         return ""
-
-
-Shorten = Callable[[tuple[Term, Term, Term]], str]

@@ -16,7 +16,7 @@ from typing import Any
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
-from reasoner.glosses import Glossary, Name, Shorten, local_name
+from reasoner.glosses import Glossary, Name, local_name
 from reasoner.rules.rule import Bindings, Rule, bind, ground, solve
 from reasoner.rules.strata import Program, constants_of
 from reasoner.terms.dictionary import Dictionary, Fact, Triple
@@ -95,20 +95,19 @@ class Proof:
     def __str__(self) -> str:
         return self.render()
 
-    def render(self, shorten: Shorten | None = None) -> str:
+    def render(self) -> str:
         """Return the proof as an indented text, one line per triple."""
-        return "\n".join(self._lines(shorten, "", ""))
+        return "\n".join(self._lines("", ""))
 
-    def _lines(self, shorten: Shorten | None, first: str, rest: str) -> Iterator[str]:
+    def _lines(self, first: str, rest: str) -> Iterator[str]:
         reason = self.rule
         if self.is_asserted and self.graphs:
             reason = "asserted: " + ", ".join(self.graphs)
-        said = shorten(self.triple) if shorten else self.gloss
-        yield f"{first + said:<60} {reason}"
+        yield f"{first + self.gloss:<60} {reason}"
         for pattern in self.absent:
             yield f"{rest}|- absent: {pattern}"
         for premise in self.premises:
-            yield from premise._lines(shorten, rest + "|- ", rest + "   ")
+            yield from premise._lines(rest + "|- ", rest + "   ")
 
 
 class Expanded:

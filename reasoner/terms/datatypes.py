@@ -56,8 +56,7 @@ _RANGES: dict[str, tuple[int | None, int | None]] = {
     **{name: (-(1 << (w - 1)), (1 << (w - 1)) - 1) for name, w in _WIDTHS.items()},
     **{f"unsigned{name.title()}": (0, (1 << w) - 1) for name, w in _WIDTHS.items()},
 }
-INTERVALS = {XSD + name: bounds for name, bounds in _RANGES.items()}
-"""Inclusive bounds of the integer datatypes by IRI; None is unbounded."""
+"""Inclusive bounds of the integer datatypes; None is unbounded."""
 
 _NAME_START = (
     r"A-Za-z_:\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u2070-\ufffd"

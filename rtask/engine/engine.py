@@ -220,10 +220,6 @@ class Engine:
         for listener in tuple(self._listeners):
             listener(call)
 
-    def sync_index(self) -> int:
-        """Synchronise the index with the graph; return the number of added views."""
-        return self.context.views.sync()
-
     def rebuild_index(self, progress: Progress | None = None) -> int:
         """Rebuild the index from the graph; return the number of views.
 

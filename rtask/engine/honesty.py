@@ -41,6 +41,13 @@ _CONTRADICTS, _LEAST = 0.02, 8
 _LATEST = 5_000
 """Attempts that are looked at, so that no decision waits long for it."""
 
+_STALE_SHARE = 0.05
+"""Beliefs are renewed when outcomes have changed by more than this share of those known."""
+
+_OTHERS_WEIGHT = 0.5
+"""Weight of one report of another robot. Below 1, because robots that differ in pose and wear do
+not draw from exactly one chance."""
+
 _PRIOR = np.array([0.9, 0.025, 0.025, 0.025, 0.025])
 _PSEUDO = 0.5
 _NODES = 33
@@ -96,14 +103,8 @@ class Honesty:
         return self.truthful < _CONTRADICTS and self.comparable >= _LEAST
 
 
-def judge_honesty(reports: Sequence[Reports], share: float = 0.5) -> dict[str, Honesty]:
+def judge_honesty(reports: Sequence[Reports]) -> dict[str, Honesty]:
     """Return the belief about each robot, from how its reports fit those of the others.
-
-    Parameters
-    ----------
-    share
-        Weight of one report of another robot, 0..1. Below 1, because robots that differ in pose and
-        wear do not draw from exactly one chance.
 
     Examples
     --------
@@ -118,7 +119,7 @@ def judge_honesty(reports: Sequence[Reports], share: float = 0.5) -> dict[str, H
     said = _Said.of(reports)
     belief = np.tile(_PRIOR, (len(said.names), 1))
     for _ in range(_ROUNDS):
-        now = _beliefs(said, belief, share)
+        now = _beliefs(said, belief)
         settled = bool(np.abs(now - belief).max() < 1e-4)
         # Half a step, so that two robots that contradict each other do not swap for ever.
         belief = now if settled else (belief + now) / 2
@@ -194,9 +195,9 @@ def _sums(group: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.fl
     return sums
 
 
-def _beliefs(said: _Said, belief: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+def _beliefs(said: _Said, belief: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (r, m) probabilities of manners, given the reports and the (r, m) beliefs."""
-    trust = belief[said.robot, 0] * share
+    trust = belief[said.robot, 0] * _OTHERS_WEIGHT
     lost = said.count - said.held
     a = _PSEUDO + said.of_others(trust * said.held)
     b = _PSEUDO + said.of_others(trust * lost)
@@ -241,13 +242,10 @@ class HonestyCatalogue:
     ----------
     kb
         The knowledge base.
-    share
-        Renewed when outcomes have changed by more than this share of those known.
     """
 
-    def __init__(self, kb: GraphCore, share: float = 0.05) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
-        self._share = share
         self._lock = threading.Lock()
         self._known: dict[str, Honesty] | None = None
         self._total = self._changed = 0
@@ -276,7 +274,7 @@ class HonestyCatalogue:
             IRI of the robot that asks; its own word always counts in full.
         """
         with self._lock:
-            if self._known is None or self._changed > self._share * self._total:
+            if self._known is None or self._changed > _STALE_SHARE * self._total:
                 self._renew()
             assert self._known is not None
             found = self._known.values()

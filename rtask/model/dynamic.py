@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["Vocabulary", "build", "load_model"]
 
 _IMPORTS = "http://www.w3.org/2002/07/owl#imports"
-_IS_DEFINED_BY = "http://www.w3.org/2000/01/rdf-schema#isDefinedBy"
 
 
 class Vocabulary:

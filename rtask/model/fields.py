@@ -215,9 +215,6 @@ def plain_item(item: Item) -> Any:
 class One(Field, Generic[T]):
     """At most one plain value."""
 
-    def __init__(self, iri: str, value: str, **options: Any) -> None:
-        super().__init__(iri, value, **options)
-
     @overload
     def __get__(self, instance: None, owner: type[Any]) -> Path[T]: ...
     @overload
@@ -236,9 +233,6 @@ class Many(Field, Generic[T]):
     """Any number of plain values."""
 
     single = False
-
-    def __init__(self, iri: str, value: str, **options: Any) -> None:
-        super().__init__(iri, value, **options)
 
     @overload
     def __get__(self, instance: None, owner: type[Any]) -> Path[T]: ...
@@ -259,9 +253,6 @@ class Link(Field, Generic[M]):
 
     is_link = True
 
-    def __init__(self, iri: str, value: str, **options: Any) -> None:
-        super().__init__(iri, value, **options)
-
     @overload
     def __get__(self, instance: None, owner: type[Any]) -> Path[str]: ...
     @overload
@@ -281,9 +272,6 @@ class Links(Field, Generic[M]):
 
     is_link = True
     single = False
-
-    def __init__(self, iri: str, value: str, **options: Any) -> None:
-        super().__init__(iri, value, **options)
 
     @overload
     def __get__(self, instance: None, owner: type[Any]) -> Path[str]: ...

@@ -27,7 +27,7 @@ from rtask.rdf.terms import (
     written,
 )
 from rtask.remote.endpoints import addresses
-from rtask.remote.transport import Connection, read_rows, read_triples
+from rtask.remote.transport import Connection, read_whole
 from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.lexer import query_form
 from rtask.sparql.results import Solutions, Triples
@@ -120,7 +120,7 @@ class RemoteKnowledgeBase(Graph):
         rows = query_form(text) in ("select", "ask")
         form = _ROWS if rows else _TRIPLES
         answer = self.ask(text, form, default_graphs, named_graphs, timeout_s, inferred)
-        return read_rows(answer) if rows else read_triples(answer)
+        return read_whole("rows" if rows else "triples", answer)
 
     def ask(
         self,

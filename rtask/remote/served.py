@@ -28,7 +28,8 @@ from rtask.remote.commits import Commits
 from rtask.remote.endpoints import TRIPLES, addresses
 from rtask.remote.excerpt import Collected, Excerpt
 from rtask.remote.knowledge_base import RemoteKnowledgeBase
-from rtask.remote.transport import read_triples
+from rtask.remote.transport import read_whole
+from rtask.sparql.results import Triples
 
 if TYPE_CHECKING:
     from rtask.model.dynamic import Vocabulary
@@ -85,7 +86,9 @@ class ServedKnowledgeBase(RemoteKnowledgeBase):
             The server has no graphs of agents: it serves a bare dataset.
         """
         answer = self._connection.send(self.query_url, None, TRIPLES, repeat=True)
-        for triple in read_triples(answer.content):
+        described = read_whole("triples", answer.content)
+        assert isinstance(described, Triples)
+        for triple in described:
             if triple.predicate == _URI_SPACE and isinstance(triple.object, Literal):
                 return Graphs(triple.object.value)
         raise UnsupportedError(

@@ -13,14 +13,6 @@ from typing import Any
 from urllib.parse import unquote, urlsplit, urlunsplit
 
 import httpx
-from pyoxigraph import (
-    QueryBoolean,
-    QueryResultsFormat,
-    QuerySolutions,
-    RdfFormat,
-    parse,
-    parse_query_results,
-)
 
 from rtask.errors import (
     AuthenticationError,
@@ -35,9 +27,9 @@ from rtask.errors import (
     ValidationError,
     VersionConflictError,
 )
-from rtask.sparql.results import Solutions, Triples
+from rtask.sparql.results import Solutions, Triples, read_answer
 
-__all__ = ["Connection", "read_rows", "read_triples", "without_password"]
+__all__ = ["Connection", "read_whole", "without_password"]
 
 _ATTEMPTS = 3
 _PAUSE_S = 0.2
@@ -192,8 +184,8 @@ def _login_of(url: str) -> tuple[str, str] | None:
     return unquote(parts.username), unquote(parts.password or "")
 
 
-def read_rows(data: bytes) -> Solutions | bool:
-    """Return the answer of a SELECT or ASK.
+def read_whole(kind: str, data: bytes) -> Solutions | bool | Triples:
+    """Parse an answer as :func:`rtask.sparql.results.read_answer` does.
 
     Raises
     ------
@@ -201,20 +193,7 @@ def read_rows(data: bytes) -> Solutions | bool:
         If the answer is incomplete.
     """
     try:
-        answer = parse_query_results(data, format=QueryResultsFormat.JSON)
-        if isinstance(answer, QueryBoolean):
-            return bool(answer)
-        assert isinstance(answer, QuerySolutions)
-        names = [variable.value for variable in answer.variables]
-        return Solutions(names, [tuple(row) for row in answer])
-    except SyntaxError as error:
-        raise RemoteUnavailableError(f"the answer broke off: {error}") from error
-
-
-def read_triples(data: bytes) -> Triples:
-    """Return the answer of a CONSTRUCT or DESCRIBE; raises as :func:`read_rows`."""
-    try:
-        return Triples(tuple(quad.triple for quad in parse(data, format=RdfFormat.N_TRIPLES)))
+        return read_answer(kind, data)
     except SyntaxError as error:
         raise RemoteUnavailableError(f"the answer broke off: {error}") from error
 

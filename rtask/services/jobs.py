@@ -43,7 +43,6 @@ class Job:
         self.id = task.call.id
         self.owner = owner
         self.task = task
-        self.made_s = time.time()
         self._changed = threading.Condition()
         self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=_EVENTS)
         self._count = 0
@@ -160,15 +159,9 @@ class Jobs:
     """All jobs of a host; each is kept for an hour after it was made or ended.
 
     The oldest go earlier when their answers take more than 256 MiB together.
-
-    Parameters
-    ----------
-    clock
-        Returns seconds; tests pass their own.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._jobs: dict[str, Job] = {}
 
@@ -229,7 +222,7 @@ class Jobs:
 
     def _forget(self) -> None:
         """Forget the jobs that ended long ago, and the oldest that ended if there are too many."""
-        now = self._clock()
+        now = time.monotonic()
         ended = [job for job in self._jobs.values() if job.state in ENDED]
         surplus = len(self._jobs) - MAX_JOBS + 1
         held = sum(job.answer_bytes for job in ended)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -24,12 +23,10 @@ if TYPE_CHECKING:
 __all__ = ["open_host"]
 
 
-def open_host(
-    engine: Engine | None = None,
-    sources: Iterable[str] = (),
-    datasets: Path | None = None,
-) -> ServiceHost:
+def open_host(engine: Engine | None = None, sources: Iterable[str] = ()) -> ServiceHost:
     """Return a host with all services.
+
+    Its datasets and pipelines are in the folder of the engine's knowledge base, or temporary.
 
     Parameters
     ----------
@@ -37,9 +34,6 @@ def open_host(
         Whose operations are the service ``rtask/Engine``, and whose graph services may ask.
     sources
         Modules and files of further services, which take the place of others of their names.
-    datasets
-        Folder of the datasets; default: ``datasets`` in the folder of the knowledge base, or a
-        temporary one.
 
     Raises
     ------
@@ -55,10 +49,8 @@ def open_host(
     """
     kb = None if engine is None else engine.kb
     folder = None if kb is None else kb.folder
-    if datasets is None and folder is not None:
-        datasets = folder / "datasets"
     pipelines = None if folder is None else folder / "pipelines"
-    host = ServiceHost(BUILTIN, kb, Datasets(datasets))
+    host = ServiceHost(BUILTIN, kb, Datasets(None if folder is None else folder / "datasets"))
     if engine is not None:
         host.registry.add(engine_service(engine))
     for module in installed():

@@ -44,9 +44,7 @@ class Twins:
     confidence: float
 
 
-def find_twins(
-    kb: GraphCore, views_each: int = 4, min_confidence: float | None = None
-) -> list[Twins]:
+def find_twins(kb: GraphCore, views_each: int = 4) -> list[Twins]:
     """Return the pairs of objects of which each is recognised as the other, surest first.
 
     Of two that are said to be alike, one is enough.
@@ -60,8 +58,6 @@ def find_twins(
         The graph; nothing changes.
     views_each
         How many views of each object are tried, oldest first.
-    min_confidence
-        From which a view counts as recognised; None = as in recognition.
     """
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser
@@ -75,7 +71,7 @@ def find_twins(
             objects.setdefault(view.object, []).append((view, features))
     recogniser = Recogniser(index)
     taken_for = {
-        thing: _recognised_without(index, recogniser, views, views_each, min_confidence)
+        thing: _recognised_without(index, recogniser, views, views_each)
         for thing, views in objects.items()
     }
     return _mutual(taken_for, _alike(kb))
@@ -96,14 +92,13 @@ def _recognised_without(
     recogniser: Recogniser,
     views: Sequence[_Described],
     views_each: int,
-    min_confidence: float | None,
 ) -> dict[str, float]:
     """Return the objects as which an object's views are recognised, with the best confidence."""
     for view, _ in views:
         index.remove(view.view)
     found: dict[str, float] = {}
     for _, features in views[:views_each]:
-        answer = recogniser.recognise(features, min_confidence=min_confidence, max_results=1)
+        answer = recogniser.recognise(features, max_results=1)
         if answer.accepted:
             match = answer.matches[0]
             found[match.object_iri] = max(match.confidence, found.get(match.object_iri, 0.0))

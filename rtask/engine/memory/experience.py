@@ -22,6 +22,9 @@ from rtask.engine.remembered import Memory, Remembered, Tally
 
 __all__ = ["Evidence", "Weights", "gather", "without_trials"]
 
+_MIN_SHARE = 0.05
+"""Objects that contribute less evidence than this are not named as its sources."""
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -193,13 +196,14 @@ def _scaled(grasp: Remembered, size: tuple[float, float, float]) -> tuple[float,
 
 
 def _sources(
-    shares: NDArray[np.float64], told: Sequence[Remembered], least: float = 0.05
+    shares: NDArray[np.float64], told: Sequence[Remembered]
 ) -> tuple[tuple[str, ...], ...]:
+    """Return for each row of shares the objects that have a part of it, the largest first."""
     sources = []
     for row in shares:
         by_object: dict[str, float] = {}
         for share, grasp in zip(row, told, strict=True):
             by_object[grasp.object] = by_object.get(grasp.object, 0.0) + round(float(share), 6)
-        heavy = sorted((-w, iri) for iri, w in by_object.items() if w >= least)
+        heavy = sorted((-w, iri) for iri, w in by_object.items() if w >= _MIN_SHARE)
         sources.append(tuple(iri for _, iri in heavy))
     return tuple(sources)

@@ -94,16 +94,19 @@ class Catalogue:
         """Read the catalogue from the store again."""
         self._entries.clear()
         for quad in self.store.quads_for_pattern(None, None, None, self.graphs.meta):
-            graph = quad.subject
-            if not isinstance(graph, NamedNode):
-                continue
-            entry = self._entries.setdefault(graph, _Entry())
-            if quad.predicate == _COMMIT_NUMBER:
-                entry.seq = _integer(quad.object)
-            elif quad.predicate == _TRIPLE_COUNT:
-                entry.triples = _integer(quad.object)
-            elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
-                entry.kind = quad.object.value.removeprefix(_RT)
+            self._take(quad)
+
+    def _take(self, quad: Quad) -> None:
+        """Mirror one statement of the meta graph."""
+        if not isinstance(quad.subject, NamedNode):
+            return
+        entry = self._entries.setdefault(quad.subject, _Entry())
+        if quad.predicate == _COMMIT_NUMBER:
+            entry.seq = _integer(quad.object)
+        elif quad.predicate == _TRIPLE_COUNT:
+            entry.triples = _integer(quad.object)
+        elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
+            entry.kind = quad.object.value.removeprefix(_RT)
 
     @property
     def seq(self) -> int:
@@ -279,15 +282,8 @@ class Catalogue:
                 assert isinstance(quad.subject, NamedNode)
                 self._entries[quad.subject].seq = None
         for quad in notes.added:
-            if quad.graph_name != self.graphs.meta or not isinstance(quad.subject, NamedNode):
-                continue
-            entry = self._entries.setdefault(quad.subject, _Entry())
-            if quad.predicate == _COMMIT_NUMBER:
-                entry.seq = _integer(quad.object)
-            elif quad.predicate == _TRIPLE_COUNT:
-                entry.triples = _integer(quad.object)
-            elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
-                entry.kind = quad.object.value.removeprefix(_RT)
+            if quad.graph_name == self.graphs.meta:
+                self._take(quad)
 
     def forget(self, graph: GraphName) -> None:
         """Drop a graph's entry after the graph was dropped."""

@@ -15,12 +15,11 @@ from pathlib import Path
 
 from pyoxigraph import Store
 
-from rtask.kb.durability.published import hold_newest
+from rtask.kb.durability.published import LOCK, hold_newest, remove_unheld
 
 __all__ = ["PrivateCopy"]
 
 _FOLDER = "followers"
-_LOCK = "lock"
 
 
 class PrivateCopy:
@@ -47,11 +46,12 @@ class PrivateCopy:
         self._number = 0
         home = folder / _FOLDER
         home.mkdir(exist_ok=True)
-        _remove_left(home)
+        for left in home.iterdir():  # by processes that have ended
+            remove_unheld(left)
         self.path = home / f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         draft = self.path.with_suffix(".draft")
         draft.mkdir()
-        self._handle = os.open(draft / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
+        self._handle = os.open(draft / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
         fcntl.flock(self._handle, fcntl.LOCK_EX)
         draft.rename(self.path)
 
@@ -86,15 +86,3 @@ class PrivateCopy:
         self._handle = -1
         with contextlib.suppress(OSError):
             self.path.parent.rmdir()
-
-
-def _remove_left(home: Path) -> None:
-    """Remove the folders of processes that have ended."""
-    for path in home.iterdir():
-        with contextlib.suppress(OSError):
-            handle = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path)
-            finally:
-                os.close(handle)

@@ -19,11 +19,11 @@ from pathlib import Path
 from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 
-__all__ = ["HeldSnapshot", "Publisher", "hold_newest"]
+__all__ = ["LOCK", "HeldSnapshot", "Publisher", "hold_newest", "remove_unheld"]
 
 _log = logging.getLogger(__name__)
 _FOLDER = "published"
-_LOCK = "lock"
+LOCK = "lock"
 
 
 @dataclass
@@ -74,7 +74,7 @@ class Publisher:
                 self._home.mkdir(exist_ok=True)
                 shutil.rmtree(draft, ignore_errors=True)
                 draft.mkdir()
-                (draft / _LOCK).touch()
+                (draft / LOCK).touch()
                 embedded_store(self._store, "a snapshot").raw.backup(str(draft / "store"))
                 draft.rename(target)
             except (OSError, RuntimeError) as error:
@@ -93,15 +93,19 @@ class Publisher:
         """Remove the snapshots that nobody holds, all but one."""
         for seq in _published(self._home):
             path = self._home / str(seq)
-            if seq == keep:
-                continue
-            with contextlib.suppress(OSError):
-                handle = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
-                try:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    shutil.rmtree(path)
-                finally:
-                    os.close(handle)
+            if seq != keep:
+                remove_unheld(path)
+
+
+def remove_unheld(path: Path) -> None:
+    """Remove a folder unless a process holds the lock in it."""
+    with contextlib.suppress(OSError):
+        handle = os.open(path / LOCK, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(path)
+        finally:
+            os.close(handle)
 
 
 def hold_newest(folder: Path) -> HeldSnapshot | None:
@@ -110,7 +114,7 @@ def hold_newest(folder: Path) -> HeldSnapshot | None:
     for seq in reversed(_published(home)):
         path = home / str(seq)
         try:
-            handle = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
+            handle = os.open(path / LOCK, os.O_RDWR | os.O_CLOEXEC)
         except OSError:
             continue  # removed meanwhile, for a newer one
         try:
@@ -118,7 +122,7 @@ def hold_newest(folder: Path) -> HeldSnapshot | None:
         except OSError:
             os.close(handle)
             continue
-        if (path / _LOCK).exists():
+        if (path / LOCK).exists():
             return HeldSnapshot(path, seq, handle)
         os.close(handle)
     return None

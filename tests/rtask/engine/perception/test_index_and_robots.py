@@ -67,7 +67,7 @@ def test_a_commit_whose_view_was_never_indexed_is_caught_up(bench, kb, engine, m
     assert stored["stored"] == 1
     monkeypatch.undo()
     assert len(engine.index) == 0
-    assert engine.sync_index() == 1
+    assert engine.context.views.sync() == 1
     assert robot.recognise(bench.sight(bench.BOX))["object"] == stored["objects"][0]["object"]
 
 
@@ -98,7 +98,7 @@ def test_a_view_withdrawn_from_the_graph_leaves_the_index(bench, kb, engine):
     kb.update(
         "PREFIX rt: <https://w3id.org/rtask-kg/ns#> DELETE WHERE { GRAPH ?g { ?o rt:hasView ?v } }"
     )
-    engine.sync_index()
+    engine.context.views.sync()
     assert len(engine.index) == 0
     assert robot.recognise(bench.sight(bench.BOX))["object"] == ""
 
@@ -116,7 +116,7 @@ def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
         tx.add(twin, NS + "hasView", rows[0]["v"], graph)
         for quad in copied:
             tx.add(twin, quad.predicate, quad.object, graph)
-    engine.sync_index()
+    engine.context.views.sync()
     assert robot.recognise(bench.sight(bench.BOX))["object"] == twin.value
 
 
