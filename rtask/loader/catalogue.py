@@ -134,7 +134,7 @@ def _read_toml(path: Path) -> dict[str, list[Path]]:
     try:
         record = tomllib.loads(path.read_text("utf-8"))
         return {entry["iri"]: [path.parent / entry["file"]] for entry in record["ontology"]}
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ParseError(f"{path}: not a catalogue: {error}") from error
 
 

@@ -412,17 +412,7 @@ class _DryRun(Exception):
 
 def _for_imports(options: Options) -> Options:
     """Return the options for an imported ontology, with its own graph, format and address."""
-    return Options(
-        None,
-        None,
-        None,
-        options.replace,
-        options.dry_run,
-        options.missing_imports,
-        options.access,
-        options.on_read,
-        options.patches,
-    )
+    return replace(options, format=None, graph=None, base=None)
 
 
 def _graphs(quads: Iterable[Quad], graph: GraphName) -> set[GraphName]:

@@ -7,10 +7,11 @@ import hashlib
 import io
 import sys
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 from rtask.errors import DataError, ParseError, TooLargeError, UsageError
 
@@ -19,6 +20,8 @@ __all__ = ["Document"]
 MAX_UNPACKED = 4 << 30
 _HEAD = 4096
 _BUFFER = 1 << 18
+_PACKED_BYTES = 1 << 12
+"""Bytes that are unpacked at a time; a hostile file makes of each some thirty thousand."""
 _PACKINGS = (".gz", ".zst", ".zip")
 
 
@@ -53,7 +56,7 @@ class Document:
         Raises
         ------
         UsageError
-            If the path does not exist.
+            If the path does not exist, or it is a file of text.
         """
         if isinstance(source, bytes):
             return cls("<bytes>", data=source)
@@ -63,8 +66,15 @@ class Document:
             path = Path(source)
             if not path.exists():
                 raise UsageError(f"{path} does not exist")
+            if path.is_fifo():  # such as the shell's <(...), which can be read only once
+                return cls(str(path), data=path.read_bytes())
             return cls(str(path), path)
-        return cls(getattr(source, "name", "<stream>"), data=source.read())
+        data = source.read() if hasattr(source, "read") else source
+        if not isinstance(data, bytes):
+            raise UsageError(
+                f"expected a path, bytes or a file opened with mode 'rb', not {source!r}"
+            )
+        return cls(getattr(source, "name", "<stream>"), data=data)
 
     @property
     def stem(self) -> str:
@@ -112,9 +122,7 @@ class Document:
         if start[:2] == b"\x1f\x8b":
             return cast("IO[bytes]", gzip.GzipFile(fileobj=packed))
         if start == b"\x28\xb5\x2f\xfd":
-            import zstandard
-
-            return cast("IO[bytes]", zstandard.ZstdDecompressor().stream_reader(packed))
+            return cast("IO[bytes]", _Zstandard(packed))
         if start == b"PK\x03\x04":
             return self._only_member(packed)
         return packed
@@ -122,14 +130,15 @@ class Document:
     def _only_member(self, packed: IO[bytes]) -> IO[bytes]:
         try:
             archive = zipfile.ZipFile(packed)
-        except zipfile.BadZipFile as error:
+            members = [info for info in archive.infolist() if not info.is_dir()]
+            if len(members) != 1:
+                raise DataError(
+                    f"{self.name} holds {len(members)} files; expected a zip archive of one file"
+                )
+            return archive.open(members[0])
+        except (zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+            # NotImplementedError: its compression; RuntimeError: it is encrypted
             raise ParseError(f"{self.name}: {error}") from error
-        members = [info for info in archive.infolist() if not info.is_dir()]
-        if len(members) != 1:
-            raise DataError(
-                f"{self.name} holds {len(members)} files; expected a zip archive of one file"
-            )
-        return archive.open(members[0])
 
     def sha256(self) -> str:
         """Return the SHA-256 digest of the stored bytes, 64 hexadecimal digits."""
@@ -158,6 +167,42 @@ class Document:
             raise ParseError(f"{self.name}:{line}: not UTF-8", line=line) from error
 
 
+class _Zstandard:
+    """Unpacks all frames of a stream, and fails where the last one is cut off.
+
+    The library's own reader takes the end of what is there for the end of the frame.
+    """
+
+    def __init__(self, packed: IO[bytes]) -> None:
+        self._packed = packed
+        self._next = b""
+        self._frame: Any = None
+        self._ready = io.BytesIO()
+
+    def read(self, size: int) -> bytes:
+        """Return up to so many bytes; none at the end."""
+        from zstandard import ZstdDecompressor, ZstdError
+
+        while not (data := self._ready.read(size)):
+            packed = self._next or self._packed.read(_PACKED_BYTES)
+            if not packed:
+                if self._frame is not None:
+                    raise EOFError("it ends within a frame")
+                return b""
+            self._frame = self._frame or ZstdDecompressor().decompressobj()
+            try:
+                self._ready = io.BytesIO(self._frame.decompress(packed))
+            except ZstdError as error:
+                raise OSError(str(error)) from error
+            self._next = b""
+            if self._frame.eof:
+                self._next, self._frame = self._frame.unused_data, None
+        return data
+
+    def close(self) -> None:
+        """Do nothing: who opened the stream closes it."""
+
+
 class _Limited(io.RawIOBase):
     """Limits the decompressed size, so that a small file cannot fill the memory."""
 
@@ -175,7 +220,7 @@ class _Limited(io.RawIOBase):
         view = memoryview(buffer)  # type: ignore[arg-type]
         try:
             data = self._stream.read(len(view))
-        except (OSError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ParseError(f"{self._name}: cannot be unpacked: {error}") from error
         self._left -= len(data)
         if self._left < 0:

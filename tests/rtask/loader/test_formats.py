@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import io
+import os
+import threading
 import zipfile
 from pathlib import Path
 
@@ -15,6 +18,17 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf import documents
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, find_format, read_document
+
+
+def _zipped(text: str, encrypted: bool) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("a.ttl", text)
+    data = bytearray(packed.getvalue())
+    directory = data.index(b"PK\x01\x02")
+    data[6] = data[directory + 8] = int(encrypted)  # the first flag of either header
+    return bytes(data)
+
 
 _TURTLE = "@prefix e: <urn:e:> .\ne:Mug a e:Class ;\n  e:holds 0.3 .\n"
 _XML = """<?xml version="1.0"?>
@@ -111,6 +125,10 @@ def test_a_truncated_document_changes_nothing_and_says_where(
         ("a.ttl", b"<urn:a> <urn:p> '\xff' .", "a.ttl"),
         ("a.rdf", "", "a.rdf:1:"),
         ("a.ttl.gz", b"\x1f\x8b\x08\x00garbage", "cannot be unpacked"),
+        ("a.ttl.gz", b"\x1f\x8b\x08" + bytes(7) + b"\xff" * 40, "cannot be unpacked"),
+        ("a.ttl.zst", zstandard.compress(_TURTLE.encode())[:-9], "ends within a frame"),
+        ("a.ttl.zst", b"\x28\xb5\x2f\xfd" + b"\xff" * 40, "cannot be unpacked"),
+        ("a.ttl.zip", _zipped(_TURTLE, encrypted=True), "is encrypted"),
     ],
 )
 def test_bad_input_is_named(
@@ -161,7 +179,7 @@ def test_packed_files_are_unpacked(tmp_path: Path, kb: KnowledgeBase) -> None:
     data = _TURTLE.encode()
     files = {
         "a.ttl.gz": gzip.compress(data),
-        "b.ttl.zst": zstandard.compress(data),
+        "b.ttl.zst": zstandard.compress(data[:30]) + zstandard.compress(data[30:]),
     }
     paths = [_file(tmp_path, name, content) for name, content in files.items()]
     packed = tmp_path / "c.ttl.zip"
@@ -177,11 +195,29 @@ def test_packed_files_are_unpacked(tmp_path: Path, kb: KnowledgeBase) -> None:
         kb.load(packed)
 
 
+def test_a_pipe_is_read_once(tmp_path: Path, kb: KnowledgeBase) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=(_TURTLE,))
+    writer.start()
+    assert kb.load(pipe).files[0].read == 2
+    writer.join()
+
+
+def test_a_file_opened_as_text_is_refused(tmp_path: Path) -> None:
+    with (
+        _file(tmp_path, "a.ttl", _TURTLE).open() as file,
+        pytest.raises(UsageError, match="opened with mode 'rb'"),
+    ):
+        Document.of(file)  # type: ignore[arg-type]
+
+
 def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(documents, "MAX_UNPACKED", 10_000)
-    path = _file(tmp_path, "bomb.ttl.gz", gzip.compress(b"\n" * 1_000_000))
-    with pytest.raises(TooLargeError, match="unpacked"):
-        read_document(path)
+    for name, pack in (("bomb.ttl.gz", gzip.compress), ("bomb.ttl.zst", zstandard.compress)):
+        path = _file(tmp_path, name, pack(b"\n" * 1_000_000))
+        with pytest.raises(TooLargeError, match="unpacked"):
+            read_document(path)
 
 
 @pytest.mark.parametrize(
