@@ -17,6 +17,7 @@ from rtask.errors import (
     RemoteUnavailableError,
     UsageError,
 )
+from rtask.wire.address import split_address
 
 if TYPE_CHECKING:
     import httpx
@@ -34,9 +35,9 @@ def addresses(url: str) -> tuple[str, str]:
     >>> addresses("wss://graph.example.org/rosbridge")
     ('https://graph.example.org', 'wss://graph.example.org/rosbridge')
     """
-    parts = urlsplit(url)
+    parts = split_address(url)
     secure = {"http": False, "ws": False, "https": True, "wss": True}.get(parts.scheme)
-    if secure is None or not parts.netloc:
+    if secure is None:
         raise UsageError(f"{url!r} is not the address of a server; expected http://host:port")
     path = parts.path.rstrip("/").removesuffix("/rosbridge")
     http, ws = ("https", "wss") if secure else ("http", "ws")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-from urllib.parse import parse_qs, urljoin, urlsplit
+from urllib.parse import parse_qs, urljoin
 
 from rtask.errors import UsageError
 from rtask.remote.dialect import Dialect
 from rtask.remote.transport import Connection, without_password
+from rtask.wire.address import split_address
 
 __all__ = ["ROWS", "TRIPLES", "Endpoints", "addresses"]
 
@@ -70,10 +71,11 @@ def addresses(address: str) -> tuple[str, str | None]:
     >>> addresses("http://host/sparql")
     ('http://host/sparql', None)
     """
-    if not address.startswith("sparql+"):
-        return address, None
     plain = address.removeprefix("sparql+")
-    named = parse_qs(urlsplit(plain).query)
+    parts = split_address(plain)
+    if plain == address:
+        return address, None
+    named = parse_qs(parts.query)
     if "query" not in named:
         raise UsageError(
             f"{address} names no query endpoint; give its address as the parameter ?query="

@@ -1,0 +1,28 @@
+"""An address that is none is refused before anything is sent, whoever is to use it."""
+
+from __future__ import annotations
+
+import pytest
+
+import rtask
+from rtask.errors import UsageError
+
+_WRONG = [
+    "http://",
+    "http://[::1",
+    "http://localhost:99999",
+    "http://localhost:876s",
+    "http://a b/",
+    "http://ex\x00ample/",
+]
+
+
+@pytest.mark.parametrize("address", _WRONG)
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    with pytest.raises(UsageError, match="is not the address of a server; expected http://host"):
+        rtask.connect(address)
+    for plain in (True, False):
+        with pytest.raises(UsageError, match="is not the address of a server"):
+            rtask.open(address, plain=plain)
+    with pytest.raises(UsageError, match="is not the address of a server"):
+        rtask.open(f"sparql+{address}")
