@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Le, MaxLen
@@ -42,6 +42,8 @@ __all__ = ["OfferedObject", "Reason", "ResolveRequest", "ResolvedRequest", "reso
 _MAX_FOUND = 200
 _MAX_ELSEWHERE = 3
 _MAX_SEEN = 100
+_EVER_S = 1e10
+"""More seconds than any graph is old, and few enough for a time before now."""
 
 
 class ResolveRequest(Message):
@@ -203,7 +205,7 @@ def _found(
     """Return the objects that fit the words, visible ones first; one query."""
     given = request.objects
     now = dt.datetime.now(dt.UTC)
-    fresh = now - dt.timedelta(seconds=request.seen_within_s)
+    fresh = now - dt.timedelta(seconds=min(request.seen_within_s, _EVER_S))
     known: set[str] = set()
     found = []
     for row in context.kb.select(_query(meant.senses, gripper, given)):
@@ -293,11 +295,9 @@ def _known(one: Found, memory: Memory, gripper: KnownGripper, context: Context) 
         _chance(context, g) for g in memory.of(one.iri)
         if g.gripper_type == gripper.gripper.gripper_type
     ]  # fmt: skip
-    return Found(
-        one.iri, one.verdict, one.bounds, one.is_seen, one.seen, one.seen_by, one.place,
-        one.can_grasp, known.label or local_name(one.iri), known.class_iri,
-        max(chances, default=None),
-    )  # fmt: skip
+    label = known.label or local_name(one.iri)
+    chance = max(chances, default=None)
+    return replace(one, label=label, class_iri=known.class_iri, chance=chance)
 
 
 def _chance(context: Context, grasp: Remembered) -> float:

@@ -183,14 +183,20 @@ class Outcome:
         Raises
         ------
         UsageError
-            It started after it ended.
+            It started after it ended, or before the calendar did.
         """
         report, is_simulated = self.report, self.report.preset in ("faithful", "fast")
         ended = now if report.ended is None else dt.datetime.fromtimestamp(report.ended, dt.UTC)
         if report.started is None:
             if report.duration_s is None or is_simulated:
                 return None, ended
-            return ended - dt.timedelta(seconds=float(report.duration_s)), ended
+            try:
+                return ended - dt.timedelta(seconds=float(report.duration_s)), ended
+            except OverflowError as error:
+                raise UsageError(
+                    f"outcome.duration_s: {report.duration_s:g} s are longer than the calendar",
+                    field="outcome.duration_s",
+                ) from error
         started = dt.datetime.fromtimestamp(report.started, dt.UTC)
         if started > ended:
             raise UsageError(

@@ -125,6 +125,7 @@ def test_what_is_known_and_not_seen_is_told_with_its_place(room):
 def test_an_old_look_does_not_count_as_seen(room):
     answer = room.ask("a pen", seen_within_s=0.0)
     assert [one["code"] for one in answer["reasons"]] == ["not_seen", "elsewhere"]
+    assert room.ask("a pen", seen_within_s=1e300)["object"] == room.pencil
 
 
 def test_words_without_meaning_get_the_nearest_names(room):

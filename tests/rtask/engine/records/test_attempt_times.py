@@ -69,6 +69,8 @@ def test_a_real_robots_attempt_started_its_duration_before_its_end(bench, tried,
 def test_an_attempt_that_ended_before_it_started_is_refused_and_nothing_stored(bench, tried, kb):
     with pytest.raises(UsageError, match=r"outcome.started: 2026-05-04T10:00:10.* by one clock"):
         tried(bench.held(started=at(10), ended=at(9)))
+    with pytest.raises(UsageError, match=r"outcome.duration_s: 1e\+12 s are longer"):
+        tried(bench.held(preset="real", duration_s=1e12, ended=at(9)))
     assert times(kb) == kb.match(None, RT.objectId) == []
 
 
