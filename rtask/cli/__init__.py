@@ -193,7 +193,7 @@ def _printable(text: str) -> str:
 
 def _advice(error: RtaskError) -> str:
     """Return where a knowledge base is, if the folder that was named holds none; else nothing."""
-    if not isinstance(error, StoreFormatError):
+    if not (isinstance(error, StoreFormatError) and error.details.get("absent")):
         return ""
     here = Path.cwd()
     found = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})

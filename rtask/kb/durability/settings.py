@@ -97,7 +97,8 @@ class Settings:
         except FileNotFoundError:
             raise StoreFormatError(
                 f"{folder} is not a knowledge base (no {_FILE}); name an empty or new folder, "
-                "or one that RTASK created"
+                "or one that RTASK created",
+                absent=True,
             ) from None
         except (ValueError, KeyError, TypeError) as error:
             raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error

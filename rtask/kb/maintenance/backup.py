@@ -72,9 +72,11 @@ def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> di
 
 
 def _what_it_is(target: Path) -> str:
-    if (target / "store").is_dir() and not (target / _FILE).exists():
-        return " and is a backup that was interrupted"
-    return ""
+    if (target / _FILE).exists():
+        return " and is a backup"
+    if (target / "kb.json").exists():
+        return " and is a knowledge base, or a backup that was interrupted"
+    return " and is a backup that was interrupted" if (target / "store").is_dir() else ""
 
 
 def _copy(

@@ -284,6 +284,9 @@ def test_where_the_graph_is_not_the_error_says_where_one_is(
     with pytest.raises(SystemExit):
         main(["stats"])
     assert "there is one here: --data rtask-demo/store" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["restore", "rtask-demo/store", "again"])
+    assert capsys.readouterr().err.endswith("is not a complete backup: backup.json is missing\n")
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,18 @@ def test_an_interrupted_backup_is_named_so(tmp_path: Path) -> None:
         (tmp_path / "copy" / "backup.json").unlink()
         with pytest.raises(UsageError, match="was interrupted"):
             kb.backup(tmp_path / "copy")
+        (tmp_path / "copy" / "kb.json").unlink()
+        with pytest.raises(UsageError, match="is a backup that was interrupted"):
+            kb.backup(tmp_path / "copy")
+
+
+def test_the_target_of_a_backup_may_be_a_knowledge_base_which_is_said(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        with pytest.raises(UsageError, match="kb exists and is a knowledge base"):
+            kb.backup(tmp_path / "kb")
+        kb.backup(tmp_path / "copy")
+        with pytest.raises(UsageError, match="copy exists and is a backup;"):
+            kb.backup(tmp_path / "copy")
 
 
 @pytest.mark.slow
