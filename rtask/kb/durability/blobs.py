@@ -129,31 +129,32 @@ class BlobStore:
         Raises
         ------
         StorageFullError
-            If the disk is full; what was stored already stays, unnamed.
+            If the disk is full; what was written until then is deleted.
         """
         every = list(contents)
         if len(every) < _MANY or self._folder is None or not self._writable:
             return [self.put(data) for data in every]
+        digests = [hashlib.sha256(data).hexdigest() for data in every]
+        temporaries = [self._folder / "tmp" / secrets.token_hex(8) for _ in every]
         try:
-            stored = [self._write_unsynced(self._folder, data) for data in every]
+            for temporary, data in zip(temporaries, every, strict=True):
+                temporary.write_bytes(data)
             _sync_file_system(self._folder)
+            # Only now may a name lead to the bytes: they are on the disk.
+            for temporary, digest in zip(temporaries, digests, strict=True):
+                final = self._place(digest)
+                final.parent.mkdir(parents=True, exist_ok=True)
+                temporary.replace(final)
         except OSError as error:
             if error.errno == errno.ENOSPC:
                 raise StorageFullError(f"the disk is full: blobs in {self._folder}") from error
             raise
-        # Only now may a name lead to the bytes: they are on the disk.
-        for temporary, blob in stored:
-            final = self._place(blob.sha256)
-            final.parent.mkdir(parents=True, exist_ok=True)
-            temporary.replace(final)
+        finally:
+            for temporary in temporaries:
+                temporary.unlink(missing_ok=True)
         _sync_file_system(self._folder)
-        return [blob for _, blob in stored]
-
-    def _write_unsynced(self, folder: Path, data: bytes) -> tuple[Path, Blob]:
-        temporary = folder / "tmp" / secrets.token_hex(8)
-        temporary.write_bytes(data)
-        digest = hashlib.sha256(data).hexdigest()
-        return temporary, Blob(digest, len(data), "application/octet-stream")
+        kind = "application/octet-stream"
+        return [Blob(name, len(data), kind) for name, data in zip(digests, every, strict=True)]
 
     def _put_file(self, folder: Path, data: bytes | Path | BinaryIO, media_type: str) -> Blob:
         temporary = folder / "tmp" / secrets.token_hex(8)

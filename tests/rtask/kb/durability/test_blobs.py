@@ -50,6 +50,24 @@ def test_what_is_not_there_or_no_blob_is_named(store: BlobStore) -> None:
         store.read("urn:sha256:../../etc/passwd")
 
 
+def test_many_that_find_the_disk_full_leave_no_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, write = BlobStore(tmp_path), Path.write_bytes
+    room = iter(range(9))
+
+    def until_full(path: Path, data: bytes) -> int:
+        if next(room) < 8:
+            return write(path, data)
+        write(path, data[:1])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", until_full)
+    with pytest.raises(StorageFullError):
+        store.put_many([bytes([number, number]) for number in range(10)])
+    assert list((tmp_path / "tmp").iterdir()) == list(store.digests()) == []
+
+
 def test_files_lie_by_digest_and_leave_no_rest(tmp_path: Path) -> None:
     store = BlobStore(tmp_path)
     blob = store.put(_DATA)
