@@ -181,3 +181,13 @@ def test_a_number_that_json_lacks_is_refused_and_does_not_block_the_outbox(tmp_p
     with client, pytest.raises(UsageError, match="the arguments are not JSON"):
         client.call("report_outcome", task_id="t-1", grasp_quality=math.nan)
     assert client.waiting == 0
+
+
+def test_a_call_of_an_older_program_that_json_lacks_is_put_aside(tmp_path, monkeypatch):
+    path = tmp_path / "outbox.jsonl"
+    Outbox(path).add("report_outcome", {"grasp_quality": math.inf})
+    client = RemoteClient("http://127.0.0.1:9", outbox=path)
+    monkeypatch.setattr(client._socket, "_open", lambda patience: None)
+    with client:
+        assert (client.deliver(), client.waiting) == (1, 0)
+    assert "are not JSON" in (tmp_path / "outbox.jsonl.refused").read_text()
