@@ -182,7 +182,7 @@ def test_a_value_that_json_cannot_say_is_refused_before_it_is_sent(server):
     address, heard = server(lambda s, m, n: answer(s, m, {}))
     with (
         contextlib.closing(ServiceSocket(address, None, 5.0)) as socket,
-        pytest.raises(ValueError, match="JSON"),
+        pytest.raises(UsageError, match="are not JSON"),
     ):
         socket.call("/rtask/ping", {"x": float("nan")}, may_repeat=True)
     assert heard == []
