@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from endpoint.access.auth import require_scope
-from endpoint.rosbridge.calls import CallQueue, Deadlines
+from endpoint.rosbridge.calls import CallQueue, Deadline, Deadlines
 from endpoint.rosbridge.messages import JsonObject, encode, failure_text
 from endpoint.rosbridge.providers import Peer, Provider, Providers
 from endpoint.rosbridge.services import Engine
@@ -86,6 +86,7 @@ class Goal:
     deadlines: Deadlines
     provider: Provider | None = None
     progress: Progress | None = None
+    late: Deadline | None = None
     last_feedback: float = float("-inf")
     held: Any = None
     done: bool = False
@@ -181,7 +182,7 @@ class Actions:
             known = ", ".join(self.names()) or "none"
             raise UnknownTermError(f"Action {goal.action} does not exist; known: {known}")
         require_scope(access, "call" if own is None else own.scope)
-        self._deadlines.after(
+        goal.late = self._deadlines.after(
             GOAL_S, lambda: self._end(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
         )
         if own is not None:
@@ -278,6 +279,8 @@ class Actions:
     def _end(self, key: str, goal: Goal, status: int, values: Any) -> None:
         with self._lock:
             self._goals.pop(key, None)
+        if goal.late is not None:
+            goal.late.cancel()
         goal.end(status, values)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import re
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +16,8 @@ JsonObject = dict[str, Any]
 
 MAX_DEPTH = 64
 MAX_FAILURE_TEXT = 500
+# Only a text with one of these can hold a number that is beyond a float, or is none.
+_UNUSUAL = re.compile(r"NaN|Infinity|[eE]\+?\d{3}|\d{309}")
 _log = logging.getLogger(__name__)
 
 
@@ -65,6 +69,34 @@ def _is_deeper(value: Any, allowed: int) -> bool:
     return True
 
 
+def refuse_unwritable_numbers(text: str, message: JsonObject) -> None:
+    """Refuse a message with a number that could not be passed on to other robots.
+
+    Parameters
+    ----------
+    text, message
+        The message as it came, and parsed.
+
+    Raises
+    ------
+    UsageError
+        A number is NaN, infinite or beyond the range of a float.
+    """
+    if _UNUSUAL.search(text) and _has_unwritable_number(message):
+        raise UsageError("JSON has no NaN or infinity, and no number may exceed 1.8e308")
+
+
+def _has_unwritable_number(value: Any) -> bool:
+    todo = [value]
+    while todo:
+        one = todo.pop()
+        if isinstance(one, dict | list):
+            todo += one.values() if isinstance(one, dict) else one
+        elif isinstance(one, int | float) and not abs(one) <= sys.float_info.max:
+            return True
+    return False
+
+
 def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
     """Return the arguments of a call as an object.
 
@@ -103,12 +135,16 @@ def name_of(message: JsonObject, field: str) -> str:
     Raises
     ------
     UsageError
-        The name is missing.
+        The name is missing, or holds half of a surrogate pair, which no page could show.
     """
     name = message.get(field)
-    if not isinstance(name, str) or not name.strip("/ "):
+    if not isinstance(name, str) or not name.strip("/ ") or not _is_unicode(name):
         raise UsageError(f"{field}: expected a name")
     return "/" + name.lstrip("/")
+
+
+def _is_unicode(text: str) -> bool:
+    return text.encode("utf-8", "replace").decode() == text
 
 
 def text_of(message: JsonObject, field: str) -> str:
@@ -147,10 +183,9 @@ def service_response(
 
 
 def with_id(answer: JsonObject, message: Any) -> JsonObject:
-    """Add the caller's id exactly as it was sent; none if none was sent."""
-    if isinstance(message, dict) and message.get("id") is not None:
-        return {**answer, "id": message["id"]}
-    return answer
+    """Add the caller's id exactly as it was sent; none if none was sent that JSON can carry."""
+    id_ = message.get("id") if isinstance(message, dict) else None
+    return answer if id_ is None or _has_unwritable_number(id_) else {**answer, "id": id_}
 
 
 def failure_text(error: Exception) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -195,7 +194,7 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
     wanted = message.get("timeout")
     if isinstance(wanted, bool) or not isinstance(wanted, int | float) or not wanted > 0:
         return default_s
-    return min(float(wanted), MAX_TIMEOUT_S) if math.isfinite(wanted) else MAX_TIMEOUT_S
+    return min(float(wanted), MAX_TIMEOUT_S)
 
 
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:

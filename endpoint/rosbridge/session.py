@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
@@ -28,6 +27,7 @@ from endpoint.rosbridge.messages import (
     failure_text,
     name_of,
     parse,
+    refuse_unwritable_numbers,
     service_response,
     text_of,
     with_id,
@@ -173,7 +173,11 @@ class Session:
         """Handle one message; errors are sent as a `status` message, never raised."""
         message: Any = None
         try:
-            message = parse(frame) if isinstance(frame, str) else self._worker.read(frame)
+            if isinstance(frame, str):
+                message = parse(frame)
+                refuse_unwritable_numbers(frame, message)
+            else:
+                message = self._worker.read(frame)
             op = message.get("op")
             handler = self._ops.get(op) if isinstance(op, str) else None
             if handler is None:
@@ -391,19 +395,15 @@ class Session:
             self._status("warning", f"{name} was not advertised here", message)
 
     def _publish(self, message: JsonObject) -> None:
-        latch = message.get("latch") is True
-        content = message.get("msg", {})
-        try:
-            self.bridge.topics.publish(self.number, name_of(message, "topic"), content, latch=latch)
-        except ValueError as error:
-            raise UsageError(f"msg: {error}; JSON has no NaN or infinity") from None
-        type_ = self.bridge.topics.type_of(str(message.get("topic")))
-        self.bridge.activity.picture(self.identity, str(message.get("topic")), type_, content)
+        name, content = name_of(message, "topic"), message.get("msg", {})
+        self.bridge.topics.publish(self.number, name, content, latch=message.get("latch") is True)
+        type_ = self.bridge.topics.type_of(name)
+        self.bridge.activity.picture(self.identity, name, type_, content)
 
     def _subscribe(self, message: JsonObject) -> None:
         throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))
         for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not isinstance(value, int | float):
                 raise UsageError(f"{name}: expected a number")
         name, packing = name_of(message, "topic"), Packing.wanted(message)
         packing = self._smallest(name, packing)
