@@ -11,7 +11,7 @@ from endpoint.api.openapi_page import page
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_services import service_paths
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine, Operation
@@ -56,9 +56,7 @@ def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
     RefusedError
         405.
     """
-    if request.method not in ("GET", "HEAD"):
-        allow = (("Allow", "GET, HEAD"),)
-        raise RefusedError(405, "method-not-allowed", "read it with GET", headers=allow)
+    require_method(request, ("GET", "HEAD"))
     described = document(engine, services)
     if request.raw_path.rstrip("/").endswith(".json"):
         return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))

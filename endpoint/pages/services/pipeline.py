@@ -132,7 +132,7 @@ def _changed(composed: Json, wanted: str) -> Json:
     form = flask.request.form
     if what == "add":
         return composing.add_step(composed, form.get("add", ""), _find)
-    if what == "remove" and number.isdecimal() and int(number) < len(composed["steps"]):
+    if what == "remove" and number in map(str, range(len(composed["steps"]))):
         return composing.remove_step(composed, int(number))
     return composing.read_pipeline(form.get("json", ""), _find) if what == "json" else composed
 
