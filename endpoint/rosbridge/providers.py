@@ -38,7 +38,7 @@ class Peer(Protocol):
     def identity(self) -> str:
         """Name of the robot; all robots without a token are one."""
 
-    def emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject) -> None:
         """Queue a message without waiting."""
 
 

@@ -67,10 +67,6 @@ class Bridge:
     ----------
     engine
         Offers its operations as services below ``/rtask/``.
-    threads
-        Number of calls that run at the same time.
-    call_s
-        Time limit in s of a call whose caller names none.
     activity
         Receives who connects and what cameras see; none for one of its own.
     host
@@ -80,17 +76,14 @@ class Bridge:
     def __init__(
         self,
         engine: Engine,
-        threads: int = 32,
-        call_s: float = CALL_S,
         activity: ActivityLog | None = None,
         host: ServiceHost | None = None,
     ) -> None:
         self.engine = engine
         self.activity = activity or ActivityLog()
-        self.call_s = call_s
         self.deadlines = Deadlines()
         self.topics = Topics(self.deadlines)
-        self.calls = CallQueue(threads)
+        self.calls = CallQueue()
         self.providers = Providers(self.deadlines)
         own_actions = [*plan_grasps_action(engine), *hosted_actions(host)]
         self.actions = Actions(own_actions, self.calls, self.deadlines)
@@ -209,10 +202,9 @@ class Session:
         if not self._closed:
             self._send(frame)
 
-    def emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject) -> None:
         """Queue a message for the robot without waiting."""
-        if not self._closed:
-            self._send(encode(message), topic)
+        self.put(encode(message))
 
     def _status(self, level: str, text: str, message: Any) -> None:
         if LEVELS.index(level) > LEVELS.index(self._level):
@@ -273,7 +265,7 @@ class Session:
         if service.inline:
             self._run(message, packing, service, args, once)
             return
-        seconds = timeout_of(message, self.bridge.call_s)
+        seconds = timeout_of(message, CALL_S)
         late = self.bridge.deadlines.after(
             seconds,
             lambda: self._finish(
