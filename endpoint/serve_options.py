@@ -53,7 +53,7 @@ def _options(*options: _Decorator) -> _Decorator:
 
 
 def _number(
-    name: str, default: float, range_: click.ParamType, help_: str, metavar: str | None = None
+    name: str, default: float, range_: click.ParamType[Any], help_: str, metavar: str | None = None
 ) -> _Decorator:
     """Return an option that takes a number and shows its default."""
     return click.option(
