@@ -15,7 +15,12 @@ from typing import Any
 
 from endpoint.access.auth import require_scope
 from endpoint.rosbridge.calls import CallQueue, Deadline, Deadlines
-from endpoint.rosbridge.messages import JsonObject, encode, failure_text
+from endpoint.rosbridge.messages import (
+    JsonObject,
+    encode,
+    failure_text,
+    refuse_unwritable,
+)
 from endpoint.rosbridge.providers import Peer, Provider, Providers
 from endpoint.rosbridge.services import Engine
 from rtask.errors import RtaskError, UnknownTermError, UsageError
@@ -193,6 +198,7 @@ class Actions:
             ):
                 raise UsageError("busy: too many calls are waiting")
         elif provider is not None:
+            refuse_unwritable(args, "args")
             goal.provider = provider
             provider.peer.emit(
                 {
@@ -241,7 +247,7 @@ class Actions:
         Raises
         ------
         UsageError
-            The goal was sent to another robot.
+            The goal was sent to another robot, or the message holds a number that is none in JSON.
         """
         id_ = message.get("id")
         with self._lock:
@@ -251,6 +257,7 @@ class Actions:
         if goal.provider is None or goal.provider.peer is not peer:
             raise UsageError(f"{message.get('op')}: the goal {id_} was sent to another robot")
         values = message.get("values")
+        refuse_unwritable(message, str(message.get("op")))
         if message.get("op") == "action_feedback":
             goal.feedback(values if values is not None else message.get("feedback", {}))
             return

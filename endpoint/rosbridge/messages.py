@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import re
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,8 +14,6 @@ JsonObject = dict[str, Any]
 
 MAX_DEPTH = 64
 MAX_FAILURE_TEXT = 500
-# Only a text with one of these can hold a number that is beyond a float, or is none.
-_UNUSUAL = re.compile(r"NaN|Infinity|[eE]\+?\d{3}|\d{309}")
 _log = logging.getLogger(__name__)
 
 
@@ -69,32 +65,31 @@ def _is_deeper(value: Any, allowed: int) -> bool:
     return True
 
 
-def refuse_unwritable_numbers(text: str, message: JsonObject) -> None:
-    """Refuse a message with a number that could not be passed on to other robots.
+def is_writable(value: Any) -> bool:
+    """Tell whether strict JSON can carry a value, which has no NaN or infinity.
 
-    Parameters
-    ----------
-    text, message
-        The message as it came, and parsed.
+    Examples
+    --------
+    >>> is_writable({"x": [0.5, "NaN"]}), is_writable([{"x": float("nan")}])
+    (True, False)
+    """
+    try:
+        strict_json(value)
+    except ValueError:
+        return False
+    return True
+
+
+def refuse_unwritable(value: Any, field: str) -> None:
+    """Refuse a value of a field that JSON cannot carry to another robot.
 
     Raises
     ------
     UsageError
-        A number is NaN, infinite or beyond the range of a float.
+        A number in it is not finite.
     """
-    if _UNUSUAL.search(text) and _has_unwritable_number(message):
-        raise UsageError("JSON has no NaN or infinity, and no number may exceed 1.8e308")
-
-
-def _has_unwritable_number(value: Any) -> bool:
-    todo = [value]
-    while todo:
-        one = todo.pop()
-        if isinstance(one, dict | list):
-            todo += one.values() if isinstance(one, dict) else one
-        elif isinstance(one, int | float) and not abs(one) <= sys.float_info.max:
-            return True
-    return False
+    if not is_writable(value):
+        raise UsageError(f"{field}: JSON has no NaN or infinity")
 
 
 def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
@@ -185,7 +180,7 @@ def service_response(
 def with_id(answer: JsonObject, message: Any) -> JsonObject:
     """Add the caller's id exactly as it was sent; none if none was sent that JSON can carry."""
     id_ = message.get("id") if isinstance(message, dict) else None
-    return answer if id_ is None or _has_unwritable_number(id_) else {**answer, "id": id_}
+    return answer if id_ is None or not is_writable(id_) else {**answer, "id": id_}
 
 
 def failure_text(error: Exception) -> str:

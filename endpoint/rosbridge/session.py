@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
@@ -25,9 +26,10 @@ from endpoint.rosbridge.messages import (
     arguments,
     encode,
     failure_text,
+    is_writable,
     name_of,
     parse,
-    refuse_unwritable_numbers,
+    refuse_unwritable,
     service_response,
     text_of,
     with_id,
@@ -166,17 +168,14 @@ class Session:
         """Handle one message; errors are sent as a `status` message, never raised."""
         message: Any = None
         try:
-            if isinstance(frame, str):
-                message = parse(frame)
-                refuse_unwritable_numbers(frame, message)
-            else:
-                message = self._worker.read(frame)
+            message = parse(frame) if isinstance(frame, str) else self._worker.read(frame)
             op = message.get("op")
             handler = self._ops.get(op) if isinstance(op, str) else None
             if handler is None:
                 known = ", ".join(sorted(self._ops))
                 raise UsageError(f"unknown op {op!r}; this server takes {known}")
-            if not isinstance(message.get("id"), str | int | float | None):
+            id_ = message.get("id")
+            if not isinstance(id_, str | int | float | None) or not is_writable(id_):
                 raise UsageError("id: expected a string or a number")
             handler(message)
         except RtaskError as error:
@@ -242,6 +241,7 @@ class Session:
             if provider is not None:
                 args = arguments(message.get("args"))
                 require_scope(self.access, "call")
+                refuse_unwritable(args, "args")
                 self.bridge.providers.call(
                     provider, args, self.number, timeout_of(message),
                     lambda result, values: self._finish(message, packing, result, values, once),
@@ -388,14 +388,18 @@ class Session:
 
     def _publish(self, message: JsonObject) -> None:
         name, content = name_of(message, "topic"), message.get("msg", {})
-        self.bridge.topics.publish(self.number, name, content, latch=message.get("latch") is True)
+        try:
+            latch = message.get("latch") is True
+            self.bridge.topics.publish(self.number, name, content, latch=latch)
+        except ValueError as error:
+            raise UsageError(f"msg: {error}; JSON has no NaN or infinity") from None
         type_ = self.bridge.topics.type_of(name)
         self.bridge.activity.picture(self.identity, name, type_, content)
 
     def _subscribe(self, message: JsonObject) -> None:
         throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))
         for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
-            if not isinstance(value, int | float):
+            if not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
                 raise UsageError(f"{name}: expected a number")
         name, packing = name_of(message, "topic"), Packing.wanted(message)
         packing = self._smallest(name, packing)
