@@ -60,8 +60,7 @@ def pipeline() -> Model:
 def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
     """Change the pipeline as a form asks and lead to its address, or run it and show what came."""
     form = flask.request.form
-    caller = context().auth.identify(current_request())
-    require_form()
+    caller = require_form()
     composed: Json = {"steps": [], "inputs": {}}
     files: dict[str, Any] = {}
     try:
