@@ -14,7 +14,7 @@ from typing import Any
 
 from endpoint.access.auth import Caller, require_scope
 from endpoint.context import ServerContext
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import CONTENT_TYPE
 from endpoint.served import embedded
@@ -51,7 +51,7 @@ class AdminRoutes:
             return self._queries(request, caller, address)
         if address == "/backup":
             return self._plan_backup(request, caller)
-        _only(request, "GET", "HEAD")
+        require_method(request, ("GET", "HEAD"))
         if caller.access.role != "anonymous" and not self._is_local(caller, address):
             require_scope(caller.access, "admin")
         if address == "/metrics":
@@ -60,7 +60,7 @@ class AdminRoutes:
 
     def _plan_backup(self, request: Request, caller: Caller) -> Plan:
         """Plan a copy of the knowledge base into a folder that the server chooses."""
-        _only(request, "POST")
+        require_method(request, ("POST",))
         context = self._context
         context.auth.check_origin(request, caller)
         if caller.access.role != "anonymous":
@@ -109,9 +109,9 @@ class AdminRoutes:
         """List or stop running queries: the caller's own or, for an admin, anybody's."""
         found = self._context.queries.visible_to(caller)
         if address == "/queries":
-            _only(request, "GET", "HEAD")
+            require_method(request, ("GET", "HEAD"))
             return Plan.ready(_json({"queries": [query.facts() for query in found]}))
-        _only(request, "DELETE")
+        require_method(request, ("DELETE",))
         self._context.auth.check_origin(request, caller)
         name = address.removeprefix("/queries/")
         wanted = [query for query in found if query.id == name]
@@ -131,14 +131,6 @@ def backup_name() -> str:
     """Return a unique name that sorts by time."""
     now = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
     return f"{now}-{secrets.token_hex(3)}"
-
-
-def _only(request: Request, *methods: str) -> None:
-    if request.method not in methods:
-        allow = ", ".join(methods)
-        raise RefusedError(
-            405, "method-not-allowed", f"this address takes {allow}", headers=(("Allow", allow),)
-        )
 
 
 def _json(members: dict[str, Any]) -> Response:

@@ -358,7 +358,9 @@ class Application:
         encoding = request.headers.get("content-encoding")
         if encoding and request.body:
             allowed = context.config.max_upload_bytes
-            request = replace(request, body=unpacked(request.body, encoding, allowed))
+            body = unpacked(request.body, encoding, allowed)
+            known = {**request.headers, "rtask-request-id": request.id}
+            request = replace(request, body=body, headers=known)
         job.leave.append(context.limiter.admit(caller))
         following = context.following
         if following is not None and writes(request, address, context.engine):

@@ -144,7 +144,7 @@ class Router:
             return Plan(lambda: snapshot(own, caller))
         if address in DESCRIPTIONS:
             return plan_openapi(context.engine, context.services.registry, request)
-        if address.startswith(_ADMIN):
+        if address in _ADMIN or address.startswith("/queries/"):
             return self._admin.plan(request, caller, address)
         if is_listing(address):
             timeout_s = context.config.timeout_s

@@ -35,6 +35,7 @@ class _FiniteRange(click.FloatRange):
 
 _ABOVE_ZERO = _FiniteRange(0, min_open=True)
 _ZERO_OR_MORE = _FiniteRange(0)
+_SHARE = _FiniteRange(0, 1)
 
 
 _Decorator = Callable[[Callable[..., None]], Callable[..., None]]
@@ -49,6 +50,15 @@ def _options(*options: _Decorator) -> _Decorator:
         return command
 
     return decorate
+
+
+def _number(
+    name: str, default: float, range_: click.ParamType[Any], help_: str, metavar: str | None = None
+) -> _Decorator:
+    """Return an option that takes a number and shows its default."""
+    return click.option(
+        name, default=default, show_default=True, type=range_, help=help_, metavar=metavar
+    )
 
 
 _WHERE = _options(
@@ -156,56 +166,16 @@ _OTHERS = _options(
     ),
 )
 _LIMITS = _options(
-    click.option(
-        "--timeout",
-        default=30.0,
-        show_default=True,
-        type=_ABOVE_ZERO,
-        help="Time limit of a query in s.",
-    ),
-    click.option(
-        "--max-timeout",
-        default=600.0,
-        show_default=True,
-        type=_ABOVE_ZERO,
-        help="Longest limit that a client may request, in s.",
-    ),
-    click.option(
-        "--max-upload",
-        default=256,
-        show_default=True,
-        type=click.IntRange(1),
-        metavar="MIB",
-        help="Largest request body.",
-    ),
-    click.option(
-        "--max-rows",
-        default=5_000_000,
-        show_default=True,
-        type=click.IntRange(1),
-        help="Most rows of one answer.",
-    ),
-    click.option(
-        "--max-queries",
-        default=32,
-        show_default=True,
-        type=click.IntRange(1),
-        help="Queries that run at once; as many may wait.",
-    ),
-    click.option(
-        "--rate",
-        default=200.0,
-        show_default=True,
-        type=_ZERO_OR_MORE,
-        help="Requests per second of one token; 0 for no limit.",
-    ),
-    click.option(
-        "--write-rate",
-        default=100.0,
-        show_default=True,
-        type=_ZERO_OR_MORE,
-        help="Changes per second of one token; 0 for no limit.",
-    ),
+    _number("--timeout", 30.0, _ABOVE_ZERO, "Time limit of a query in s."),
+    _number("--max-timeout", 600.0, _ABOVE_ZERO, "Longest limit that a client may request, in s."),
+    _number("--max-upload", 256, click.IntRange(1), "Largest request body.", metavar="MIB"),
+    _number("--max-rows", 5_000_000, click.IntRange(1), "Most rows of one answer."),
+    _number("--max-queries", 32, click.IntRange(1),
+            "Queries that run at once; as many may wait."),
+    _number("--rate", 200.0, _ZERO_OR_MORE,
+            "Requests per second of one token; 0 for no limit."),
+    _number("--write-rate", 100.0, _ZERO_OR_MORE,
+            "Changes per second of one token; 0 for no limit."),
     click.option(
         "--no-cache", is_flag=True, help="Evaluate every query, even if nothing was written since."
     ),
@@ -216,30 +186,13 @@ _LIMITS = _options(
         help="Bound on one SPARQL text: query_bytes, update_bytes, patterns, optionals, unions, "
         "path_steps, operations.",
     ),
-)
+)  # fmt: skip
 _THRESHOLDS = _options(
-    click.option(
-        "--min-identity",
-        default=0.7,
-        show_default=True,
-        type=click.FloatRange(0, 1),
-        help="Least confidence in the identity of an object, for robots that ask for a decision.",
-    ),
-    click.option(
-        "--min-pose",
-        default=0.7,
-        show_default=True,
-        type=click.FloatRange(0, 1),
-        help="Least confidence in its pose.",
-    ),
-    click.option(
-        "--min-grasp",
-        default=0.3,
-        show_default=True,
-        type=click.FloatRange(0, 1),
-        help="Least confidence that the grasp will hold.",
-    ),
-)
+    _number("--min-identity", 0.7, _SHARE, "Least confidence in the identity of an object, for "
+            "robots that ask for a decision."),
+    _number("--min-pose", 0.7, _SHARE, "Least confidence in its pose."),
+    _number("--min-grasp", 0.3, _SHARE, "Least confidence that the grasp will hold."),
+)  # fmt: skip
 _LOGS = _options(
     click.option(
         "--backup-dir",
@@ -255,14 +208,9 @@ _LOGS = _options(
         help="info logs one line for each request.",
     ),
     click.option("--log-queries", is_flag=True, help="Log the text of every query."),
-    click.option(
-        "--drain-delay",
-        default=0.0,
-        show_default=True,
-        type=_ZERO_OR_MORE,
-        help="Seconds between reporting not ready and closing the socket.",
-    ),
-)
+    _number("--drain-delay", 0.0, _ZERO_OR_MORE,
+            "Seconds between reporting not ready and closing the socket."),
+)  # fmt: skip
 
 
 def _use_file(context: click.Context, parameter: click.Parameter, file: Path | None) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import ipaddress
+import re
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -239,7 +240,7 @@ def limits_of(settings: Iterable[str]) -> Limits:
         name, _, value = setting.partition("=")
         if name not in names:
             raise UsageError(f"unknown limit {name!r}; the limits are {', '.join(names)}")
-        if not value.isdigit() or int(value) == 0:
+        if not re.fullmatch(r"[0-9]{1,18}", value) or int(value) == 0:
             raise UsageError(f"--limit {setting}: expected a whole number above 0")
         limits = dataclasses.replace(limits, **{name: int(value)})
     return limits

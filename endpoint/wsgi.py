@@ -111,7 +111,9 @@ def _on_error(error: Exception) -> flask.Response:
         detail = error.description or error.name
         if code == 404:
             detail = f"there is nothing at {flask.request.path}{_nearest_page()}"
-        error = RefusedError(code, "not-found" if code == 404 else "usage", detail)
+        methods = getattr(error, "valid_methods", None) or ()
+        allow = (("Allow", ", ".join(sorted(methods))),) if methods else ()
+        error = RefusedError(code, "not-found" if code == 404 else "usage", detail, allow)
     response = problem(error)
     if prefers_html(flask.request.headers.get("Accept", "")) and not _is_data_address():
         return problem_page(error if isinstance(error, RtaskError) else None, response)

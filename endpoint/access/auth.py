@@ -23,7 +23,7 @@ from endpoint.access.sessions import (
     session_name,
 )
 from endpoint.access.tokens import Token, TokenStore
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.settings import Config, is_loopback
 from rtask.errors import AuthenticationError, ForbiddenError
@@ -158,12 +158,6 @@ class Authenticator:
             return None
         return Caller(token.access, token, session, request.client)
 
-    def needs_no_token(self) -> bool:
-        """Tell whether every local caller may write because no token was ever issued."""
-        if not self._config.on_loopback or self._tokens.ever_limited():
-            return False
-        return self._config.plain or not self._tokens.ever_issued()
-
     def still_valid(self, caller: Caller) -> bool:
         """Tell whether the token behind a long-lived connection is still valid."""
         if caller.token is None:
@@ -265,9 +259,7 @@ def plan_ticket(auth: Authenticator, request: Request, caller: Caller) -> Plan:
     ForbiddenError
         A page of another origin asks.
     """
-    if request.method != "POST":
-        allow = (("Allow", "POST, OPTIONS"),)
-        raise RefusedError(405, "method-not-allowed", "request a ticket by POST", headers=allow)
+    require_method(request, ("POST", "OPTIONS"))
     auth.check_origin(request, caller)
     if caller.token is None:
         raise AuthenticationError("a ticket stands for a token: sign in, or send a bearer token")

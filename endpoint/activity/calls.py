@@ -38,7 +38,9 @@ def call_event(call: Call) -> Event:
     service = f"/rtask/{call.operation}"
     asked = _ASKED.get(call.operation, f"calls {call.operation}")
     if call.error is not None:
-        return Event("refused", who, f"was refused: {call.error}", asked, service)
+        # It may repeat what the robot sent, which pages could not show if it is no Unicode.
+        reason = str(call.error).encode(errors="replace").decode()
+        return Event("refused", who, f"was refused: {reason}", asked, service)
     if call.answer is None:
         return Event("asks", who, asked, service=service)
     if call.operation == "recognise_for_grasp":

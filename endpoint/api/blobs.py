@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph, embedded
 from rtask.errors import MissingBlobError
 
 Headers = tuple[tuple[str, str], ...]
 _DIGEST = re.compile(r"[0-9a-f]{64}")
-_RANGE = re.compile(r"bytes=(\d*)-(\d*)")
+_RANGE = re.compile(r"bytes=(\d{0,18})-(\d{0,18})")
 
 # What browsers may show; everything else (SVG and HTML run scripts) is a download.
 _MAGIC = (
@@ -42,10 +42,7 @@ def plan_blob(kb: ServedGraph, request: Request, digest: str) -> Plan:
     RefusedError
         404 or 405.
     """
-    if request.method not in ("GET", "HEAD"):
-        raise RefusedError(
-            405, "method-not-allowed", "blobs are read here", headers=(("Allow", "GET, HEAD"),)
-        )
+    require_method(request, ("GET", "HEAD"))
     if not _DIGEST.fullmatch(digest):
         raise RefusedError(404, "not-found", "a blob is named by 64 lower-case hex digits")
     return Plan(lambda: _answer(kb, request, digest))
@@ -80,7 +77,7 @@ def _range(header: str, size: int) -> tuple[int, int] | None:
 
     Examples
     --------
-    >>> _range("bytes=2-5", 10), _range("bytes=-3", 10), _range("lines=1-2", 10)
+    >>> _range("bytes=2-5", 10), _range("bytes=-3", 10), _range("bytes=5-2", 10)
     ((2, 6), (7, 10), None)
     """
     match = _RANGE.fullmatch(header.strip())
@@ -89,4 +86,6 @@ def _range(header: str, size: int) -> tuple[int, int] | None:
     first, last = match.groups()
     if not first:
         return max(0, size - int(last)), size
+    if last and int(last) < int(first):
+        return None
     return int(first), min(size, int(last) + 1) if last else size

@@ -25,7 +25,14 @@ from urllib.parse import unquote
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import CBOR_TYPE, JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import (
+    CBOR_TYPE,
+    JSON_TYPE,
+    RefusedError,
+    Request,
+    Response,
+    require_method,
+)
 from endpoint.http.plan import Plan
 from rtask.errors import UnknownTermError, UsageError
 from rtask.services.datasets.store import Datasets
@@ -74,12 +81,7 @@ def plan_dataset(
     RefusedError
         404, which a private dataset is to strangers as well; 405.
     """
-    allowed = methods_of(address)
-    if request.method not in allowed:
-        raise RefusedError(
-            405, "method-not-allowed", f"{address} takes {' and '.join(allowed)}",
-            headers=(("Allow", ", ".join(allowed)),),
-        )  # fmt: skip
+    require_method(request, methods_of(address))
     if request.method not in ("GET", "HEAD"):
         authorise(auth, request, caller, "write", address)
     parts = address.removeprefix(ADDRESS).strip("/").split("/", 3)

@@ -7,12 +7,13 @@ repeat nor miss items, whatever is written meanwhile.
 from __future__ import annotations
 
 import base64
-import binascii
 import csv
 import datetime as dt
 import difflib
 import io
 import json
+import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,7 @@ from urllib.parse import unquote, urlencode
 import ontology
 from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.http.conditional import Versions, is_known
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
@@ -45,6 +46,7 @@ CONTEXT_ADDRESS = "/api/context.jsonld"
 TYPES = (JSON_TYPE, JSON_LD, CSV)
 LIMIT, MAX_LIMIT = 50, 1_000
 _OWN = ("limit", "cursor", "fields", "total", "iri")
+_SHORT_NUMBER = re.compile(r"[0-9]{1,9}")
 _XSD_TIME = ontology.PREFIXES["xsd"] + "dateTime"
 Item = dict[str, Any]
 
@@ -92,12 +94,8 @@ def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_
         document = json.dumps(context(), indent=1).encode()
         return Plan.ready(Response(200, document, JSON_LD))
     collection = COLLECTIONS[name]
-    if request.method not in ("GET", "HEAD"):
-        allow = (("Allow", "GET, HEAD, OPTIONS"),)
-        raise RefusedError(
-            405, "method-not-allowed", "this is read with GET; robots write by /engine/",
-            headers=allow,
-        )  # fmt: skip
+    reading = ("GET", "HEAD", "OPTIONS")
+    require_method(request, reading, "this is read with GET; robots write by /engine/")
     media_type = choose(request.header("accept"), TYPES)
     single = f"{kb.base}{collection.folder}/{unquote(rest)}" if rest else ""
     wanted = _wanted(collection, request, single)
@@ -164,7 +162,7 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
         if name
     ]
     limit = given.get("limit", str(LIMIT))
-    if not limit.isdecimal() or not 1 <= int(limit) <= MAX_LIMIT:
+    if not _SHORT_NUMBER.fullmatch(limit) or not 1 <= int(limit) <= MAX_LIMIT:
         raise UsageError(f"limit: expected a whole number from 1 to {MAX_LIMIT}", field="limit")
     after = _after(collection, given["cursor"]) if "cursor" in given else ""
     return _Wanted(
@@ -224,7 +222,7 @@ def _after(collection: Collection, cursor: str) -> str:
         if not collection.by_time:
             return f"FILTER(STR(?iri) > {last})"
         time = _term("time", str(place[1]), "cursor")
-    except (ValueError, binascii.Error, UsageError):
+    except (ValueError, RecursionError, UsageError):
         raise UsageError("cursor: take it from `next` of a page before", field="cursor") from None
     return f"FILTER(?time < {time} || (?time = {time} && STR(?iri) < {last}))"
 
@@ -276,6 +274,8 @@ def _item(row: Mapping[str, Any], wanted: _Wanted) -> Item:
             item[member.name] = int(value or 0)
         elif member.kind == "time" and value is not None:
             item[member.name] = _moment(value)
+        elif isinstance(value, float) and not math.isfinite(value):
+            item[member.name] = None  # JSON has no NaN or infinity
         else:
             item[member.name] = value
     return item

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 from pydantic import BaseModel
 
 from endpoint.api.openapi_page import page
+from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_services import service_paths
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine, Operation
@@ -20,32 +20,9 @@ from rtask.services.registry import Registry
 from rtask.wire.fields import kind_of
 from rtask.wire.openapi import components
 
-JsonObject = dict[str, Any]
-
 ADDRESSES = ("/openapi.json", "/openapi")
 HTML_TYPE = "text/html; charset=utf-8"
-_PROBLEMS = {
-    400: "the request cannot be read, or a field is wrong",
-    401: "the token is missing or not valid",
-    403: "the caller may not do this",
-    404: "there is nothing here",
-    405: "the method is not allowed here",
-    406: "none of the accepted media types is available",
-    408: "the body did not arrive",
-    409: "the state does not allow it",
-    410: "it is no longer kept",
-    412: "the resource changed in the meantime",
-    413: "the body is too large",
-    415: "the media type is not supported",
-    416: "the range lies beyond the end",
-    422: "the request contradicts what is known",
-    429: "too many requests; see Retry-After",
-    501: "not with this kind of store",
-    503: "too busy; see Retry-After",
-    504: "no answer in time",
-}
 _OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 503)
-_READ_PROBLEMS = (400, 401, 403, 404, 405, 406, 410, 416, 429, 503, 504)
 
 
 def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
@@ -56,9 +33,7 @@ def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
     RefusedError
         405.
     """
-    if request.method not in ("GET", "HEAD"):
-        allow = (("Allow", "GET, HEAD"),)
-        raise RefusedError(405, "method-not-allowed", "read it with GET", headers=allow)
+    require_method(request, ("GET", "HEAD"))
     described = document(engine, services)
     if request.raw_path.rstrip("/").endswith(".json"):
         return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))
@@ -73,7 +48,7 @@ def document(engine: Engine, services: Registry | None = None) -> JsonObject:
         declared[_request_name(name)] = operation.request
         declared[operation.answer.__name__] = operation.answer
     schemas = {"Problem": _PROBLEM, **components(declared)}
-    offered = service_paths(services, schemas, _get, _parameter, _problems)
+    offered = service_paths(services, schemas)
     paths = {
         f"/engine/{name}": {"post": _operation(name, operation)}
         for name, operation in engine.operations.items()
@@ -153,7 +128,7 @@ def _operation(name: str, operation: Operation) -> JsonObject:
                 "description": "done",
                 "content": {JSON_TYPE: {"schema": answer}},
             },
-            **_problems(_OPERATION_PROBLEMS),
+            **problems(_OPERATION_PROBLEMS),
         },
     }
     if operation.scope == "write" or name in ("teach_object", "curate_object"):
@@ -161,42 +136,10 @@ def _operation(name: str, operation: Operation) -> JsonObject:
     return described
 
 
-def _problems(statuses: tuple[int, ...]) -> JsonObject:
-    content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {
-        str(status): {"description": _PROBLEMS[status], "content": content} for status in statuses
-    }
-
-
-def _get(
-    summary: str, media_types: tuple[str, ...], parameters: list[JsonObject] | None = None
-) -> JsonObject:
-    described: JsonObject = {
-        "summary": summary,
-        "responses": {
-            "200": {
-                "description": "the answer",
-                "content": {media_type: {} for media_type in media_types},
-            },
-            **_problems(_READ_PROBLEMS),
-        },
-    }
-    if parameters:
-        described["parameters"] = parameters
-    return described
-
-
 def _health(summary: str) -> JsonObject:
-    described = _get(summary, (JSON_TYPE,))
+    described = get(summary, (JSON_TYPE,))
     described["responses"]["503"]["content"] = {JSON_TYPE: {}, PROBLEM_TYPE: {}}
     return described
-
-
-def _parameter(name: str, where: str, description: str, schema: JsonObject) -> JsonObject:
-    return {
-        "name": name, "in": where, "required": where == "path", "description": description,
-        "schema": schema,
-    }  # fmt: skip
 
 
 def _fixed_paths() -> JsonObject:
@@ -206,27 +149,27 @@ def _fixed_paths() -> JsonObject:
         "text/html", "application/sparql-results+xml", "text/tab-separated-values",
         "application/n-quads", "application/trig", "application/rdf+xml", "application/ld+json",
     )  # fmt: skip
-    digest = _parameter("sha256", "path", "64 lower-case hex digits",
+    digest = parameter("sha256", "path", "64 lower-case hex digits",
                         {"type": "string", "pattern": "^[0-9a-f]{64}$"})  # fmt: skip
-    query = _parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
+    query = parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
     return {
         # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
-        "/sparql": {"get": _get("Ask in SPARQL 1.1", results, [query])},
-        **resource_paths(_get, _parameter),
+        "/sparql": {"get": get("Ask in SPARQL 1.1", results, [query])},
+        **resource_paths(),
         "/api/blobs/{sha256}": {
-            "get": _get(
+            "get": get(
                 "Read an image, a cloud or descriptors",
                 ("application/octet-stream", "image/png", "image/jpeg", "application/ply"),
                 [digest],
             )
         },
-        **reasoner_paths(_get, _parameter, _problems),
+        **reasoner_paths(),
         "/changes": {"get": _changes(text)},
         "/tokens/ticket": {"post": _ticket()},
         "/health": {"get": _health("Whether the server is healthy")},
-        "/health/live": {"get": _get("Whether the server is alive", (JSON_TYPE,))},
+        "/health/live": {"get": get("Whether the server is alive", (JSON_TYPE,))},
         "/health/ready": {"get": _health("Whether the server takes requests")},
-        "/openapi.json": {"get": _get("This description", (JSON_TYPE,))},
+        "/openapi.json": {"get": get("This description", (JSON_TYPE,))},
     }
 
 
@@ -240,24 +183,24 @@ def _ticket() -> JsonObject:
         "summary": "Get a value for the ?token= of one websocket; expires_in is in s",
         "responses": {
             "201": {"description": "made", "content": {JSON_TYPE: {"schema": body}}},
-            **_problems((400, 401, 403, 405, 413, 415, 429, 503)),
+            **problems((400, 401, 403, 405, 413, 415, 429, 503)),
         },
     }
 
 
 def _changes(text: JsonObject) -> JsonObject:
     parameters = [
-        _parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", text)
+        parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", text)
         for name, meaning in (
             ("s", "subject"), ("p", "predicate"), ("o", "object"), ("graph", "named graph"),
         )
     ]  # fmt: skip
-    return _get(
+    return get(
         "Follow every commit, as server-sent events",
         ("text/event-stream",),
         [
             *parameters,
-            _parameter("since", "query", "version to go on from, `<epoch>:<seq>`", text),
-            _parameter("Last-Event-ID", "header", "the same, as browsers send it", text),
+            parameter("since", "query", "version to go on from, `<epoch>:<seq>`", text),
+            parameter("Last-Event-ID", "header", "the same, as browsers send it", text),
         ],
     )

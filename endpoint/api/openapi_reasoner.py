@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
+from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
 from endpoint.api.reasoner import CONTRADICTIONS, ENTAILS, EXPLAIN, RULES, SPARQL_TYPE
 from endpoint.http.messages import JSON_TYPE
 
-JsonObject = dict[str, Any]
 _TEXT: JsonObject = {"type": "string"}
 _RULE: JsonObject = {
     "type": "object",
@@ -28,18 +25,8 @@ _DOCUMENT: JsonObject = {
 _CHANGE_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 503)
 
 
-def reasoner_paths(
-    get: Callable[..., JsonObject],
-    parameter: Callable[..., JsonObject],
-    problems: Callable[..., JsonObject],
-) -> JsonObject:
-    """Return the paths of the reasoner.
-
-    Parameters
-    ----------
-    get, parameter, problems
-        Describe a GET, a parameter, and what may go wrong.
-    """
+def reasoner_paths() -> JsonObject:
+    """Return the paths of the reasoner."""
     name = parameter("name", "path", "label of the rule, or the last part of its IRI", _TEXT)
     single = get("One rule of the user", (JSON_TYPE,), [name])
     single["responses"] |= problems((422,))

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from endpoint.api.collections import COLLECTIONS, Collection, Kind
 from endpoint.api.listing import ADDRESS, CONTEXT_ADDRESS, LIMIT, MAX_LIMIT, TYPES
+from endpoint.api.openapi_parts import JsonObject, get, parameter
 from endpoint.http.messages import JSON_TYPE
 from endpoint.sparql.negotiation import JSON_LD
 
-JsonObject = dict[str, Any]
 _IRI: JsonObject = {"type": "string", "format": "iri"}
 _SCHEMAS: dict[Kind, JsonObject] = {
     "iri": _IRI,
@@ -25,16 +22,8 @@ _SCHEMAS: dict[Kind, JsonObject] = {
 _WHOLE = ("iris", "texts", "integer")
 
 
-def resource_paths(
-    get: Callable[..., JsonObject], parameter: Callable[..., JsonObject]
-) -> JsonObject:
-    """Return the paths of all collections.
-
-    Parameters
-    ----------
-    get, parameter
-        Describe a GET and one of its parameters.
-    """
+def resource_paths() -> JsonObject:
+    """Return the paths of all collections."""
     paths: JsonObject = {CONTEXT_ADDRESS: {"get": get("JSON-LD context of the items", (JSON_LD,))}}
     common = [
         parameter("iri", "query", "only this one", _IRI),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any
 
+from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
 from endpoint.http.messages import JSON_TYPE
 from rtask.services.definition import Definition, Method
 from rtask.services.description import schemas as schemas_of
 from rtask.services.registry import Registry
 
-JsonObject = dict[str, Any]
 _REF = "#/components/schemas/"
 _TEXT: JsonObject = {"type": "string"}
 _CALL_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 503, 504)
@@ -19,13 +18,7 @@ _ENGINE = "rtask/Engine"
 _DATASET = "/datasets/{namespace}/{name}"
 
 
-def service_paths(
-    registry: Registry,
-    schemas: JsonObject,
-    get: Callable[..., JsonObject],
-    parameter: Callable[..., JsonObject],
-    problems: Callable[..., JsonObject],
-) -> JsonObject:
+def service_paths(registry: Registry, schemas: JsonObject) -> JsonObject:
     """Return the paths of services and jobs; add the schemas of their messages.
 
     The newest version of each service is described. The operations of the engine are left out,
@@ -35,8 +28,6 @@ def service_paths(
     ----------
     schemas
         Components of the description so far.
-    get, parameter, problems
-        Describe a GET, a parameter, and the problems of an operation.
     """
     namespace = parameter("namespace", "path", "of the service", _TEXT)
     name = parameter("name", "path", "of the service, perhaps with @version", _TEXT)
@@ -68,21 +59,17 @@ def service_paths(
             "delete": cancel,
         },
     }
-    paths.update(_dataset_paths(get, parameter, problems))
+    paths.update(_dataset_paths())
     for definition in registry:
         if definition.name == _ENGINE:
             continue
         for method in definition.methods.values():
             path = f"/services/{definition.name}/{method.name}"
-            paths[path] = {"post": _operation(definition, method, schemas, parameter, problems)}
+            paths[path] = {"post": _operation(definition, method, schemas)}
     return paths
 
 
-def _dataset_paths(
-    get: Callable[..., JsonObject],
-    parameter: Callable[..., JsonObject],
-    problems: Callable[..., JsonObject],
-) -> JsonObject:
+def _dataset_paths() -> JsonObject:
     namespace = parameter("namespace", "path", "of the dataset", _TEXT)
     name = parameter("name", "path", "of the dataset, perhaps with @version", _TEXT)
     path = parameter("path", "path", "of the file", _TEXT)
@@ -146,13 +133,7 @@ def _dataset_paths(
     }  # fmt: skip
 
 
-def _operation(
-    definition: Definition,
-    method: Method,
-    schemas: JsonObject,
-    parameter: Callable[..., JsonObject],
-    problems: Callable[..., JsonObject],
-) -> JsonObject:
+def _operation(definition: Definition, method: Method, schemas: JsonObject) -> JsonObject:
     names = _add(schemas, schemas_of(method), definition)
     data = parameter(
         "data", "query", "dataset of a data resource, <resource>:<namespace>/<name>",

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller, require_scope
 from endpoint.http.idempotency import IdempotencyKeys
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, UsageError
 
 ADDRESS = "/engine/"
+_HALF_PAIR = re.compile(rb"\\u[dD][89A-Fa-f]")
 
 
 def plan_operation(
@@ -43,10 +45,7 @@ def plan_operation(
         raise RefusedError(404, "not-found", f"no operation {name}{hint}")
     if request.method in ("GET", "HEAD") and prefers_html(request.header("accept")):
         return Plan.ready(Response(303, headers=(("Location", f"/operations/{name}"),)))
-    if request.method != "POST":
-        raise RefusedError(
-            405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)
-        )
+    require_method(request, ("POST",))
     authorise(auth, request, caller, operation.scope, name)
     args = keys.read(request, name, caller.name, json_object(request))
 
@@ -94,7 +93,7 @@ def json_object(request: Request) -> dict[str, Any]:
             headers=(("Accept-Post", JSON_TYPE),),
         )
     try:
-        args = json.loads(request.body or b"{}")
+        args = json.loads(request.body.decode("utf-8-sig") or "{}")
     except json.JSONDecodeError as error:
         raise UsageError(
             f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
@@ -104,5 +103,16 @@ def json_object(request: Request) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise UsageError("not JSON that can be read") from None
     if not isinstance(args, dict):
-        raise UsageError("the arguments are one JSON object")
+        raise UsageError("expected one JSON object")
+    if _HALF_PAIR.search(request.body) and not _is_unicode(args):
+        raise UsageError("a text holds half of a surrogate pair, which is not Unicode")
     return args
+
+
+def _is_unicode(value: Any) -> bool:
+    """Tell whether all texts in a JSON value can be written as UTF-8."""
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        return False
+    return True

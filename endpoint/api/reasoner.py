@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 from pyoxigraph import NamedNode, RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.api.operations import json_object
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.http.terms import read_term
 from rtask.errors import AuthenticationError, TooLargeError, UsageError
@@ -64,9 +65,7 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
     methods = methods_of(address)
     if not methods:
         raise RefusedError(404, "not-found", f"there is nothing at {address}; see /openapi")
-    if request.method not in methods:
-        allow = (("Allow", ", ".join(methods)),)
-        raise RefusedError(405, "method-not-allowed", f"use {' or '.join(methods)}", headers=allow)
+    require_method(request, methods)
     if address == CONTRADICTIONS:
         return Plan(lambda: _contradictions(kb))
     if address == EXPLAIN:
@@ -178,20 +177,10 @@ def _conclusion(request: Request) -> list[TripleKey]:
 
 def _text_of(request: Request) -> bytes:
     """Return the Turtle document that a JSON object carries under ``text``."""
-    sent = _json_object(request)
+    sent = json_object(request)
     if set(sent) != {"text"} or not isinstance(sent["text"], str):
         raise UsageError("expected one JSON object with text: the statements as Turtle")
     return sent["text"].encode()
-
-
-def _json_object(request: Request) -> dict[str, Any]:
-    try:
-        sent = json.loads(request.body)
-    except (ValueError, RecursionError):
-        raise UsageError("not JSON that can be read") from None
-    if not isinstance(sent, dict):
-        raise UsageError("expected one JSON object")
-    return sent
 
 
 def _explain(kb: KnowledgeBase, triple: TripleKey) -> Response:
@@ -241,7 +230,7 @@ def _sent(request: Request) -> _Sent:
             f"send a rule as {JSON_TYPE} with label and text, or as {SPARQL_TYPE} with ?label=",
             headers=(("Accept-Post", f"{JSON_TYPE}, {SPARQL_TYPE}"),),
         )
-    sent = _json_object(request)
+    sent = json_object(request)
     replace = sent.get("replace") is True
     if "rules" not in sent:
         return _Sent([_rule(sent, _FIELDS)], replace)

@@ -24,7 +24,14 @@ from typing import Any
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
 from endpoint.http.form_data import FORM_DATA_TYPE, FormPart, array_from_npy, form_parts
-from endpoint.http.messages import CBOR_TYPE, JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import (
+    CBOR_TYPE,
+    JSON_TYPE,
+    RefusedError,
+    Request,
+    Response,
+    require_method,
+)
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask.errors import UnknownTermError, UsageError
@@ -77,12 +84,7 @@ def plan_service(
     QueueFullError
         Too many calls wait.
     """
-    allowed = methods_of(address)
-    if request.method not in allowed:
-        allow = (("Allow", ", ".join(allowed)),)
-        raise RefusedError(
-            405, "method-not-allowed", f"{address} takes {' and '.join(allowed)}", headers=allow
-        )
+    require_method(request, methods_of(address))
     try:
         if address == JOBS or address.startswith(f"{JOBS}/"):
             return _plan_jobs(host, auth, request, caller, address.removeprefix(JOBS).strip("/"))

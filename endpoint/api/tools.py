@@ -13,7 +13,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask import __version__
@@ -41,14 +41,14 @@ def plan_tools(host: ServiceHost, auth: Authenticator, request: Request, caller:
     RefusedError
         405 for anything but POST: there is no stream to open and no session to end.
     """
-    if request.method != "POST":
-        raise RefusedError(
-            405, "method-not-allowed", "send JSON-RPC by POST", headers=(("Allow", "POST"),)
-        )
+    require_method(request, ("POST",), "send JSON-RPC by POST")
     auth.check_origin(request, caller)
     message = json_object(request)
     if "id" not in message:  # a notification
         return Plan.ready(Response(202))
+    if not isinstance(message["id"], str | int | None):
+        message["id"] = None
+        return _told(message, _error(_INVALID, "id: expected a text or a whole number"))
     if message.get("jsonrpc") != "2.0" or not isinstance(message.get("method"), str):
         return _told(message, _error(_INVALID, "expected a JSON-RPC 2.0 request"))
     params = message.get("params", {})

@@ -30,7 +30,7 @@ from endpoint.follow.events import (
 from endpoint.follow.job_events import JobStream, is_followed
 from endpoint.follow.replication import RECORDS, RecordStream
 from endpoint.follow.socket import ChangeSocket
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
 from endpoint.served import embedded
@@ -92,9 +92,7 @@ class Changes:
         RtaskError
             The request is refused.
         """
-        if request.method not in ("GET", "HEAD", "POST"):
-            allow = (("Allow", "GET, HEAD, POST"),)
-            raise RefusedError(405, "method-not-allowed", "follow with GET or POST", headers=allow)
+        require_method(request, ("GET", "HEAD", "POST"))
         caller = self._context.auth.identify(request)
         if is_followed(request):
             self._admit(caller)

@@ -235,4 +235,5 @@ def event(name: str, data: JsonObject, id_: str = "") -> bytes:
     """
     text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
     start = f"id: {id_}\n" if id_ else ""
-    return f"{start}event: {name}\ndata: {text}\n\n".encode()
+    # Half of a surrogate pair becomes what JSON writes for it.
+    return f"{start}event: {name}\ndata: {text}\n\n".encode(errors="backslashreplace")

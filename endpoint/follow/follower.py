@@ -37,7 +37,6 @@ __all__ = ["Follower", "prepare"]
 
 _log = logging.getLogger(__name__)
 LOST_S = 5.0
-NOT_READY_S = 10.0
 _RETRY_S = 0.25
 _MAX_BATCH = 500
 _PASSED_ON = frozenset(

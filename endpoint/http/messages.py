@@ -9,7 +9,7 @@ import binascii
 import itertools
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -206,6 +206,25 @@ class Request:
     def content_type(self) -> tuple[str, dict[str, str]]:
         """Media type and parameters of the body; ``("", {})`` if the header is missing."""
         return split_media_type(self.header("content-type"))
+
+
+def require_method(request: Request, allowed: Sequence[str], hint: str = "") -> None:
+    """Refuse a request by another method than an address takes.
+
+    Parameters
+    ----------
+    hint
+        What to do instead; by default, which methods to use.
+
+    Raises
+    ------
+    RefusedError
+        405, with ``Allow`` (RFC 9110, 15.5.6).
+    """
+    if request.method not in allowed:
+        listed = ", ".join(allowed)
+        words = hint or f"{request.method} is not allowed here; use {listed}"
+        raise RefusedError(405, "method-not-allowed", words, headers=(("Allow", listed),))
 
 
 class Chunks(Protocol):

@@ -78,7 +78,8 @@ def problem(error: Exception, instance: str = "") -> Response:
     """Turn an error into a response, and log it if it was unexpected."""
     if not isinstance(error, RtaskError):
         _log.error("request %s failed", instance or "-", exc_info=error)
-    body = json.dumps(details_of(error, instance), default=str, ensure_ascii=False)
+    text = json.dumps(details_of(error, instance), default=str, ensure_ascii=False)
+    body = text.encode(errors="backslashreplace")  # half of a surrogate pair, as JSON escapes it
     headers: tuple[tuple[str, str], ...] = ()
     if isinstance(error, RefusedError):
         headers = error.headers
@@ -86,7 +87,7 @@ def problem(error: Exception, instance: str = "") -> Response:
         headers = (("WWW-Authenticate", _challenge(error)),)
     elif isinstance(error, RtaskError) and "retry_after_s" in error.details:
         headers = (("Retry-After", str(math.ceil(error.details["retry_after_s"]))),)
-    return Response(status_of(error), body.encode(), PROBLEM_TYPE, headers)
+    return Response(status_of(error), body, PROBLEM_TYPE, headers)
 
 
 def _challenge(error: AuthenticationError) -> str:

@@ -8,7 +8,6 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri, by_words, without
 from endpoint.pages.objects import known_object, list_objects
@@ -16,7 +15,6 @@ from endpoint.pages.render import (
     Model,
     blueprint,
     context,
-    current_request,
     embedded_graph,
     page,
     select,
@@ -117,9 +115,7 @@ def carry_out(operation: str, told: dict[str, Any]) -> Answer:
     ForbiddenError
         The form belongs to another page or session, or the caller may not teach.
     """
-    caller = context().auth.identify(current_request())
-    require_form()
-    require_scope(caller.access, "teach")
+    caller = require_form("teach")
     answer = context().engine.call(operation, told, caller.access)
     what = {"object": told.get("object"), "commit": answer["commit"], "by": caller.name}
     context().audit.event(told["operation"], **what)

@@ -9,9 +9,8 @@ from urllib.parse import quote, urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
 from endpoint.activity.words import AFTER
-from endpoint.pages.render import Model, blueprint, context, current_request, page, select
+from endpoint.pages.render import Model, blueprint, context, page, select
 from endpoint.pages.signin import require_form
 from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.words import PHASES
@@ -131,9 +130,7 @@ def feedback() -> Model:
 @blueprint.route(_ADDRESS, methods=["POST"])
 def judge() -> WerkzeugResponse:
     """Store a person's verdict and show the list again."""
-    caller = context().auth.identify(current_request())
-    require_form()
-    require_scope(caller.access, "teach")
+    caller = require_form("teach")
     told = read_form(GiveFeedback, dict(flask.request.form.lists()))
     if told.get("verdict") != "correct":
         told.pop("held", None)

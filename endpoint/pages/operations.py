@@ -10,7 +10,7 @@ import flask
 from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
-from endpoint.pages.render import Model, blueprint, context, current_request, page
+from endpoint.pages.render import Model, blueprint, context, page
 from endpoint.pages.signin import require_form
 from endpoint.rosbridge.services import Operation
 from rtask.errors import RtaskError
@@ -41,8 +41,7 @@ def operation_form(name: str) -> str:
 def operation_sent(name: str) -> str | tuple[str, int]:
     """Carry out what a form asks for, and show the answer or what was wrong below the form."""
     operation, form = _found(name), flask.request.form
-    caller = context().auth.identify(current_request())
-    require_form()
+    caller = require_form()
     given = {key: value for key, value in form.items() if key not in ("secret", "more")}
     if form.get("more"):
         return _shown(name, operation, given, more=form["more"])

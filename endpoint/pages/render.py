@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from datetime import datetime
@@ -129,7 +130,7 @@ def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
             return flask.render_template(template, alternate=alternate, **build())
 
         def data() -> flask.Response:
-            text = json.dumps(build(), ensure_ascii=False, default=str)
+            text = json.dumps(_without_nan(build()), ensure_ascii=False, default=str)
             return flask.Response(text, content_type=JSON_TYPE)
 
         blueprint.add_url_rule(rule, build.__name__, html)
@@ -137,6 +138,15 @@ def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
         return build
 
     return register
+
+
+def _without_nan(value: Any) -> Any:
+    """Return a model with null for NaN and infinity, which JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _without_nan(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def problem_page(error: RtaskError | None, response: Response) -> flask.Response:

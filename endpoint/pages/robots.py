@@ -9,7 +9,6 @@ from dataclasses import asdict
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.pages.drawn import belief_over
 from endpoint.pages.feedback import list_attempts
@@ -17,7 +16,6 @@ from endpoint.pages.render import (
     Model,
     blueprint,
     context,
-    current_request,
     knowledge_base,
     page,
     robot_url,
@@ -100,9 +98,7 @@ def robot() -> Model:
 @blueprint.route("/robot/disconnect", methods=["POST"])
 def robot_disconnected() -> WerkzeugResponse:
     """Close the connections of a robot, for an operator; it may connect again."""
-    caller = context().auth.identify(current_request())
-    require_form()
-    require_scope(caller.access, "admin")
+    caller = require_form("admin")
     robot = flask.request.form.get("robot", "")
     facts = _facts_of(iri(robot))
     name = str(facts["name"] or "")

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import SCOPES
+from endpoint.access.auth import SCOPES, Caller, require_scope
 from endpoint.access.sessions import session_name, set_cookie
 from endpoint.pages.render import blueprint, context, current_request
 from rtask.errors import AccessError, AuthenticationError, ForbiddenError
@@ -58,13 +58,18 @@ def sign_out() -> WerkzeugResponse:
     return answer
 
 
-def require_form() -> None:
-    """Refuse a form that none of our pages made for this session.
+def require_form(scope: str = "") -> Caller:
+    """Return the person who sent a form that one of our pages made for this session.
+
+    Parameters
+    ----------
+    scope
+        Needed to do what the form asks for; empty where that is found out later.
 
     Raises
     ------
     ForbiddenError
-        The Origin is foreign, or the form's secret is not the session's.
+        The Origin is foreign, the form's secret is not the session's, or the role lacks the scope.
     """
     request = current_request()
     auth = context().auth
@@ -72,6 +77,9 @@ def require_form() -> None:
     auth.check_origin(request, caller)
     if caller.session and not caller.session.accepts_form(flask.request.form.get("secret", "")):
         raise ForbiddenError("this form was made for another session; open the page again")
+    if scope:
+        require_scope(caller.access, scope)
+    return caller
 
 
 def form_secret() -> str:

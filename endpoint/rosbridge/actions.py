@@ -14,8 +14,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from endpoint.access.auth import require_scope
-from endpoint.rosbridge.calls import CallQueue, Deadlines
-from endpoint.rosbridge.messages import JsonObject, encode, failure_text
+from endpoint.rosbridge.calls import CallQueue, Deadline, Deadlines
+from endpoint.rosbridge.messages import (
+    JsonObject,
+    encode,
+    failure_text,
+    refuse_unwritable,
+)
 from endpoint.rosbridge.providers import Peer, Provider, Providers
 from endpoint.rosbridge.services import Engine
 from rtask.errors import RtaskError, UnknownTermError, UsageError
@@ -86,6 +91,7 @@ class Goal:
     deadlines: Deadlines
     provider: Provider | None = None
     progress: Progress | None = None
+    late: Deadline | None = None
     last_feedback: float = float("-inf")
     held: Any = None
     done: bool = False
@@ -181,7 +187,7 @@ class Actions:
             known = ", ".join(self.names()) or "none"
             raise UnknownTermError(f"Action {goal.action} does not exist; known: {known}")
         require_scope(access, "call" if own is None else own.scope)
-        self._deadlines.after(
+        goal.late = self._deadlines.after(
             GOAL_S, lambda: self._end(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
         )
         if own is not None:
@@ -192,6 +198,7 @@ class Actions:
             ):
                 raise UsageError("busy: too many calls are waiting")
         elif provider is not None:
+            refuse_unwritable(args, "args")
             goal.provider = provider
             provider.peer.emit(
                 {
@@ -240,7 +247,7 @@ class Actions:
         Raises
         ------
         UsageError
-            The goal was sent to another robot.
+            The goal was sent to another robot, or the message holds a number that is none in JSON.
         """
         id_ = message.get("id")
         with self._lock:
@@ -250,6 +257,7 @@ class Actions:
         if goal.provider is None or goal.provider.peer is not peer:
             raise UsageError(f"{message.get('op')}: the goal {id_} was sent to another robot")
         values = message.get("values")
+        refuse_unwritable(message, str(message.get("op")))
         if message.get("op") == "action_feedback":
             goal.feedback(values if values is not None else message.get("feedback", {}))
             return
@@ -278,6 +286,8 @@ class Actions:
     def _end(self, key: str, goal: Goal, status: int, values: Any) -> None:
         with self._lock:
             self._goals.pop(key, None)
+        if goal.late is not None:
+            goal.late.cancel()
         goal.end(status, values)
 
 

@@ -111,7 +111,7 @@ def _new_object(entry: Any, where: str) -> JsonObject:
 def _number(value: Any, where: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if isinstance(value, bool) or not math.isfinite(number):
         raise UsageError(f"{where}: {value!r} is not a number")

@@ -191,5 +191,5 @@ class Deadlines:
                 left = self._heap[0][0] - time.monotonic()
                 if left <= 0:
                     return heapq.heappop(self._heap)[2]
-                self._ready.wait(left)
+                self._ready.wait(min(left, threading.TIMEOUT_MAX))
             return None

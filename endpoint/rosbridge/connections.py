@@ -63,8 +63,8 @@ class Connections:
         """Accept a connection and serve it to its end, or refuse it before the upgrade."""
         await receive()  # websocket.connect
         try:
-            if request.path.rstrip("/") not in ("", "/rosbridge"):
-                raise RtaskError(f"robots connect to {' or '.join(ADDRESSES)}")
+            if (request.path.rstrip("/") or "/") not in ADDRESSES:
+                raise RefusedError(404, "not-found", f"robots connect to {' or '.join(ADDRESSES)}")
             caller = self._auth.identify(request, ticket_in_url=True)
             self._auth.check_origin(request, caller)
             self._admit(caller)

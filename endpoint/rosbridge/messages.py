@@ -65,6 +65,33 @@ def _is_deeper(value: Any, allowed: int) -> bool:
     return True
 
 
+def is_writable(value: Any) -> bool:
+    """Tell whether strict JSON can carry a value, which has no NaN or infinity.
+
+    Examples
+    --------
+    >>> is_writable({"x": [0.5, "NaN"]}), is_writable([{"x": float("nan")}])
+    (True, False)
+    """
+    try:
+        strict_json(value)
+    except ValueError:
+        return False
+    return True
+
+
+def refuse_unwritable(value: Any, field: str) -> None:
+    """Refuse a value of a field that JSON cannot carry to another robot.
+
+    Raises
+    ------
+    UsageError
+        A number in it is not finite.
+    """
+    if not is_writable(value):
+        raise UsageError(f"{field}: JSON has no NaN or infinity")
+
+
 def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
     """Return the arguments of a call as an object.
 
@@ -103,12 +130,16 @@ def name_of(message: JsonObject, field: str) -> str:
     Raises
     ------
     UsageError
-        The name is missing.
+        The name is missing, or holds half of a surrogate pair, which no page could show.
     """
     name = message.get(field)
-    if not isinstance(name, str) or not name.strip("/ "):
+    if not isinstance(name, str) or not name.strip("/ ") or not _is_unicode(name):
         raise UsageError(f"{field}: expected a name")
     return "/" + name.lstrip("/")
+
+
+def _is_unicode(text: str) -> bool:
+    return text.encode("utf-8", "replace").decode() == text
 
 
 def text_of(message: JsonObject, field: str) -> str:
@@ -147,10 +178,9 @@ def service_response(
 
 
 def with_id(answer: JsonObject, message: Any) -> JsonObject:
-    """Add the caller's id exactly as it was sent; none if none was sent."""
-    if isinstance(message, dict) and message.get("id") is not None:
-        return {**answer, "id": message["id"]}
-    return answer
+    """Add the caller's id exactly as it was sent; none if none was sent that JSON can carry."""
+    id_ = message.get("id") if isinstance(message, dict) else None
+    return answer if id_ is None or not is_writable(id_) else {**answer, "id": id_}
 
 
 def failure_text(error: Exception) -> str:

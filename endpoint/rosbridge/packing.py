@@ -57,12 +57,12 @@ class Packing:
             ``fragment_size`` is not a number.
         """
         size = message.get("fragment_size") or 0
-        if isinstance(size, bool) or not isinstance(size, int | float) or not math.isfinite(size):
+        if isinstance(size, bool) or not isinstance(size, int | float):
             raise UsageError("fragment_size: expected a number of characters")
         compression = message.get("compression")
         return cls(
             compression if isinstance(compression, str) else "none",
-            max(int(size), MIN_PIECE) if size > 0 else 0,
+            int(min(max(size, MIN_PIECE), MAX_CHARACTERS)) if size > 0 else 0,
         )
 
     @property

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from endpoint.rosbridge.calls import Deadline, Deadlines
-from endpoint.rosbridge.messages import JsonObject
+from endpoint.rosbridge.messages import (
+    JsonObject,
+    is_writable,
+    refuse_unwritable,
+)
 from endpoint.rosbridge.topics import RESERVED
 from rtask.errors import ForbiddenError, UsageError
 
@@ -39,7 +42,7 @@ class Peer(Protocol):
     def identity(self) -> str:
         """Name of the robot; all robots without a token are one."""
 
-    def emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject) -> None:
         """Queue a message without waiting."""
 
 
@@ -139,6 +142,8 @@ class Providers:
         ------
         ForbiddenError
             The call was sent to another session.
+        UsageError
+            It holds a number that is none in JSON; the call has failed.
         """
         with self._lock:
             call = self._calls.get(_key(message))
@@ -147,6 +152,10 @@ class Providers:
         if call.provider.peer.number != peer.number:
             raise ForbiddenError(f"service_response: {call.id} was sent to another robot")
         result, values = outcome_of(message)
+        if not is_writable(values):
+            reason = f"{peer.identity} answered with a number that is none in JSON"
+            self._end(call.id, False, reason)
+        refuse_unwritable(values, "values")
         self._end(call.id, result, values)
 
     def leave(self, peer: Peer) -> None:
@@ -195,7 +204,7 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
     wanted = message.get("timeout")
     if isinstance(wanted, bool) or not isinstance(wanted, int | float) or not wanted > 0:
         return default_s
-    return min(float(wanted), MAX_TIMEOUT_S) if math.isfinite(wanted) else MAX_TIMEOUT_S
+    return float(min(wanted, MAX_TIMEOUT_S))
 
 
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
@@ -26,8 +26,10 @@ from endpoint.rosbridge.messages import (
     arguments,
     encode,
     failure_text,
+    is_writable,
     name_of,
     parse,
+    refuse_unwritable,
     service_response,
     text_of,
     with_id,
@@ -67,10 +69,6 @@ class Bridge:
     ----------
     engine
         Offers its operations as services below ``/rtask/``.
-    threads
-        Number of calls that run at the same time.
-    call_s
-        Time limit in s of a call whose caller names none.
     activity
         Receives who connects and what cameras see; none for one of its own.
     host
@@ -80,17 +78,14 @@ class Bridge:
     def __init__(
         self,
         engine: Engine,
-        threads: int = 32,
-        call_s: float = CALL_S,
         activity: ActivityLog | None = None,
         host: ServiceHost | None = None,
     ) -> None:
         self.engine = engine
         self.activity = activity or ActivityLog()
-        self.call_s = call_s
         self.deadlines = Deadlines()
         self.topics = Topics(self.deadlines)
-        self.calls = CallQueue(threads)
+        self.calls = CallQueue()
         self.providers = Providers(self.deadlines)
         own_actions = [*plan_grasps_action(engine), *hosted_actions(host)]
         self.actions = Actions(own_actions, self.calls, self.deadlines)
@@ -179,7 +174,8 @@ class Session:
             if handler is None:
                 known = ", ".join(sorted(self._ops))
                 raise UsageError(f"unknown op {op!r}; this server takes {known}")
-            if not isinstance(message.get("id"), str | int | float | None):
+            id_ = message.get("id")
+            if not isinstance(id_, str | int | float | None) or not is_writable(id_):
                 raise UsageError("id: expected a string or a number")
             handler(message)
         except RtaskError as error:
@@ -205,10 +201,9 @@ class Session:
         if not self._closed:
             self._send(frame)
 
-    def emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject) -> None:
         """Queue a message for the robot without waiting."""
-        if not self._closed:
-            self._send(encode(message), topic)
+        self.put(encode(message))
 
     def _status(self, level: str, text: str, message: Any) -> None:
         if LEVELS.index(level) > LEVELS.index(self._level):
@@ -246,6 +241,7 @@ class Session:
             if provider is not None:
                 args = arguments(message.get("args"))
                 require_scope(self.access, "call")
+                refuse_unwritable(args, "args")
                 self.bridge.providers.call(
                     provider, args, self.number, timeout_of(message),
                     lambda result, values: self._finish(message, packing, result, values, once),
@@ -269,7 +265,7 @@ class Session:
         if service.inline:
             self._run(message, packing, service, args, once)
             return
-        seconds = timeout_of(message, self.bridge.call_s)
+        seconds = timeout_of(message, CALL_S)
         late = self.bridge.deadlines.after(
             seconds,
             lambda: self._finish(
@@ -391,19 +387,19 @@ class Session:
             self._status("warning", f"{name} was not advertised here", message)
 
     def _publish(self, message: JsonObject) -> None:
-        latch = message.get("latch") is True
-        content = message.get("msg", {})
+        name, content = name_of(message, "topic"), message.get("msg", {})
         try:
-            self.bridge.topics.publish(self.number, name_of(message, "topic"), content, latch=latch)
+            latch = message.get("latch") is True
+            self.bridge.topics.publish(self.number, name, content, latch=latch)
         except ValueError as error:
             raise UsageError(f"msg: {error}; JSON has no NaN or infinity") from None
-        type_ = self.bridge.topics.type_of(str(message.get("topic")))
-        self.bridge.activity.picture(self.identity, str(message.get("topic")), type_, content)
+        type_ = self.bridge.topics.type_of(name)
+        self.bridge.activity.picture(self.identity, name, type_, content)
 
     def _subscribe(self, message: JsonObject) -> None:
         throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))
         for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
                 raise UsageError(f"{name}: expected a number")
         name, packing = name_of(message, "topic"), Packing.wanted(message)
         packing = self._smallest(name, packing)

@@ -38,7 +38,7 @@ class WorkerSession(Protocol):
     def put(self, frame: Frame) -> None:
         """Queue a frame without waiting."""
 
-    def emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject) -> None:
         """Queue a message without waiting."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
 from rtask.errors import DataError, UsageError
@@ -30,9 +30,7 @@ def plan_check(request: Request) -> Plan:
     UsageError
         The body is not UTF-8, or too long to be checked.
     """
-    if request.method != "POST":
-        allow = (("Allow", "POST, OPTIONS"),)
-        raise RefusedError(405, "method-not-allowed", "send the text by POST", headers=allow)
+    require_method(request, ("POST", "OPTIONS"))
     media_type, _ = request.content_type
     if media_type not in (QUERY_TYPE, UPDATE_TYPE):
         raise RefusedError(

@@ -23,7 +23,7 @@ MAX_NAMED_GRAPHS = 1_000
 
 
 def describe(
-    endpoint: str,
+    endpoint: NamedNode,
     media_type: str,
     *,
     plain: bool,
@@ -65,11 +65,11 @@ def _sd(name: str) -> NamedNode:
     return NamedNode(SD + name)
 
 
-def _service(endpoint: str, plain: bool, updates: bool) -> Iterable[Triple]:
+def _service(endpoint: NamedNode, plain: bool, updates: bool) -> Iterable[Triple]:
     languages = ["SPARQL10Query", "SPARQL11Query", *(["SPARQL11Update"] if updates else [])]
     features = ["EmptyGraphs", *([] if plain else ["UnionDefaultGraph"])]
     yield Triple(_SERVICE, _RDF_TYPE, _sd("Service"))
-    yield Triple(_SERVICE, _sd("endpoint"), NamedNode(endpoint))
+    yield Triple(_SERVICE, _sd("endpoint"), endpoint)
     for language in languages:
         yield Triple(_SERVICE, _sd("supportedLanguage"), _sd(language))
     for feature in features:

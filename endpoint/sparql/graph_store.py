@@ -17,7 +17,13 @@ from endpoint.access.auth import Authenticator, Caller
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_known, names
 from endpoint.http.form_data import FORM_DATA_TYPE, form_parts
-from endpoint.http.messages import RefusedError, Request, Response, split_media_type
+from endpoint.http.messages import (
+    RefusedError,
+    Request,
+    Response,
+    require_method,
+    split_media_type,
+)
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config
@@ -105,13 +111,7 @@ class GraphStore:
         RefusedError
             400, 405, 406 or 415; the message says what to do instead.
         """
-        if request.method not in METHODS:
-            raise RefusedError(
-                405,
-                "method-not-allowed",
-                f"{request.method} is not allowed here; use {', '.join(METHODS)}",
-                headers=(("Allow", ", ".join(METHODS)),),
-            )
+        require_method(request, METHODS)
         graph = self._target(request, caller)
         require_read(caller.access, graph, self._served)
         if request.method in ("GET", "HEAD"):
@@ -130,12 +130,12 @@ class GraphStore:
         if len(names) > 1 or (names and default):
             raise RefusedError(400, "usage", "name one graph: `graph=<iri>` or `default`")
         if names:
-            return NamedNode(absolute_iri(names[0], "graph"))
+            return absolute_iri(names[0], "graph")
         if default:
             return self._kb.access(access=caller.access).home()
         if request.raw_path.rstrip("/") == ADDRESS:
             return None
-        return NamedNode(absolute_iri(request.url, "graph"))
+        return absolute_iri(request.url, "graph")
 
     # Reading
 

@@ -22,7 +22,7 @@ from endpoint.sparql.answers import GRACE_S, Answers, Question
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
 from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
-from endpoint.sparql.request import QueryRequest, UpdateRequest
+from endpoint.sparql.request import QueryRequest, UpdateRequest, absolute_iri
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import (
     ClosedError,
@@ -323,12 +323,13 @@ def _expected(kb: ServedGraph, text: str) -> int | None:
 def plan_description(kb: ServedGraph, request: Request, config: Config, *, updates: bool) -> Plan:
     """Plan the service description."""
     media_type = negotiation.choose(request.header("accept"), negotiation.GRAPH_TYPES)
+    address = absolute_iri(request.url, "the address of this service")
 
     def run() -> Response:
         names = [str(row.value("g")) for row in kb.select(_LIST_GRAPHS)]
         base = "" if kb.plain else kb.base
         return describe(
-            request.url, media_type, plain=config.plain, updates=updates, graphs=names, base=base
+            address, media_type, plain=config.plain, updates=updates, graphs=names, base=base
         )
 
     return Plan(run, config.timeout_s)

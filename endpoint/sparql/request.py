@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 
-from endpoint.http.messages import FORM_TYPE, RefusedError, Request, parse_fields
+from endpoint.http.messages import (
+    FORM_TYPE,
+    RefusedError,
+    Request,
+    parse_fields,
+    require_method,
+)
+from rtask.errors import DataError
+from rtask.rdf.terms import NamedNode, iri
 
 QUERY_TYPE = "application/sparql-query"
 UPDATE_TYPE = "application/sparql-update"
@@ -18,7 +25,6 @@ METHODS = {
     (QUERY,): ("GET", "HEAD", "POST", "OPTIONS"),
     (UPDATE,): ("POST", "OPTIONS"),
 }
-_ABSOLUTE_IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]*")
 
 
 @dataclass(frozen=True)
@@ -100,14 +106,7 @@ def parse_operation(request: Request, kinds: tuple[str, ...] = (QUERY, UPDATE)) 
     >>> parse_operation(Request("GET", "/sparql", "query=ASK+%7B%7D")).text
     'ASK {}'
     """
-    allowed = METHODS[kinds]
-    if request.method not in allowed:
-        raise RefusedError(
-            405,
-            "method-not-allowed",
-            f"{request.method} is not allowed here; use {', '.join(allowed)}",
-            headers=(("Allow", ", ".join(allowed)),),
-        )
+    require_method(request, METHODS[kinds])
     if request.method in ("GET", "HEAD"):
         return _from_get(request)
     return _from_post(request, kinds)
@@ -221,11 +220,12 @@ def _iris(fields: Fields, name: str) -> tuple[str, ...]:
     return values
 
 
-def absolute_iri(value: str, name: str) -> str:
-    """Return a value, or refuse it unless it is an absolute IRI."""
-    if not _ABSOLUTE_IRI.fullmatch(value):
-        raise RefusedError(400, "usage", f"{name}={value!r} is not an absolute IRI")
-    return value
+def absolute_iri(value: str, name: str) -> NamedNode:
+    """Return a value as a term, or refuse it unless it is an absolute IRI."""
+    try:
+        return iri(value)
+    except DataError as error:
+        raise RefusedError(400, "usage", f"{name}: {error}") from None
 
 
 def _timeout(fields: Fields) -> float | None:

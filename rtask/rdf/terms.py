@@ -82,11 +82,21 @@ def literal(value: object) -> Literal:
 
     >>> str(literal(0.08)), str(literal(True))
     ('"0.08"^^<http://www.w3.org/2001/XMLSchema#double>', '"true"^^<http://www.w3.org/2001/XMLSchema#boolean>')
+
+    Raises
+    ------
+    DataError
+        If a text holds half of a surrogate pair, or a number is too large to be stored.
+    UsageError
+        If the value is of another type.
     """
     if isinstance(value, Literal):
         return value
     if isinstance(value, str | bool | int | float):
-        return Literal(value)
+        try:
+            return Literal(value)
+        except (ValueError, OverflowError):
+            raise DataError(f"cannot be stored as a literal: {str(value)[:100]!r}") from None
     if isinstance(value, decimal.Decimal):
         return _typed(format(value, "f"), "decimal")
     if isinstance(value, dt.datetime):

@@ -191,19 +191,18 @@ class ActProvider:
                 )
             )
             for name, (type_, _) in self._methods.items():
-                announce = {"op": "advertise_service", "service": name, "type": type_}
-                socket.send(json.dumps(announce))
+                self._send(socket, {"op": "advertise_service", "service": name, "type": type_})
             for name in self._actions:
-                announce = {"op": "advertise_action", "action": name, "type": ACTION_TYPE}
-                socket.send(json.dumps(announce))
+                self._send(socket, {"op": "advertise_action", "action": name, "type": ACTION_TYPE})
             topic = {"topic": self._joints_topic, "type": "sensor_msgs/JointState", "latch": True}
-            socket.send(json.dumps({"op": "advertise", **topic}))
+            self._send(socket, {"op": "advertise", **topic})
             self._publish_joints(socket)
         except InvalidStatus as error:
             if error.response.status_code in (401, 403):
                 raise AuthenticationError(f"{self._address} requires a robot's token") from error
             raise RemoteUnavailableError(f"{self._address}: {error}") from error
         except (OSError, InvalidHandshake) as error:
+            opened.close()
             raise RemoteUnavailableError(f"{self._address} cannot be reached: {error}") from error
         return socket
 

@@ -57,7 +57,7 @@ class FramePublisher:
         self._opened = contextlib.ExitStack()
         self._missed = False
         self.topic = f"/{name}/frame"
-        self.offered = self.sent = self.bytes_sent = 0
+        self.offered = self.sent = 0
 
     def __enter__(self) -> FramePublisher:
         return self
@@ -86,7 +86,6 @@ class FramePublisher:
             self._publish({"data": to_wire(data), "reason": change.reason, "number": self.offered})
             self._missed = False
             self.sent += 1
-            self.bytes_sent += len(data)
         return change
 
     def watch(self, frame: Frame) -> None:

@@ -59,9 +59,8 @@ class Told:
 
 
 def replay(
-    table: Mapping[str, Any], fleets: int, on_table: int, cap: int, seed: int,
-    policy: Policy | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    table: Mapping[str, Any], fleets: int, on_table: int, cap: int, seed: int
+) -> dict[str, Any]:
     """Return the effect of sharing over many fleets, with controls, as JSON data.
 
     Parameters
@@ -83,7 +82,7 @@ def replay(
     things = [thing for thing in table["products"] if thing["arms"]]
     if on_table > len(things):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
-    policy, hand = policy or Policy(), gripper_named(str(table["settings"]["hand"]))
+    policy, hand = Policy(), gripper_named(str(table["settings"]["hand"]))
     player = Player(policy, hand, cap)
     plain = Player(replace(policy, causes=False), hand, cap)
     rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}

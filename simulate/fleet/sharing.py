@@ -63,7 +63,6 @@ def sharing_study(
     seed: int,
     prior: bool,
     preset: str,
-    max_attempts: int = MAX_ATTEMPTS,
     products: str = "plain",
     kinds: Sequence[str] = ("nao",),
     look_alikes: bool = False,
@@ -93,7 +92,7 @@ def sharing_study(
         "simulate.fleet.sharing:sharing_trial",
         {
             "seed": seed, "robots": robots, "objects": objects, "on_table": on_table,
-            "prior": prior, "preset": preset, "max_attempts": max_attempts,
+            "prior": prior, "preset": preset, "max_attempts": MAX_ATTEMPTS,
             "products": products, "kinds": list(kinds), "look_alikes": look_alikes,
         },
         fleets,

@@ -59,7 +59,6 @@ def clear_clutter(
     arm: str,
     seed: int = 0,
     most_moves: int = 30,
-    options: SceneOptions | None = None,
     on_phase: Callable[[str], None] = lambda phase: None,
     pushes: bool = True,
 ) -> Iterator[Move]:
@@ -93,13 +92,12 @@ def clear_clutter(
     failed: list[GraspCandidate] = []
     in_a_row = 0
     hand = hand_of(executor.robot.description, arm)
-    base = options or SceneOptions()
     for number in range(most_moves):
         view = look_at_clutter(executor)
         if view is None or len(view.points) < _FEWEST_POINTS:
             yield Move("none", "empty" if view is not None else "no_table")
             return
-        found = plan_in_view(view, hand, replace(base, seed=base.seed + seed + number))
+        found = plan_in_view(view, hand, SceneOptions(seed=seed + number))
         found = _without(found, failed)
         pick, refused = None, tuple[str, ...]()
         if len(failed) < 3:

@@ -67,11 +67,10 @@ class Obstacle:
         centre: Sequence[float],
         size: Sequence[float],
         yaw: float = 0.0,
-        radius: float = 0.0,
     ) -> Obstacle:
         """Return an upright box of full ``size`` (m), turned by ``yaw`` (rad)."""
         half = np.asarray(size, dtype=np.float64) / 2
-        return cls(name, np.asarray(centre, float), half, rotation_from_rpy((0, 0, yaw)), radius)
+        return cls(name, np.asarray(centre, float), half, rotation_from_rpy((0, 0, yaw)))
 
     @classmethod
     def around(cls, name: str, points: Floats, floor: float, margin: float = 0.0) -> Obstacle:

@@ -55,9 +55,9 @@ def robots_folder() -> Path:
     return Path(data) / "rtask" / "robots"
 
 
-def robot_names(folder: Path | None = None) -> list[str]:
-    """Return the names of the robots in a folder; None = the user's."""
-    return sorted(path.stem for path in (folder or robots_folder()).glob("*.toml"))
+def robot_names() -> list[str]:
+    """Return the names of the user's robots."""
+    return sorted(path.stem for path in robots_folder().glob("*.toml"))
 
 
 def bare_robot(

@@ -47,7 +47,7 @@ def read_srdf(path: Path) -> Srdf:
         tree = ET.parse(path).getroot()
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from error
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:  # the last two: of its encoding
         raise RobotError(f"{path}: not XML: {error}") from error
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")

@@ -38,6 +38,8 @@ _STRICT_KINDS = ("revolute", "prismatic", "fixed")
 _EFFORT = {"revolute": 100.0, "prismatic": 10.0}
 """N m and N, of a joint that states none."""
 _PREFIX = re.compile(rb"(</?|\s)([A-Za-z]\w*):(?=[\w.-]+[\s=/>])")
+_NOT_XML = (ET.ParseError, LookupError, ValueError)
+"""The last two of an encoding that does not exist, or that the parser cannot read."""
 _SPEED = 1.0
 """rad/s or m/s, of a joint that states none."""
 
@@ -101,11 +103,11 @@ class _Reader:
         """Return the document; a late declaration or an undeclared prefix is a gap."""
         try:
             return ET.fromstring(text)
-        except ET.ParseError as error:
+        except _NOT_XML as error:
             problem = str(error)
         try:
             tree = ET.fromstring(_PREFIX.sub(rb"\1\2_", text[max(text.find(b"<?xml"), 0) :]))
-        except ET.ParseError:
+        except _NOT_XML:
             raise RobotError(f"{self._path}: not XML: {problem}") from None
         self._gap("the file", f"is not XML: {problem}", "read without it")
         return tree

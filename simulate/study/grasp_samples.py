@@ -48,8 +48,6 @@ def machined(count: int, gripper: ParallelGripper) -> Iterator[Mesh]:
 def collect_samples(
     meshes: Iterable[Mesh],
     gripper: ParallelGripper,
-    views: int = 1,
-    seed: int = 0,
     candidates: int = 60,
 ) -> GraspSamples:
     """Render meshes on a table, look for hands and pairs, and label them on the whole mesh.
@@ -58,12 +56,8 @@ def collect_samples(
     ----------
     meshes
         Each on z = 0.
-    views
-        Of each mesh, one candidate set each.
-    seed
-        Of cameras, noise and search.
     candidates
-        Kept of each view: so many hands, and so many pairs of contacts.
+        Kept of the view of each mesh: so many hands, and so many pairs of contacts.
 
     Returns
     -------
@@ -74,22 +68,21 @@ def collect_samples(
         name: [] for name in ("statistics", "pictures", "right", "objects", "geometry", "one_sided")
     }
     for number, mesh in enumerate(meshes):
-        for view in range(views):
-            rng = np.random.default_rng([seed, number, view])
-            seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
-            cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
-            cloud = complete_by_symmetry(cloud)
-            found = _candidates(cloud, gripper, seed, candidates)
-            if not found:
-                continue
-            statistics, pictures = closing_regions(cloud, found, gripper)
-            rows["statistics"].append(statistics)
-            rows["pictures"].append(pictures)
-            rows["right"].append(correct(found, mesh, gripper))
-            rows["objects"].append(np.full(len(found), number))
-            geometry = [one.scores.get("geometry", np.nan) for one in found]
-            rows["geometry"].append(np.array(geometry, np.float32))
-            rows["one_sided"].append(np.array([c.antipodal != "full" for c in found]))
+        rng = np.random.default_rng([0, number, 0])
+        seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
+        cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
+        cloud = complete_by_symmetry(cloud)
+        found = _candidates(cloud, gripper, candidates)
+        if not found:
+            continue
+        statistics, pictures = closing_regions(cloud, found, gripper)
+        rows["statistics"].append(statistics)
+        rows["pictures"].append(pictures)
+        rows["right"].append(correct(found, mesh, gripper))
+        rows["objects"].append(np.full(len(found), number))
+        geometry = [one.scores.get("geometry", np.nan) for one in found]
+        rows["geometry"].append(np.array(geometry, np.float32))
+        rows["one_sided"].append(np.array([c.antipodal != "full" for c in found]))
     empty = {
         "statistics": np.empty((0, len(STATISTICS)), np.float32),
         "pictures": np.empty((0, *PICTURE), bool),
@@ -102,12 +95,10 @@ def collect_samples(
     return GraspSamples(**joined, gripper=gripper_key(gripper))
 
 
-def _candidates(
-    cloud: SurfaceCloud, gripper: ParallelGripper, seed: int, most: int
-) -> list[GraspCandidate]:
+def _candidates(cloud: SurfaceCloud, gripper: ParallelGripper, most: int) -> list[GraspCandidate]:
     """Return the first ``most`` hands and the first ``most`` pairs of contacts."""
     if cloud.reason:
         return []
-    hands = propose_on(cloud, gripper, seed=seed).candidates[:most]
-    pairs = propose_pairs(cloud, cloud.surface(), gripper, cloud.support, seed=seed)
+    hands = propose_on(cloud, gripper).candidates[:most]
+    pairs = propose_pairs(cloud, cloud.surface(), gripper, cloud.support)
     return [*hands, *pairs.candidates[:most]]

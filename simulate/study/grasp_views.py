@@ -121,7 +121,6 @@ def correct(
     candidates: Sequence[GraspCandidate],
     mesh: Mesh,
     gripper: ParallelGripper,
-    friction: float | None = None,
 ) -> NDArray[np.bool_]:
     """Return which candidates (n,) hold the whole mesh.
 
@@ -132,8 +131,6 @@ def correct(
     ----------
     mesh
         On the table z = 0, in the candidates' frame.
-    friction
-        Coulomb coefficient; None = the gripper's.
     """
     if len(candidates) == 0:
         return np.empty(0, bool)
@@ -149,7 +146,7 @@ def correct(
     last = at.shape[1] - 1 - np.argmax(between[:, ::-1], axis=1)
     along = np.einsum("nki,ni->nk", mesh.tree.normals[face], closing)
     rows = np.arange(len(poses))
-    least = np.cos(np.arctan(gripper.friction if friction is None else friction))
+    least = np.cos(np.arctan(gripper.friction))
     held = between.any(axis=1) & (at[rows, last] - at[rows, first] > _SAME_M)
     held &= (-along[rows, first] >= least) & (along[rows, last] >= least)
     room = room_around(poses, openings, gripper, Surroundings(Support()), mesh=mesh)

@@ -30,7 +30,6 @@ def portrait(
     camera: Camera,
     size: tuple[int, int] = (1280, 720),
     side: str = "right",
-    lighting: Lighting = LIGHT,
 ) -> NDArray[np.uint8]:
     """Return a picture (h, w, 3) RGB of a world from in front of its robot.
 
@@ -44,7 +43,7 @@ def portrait(
     """
     floor = _add_floor(world.client, world.table_height - _FLOOR_BELOW_TABLE_M)
     try:
-        return photograph(world, camera, size, side, lighting)
+        return photograph(world, camera, size, side, LIGHT)
     finally:
         world.client.removeBody(floor)
 

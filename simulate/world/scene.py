@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulate.robots import Workplace
-from simulate.world.objects import Assets, ObjectSpec, write_assets
+from simulate.world.objects import ObjectSpec, write_assets
 from simulate.world.world import World
 
 __all__ = ["PlacedObject", "Placement", "arrange", "lay"]
@@ -134,16 +134,11 @@ def _gap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(np.min(np.linalg.norm(a[:, None] - b[None], axis=-1)))
 
 
-def lay(
-    world: World,
-    placements: Sequence[Placement],
-    folder: Path,
-    assets: Mapping[str, Assets] | None = None,
-) -> list[PlacedObject]:
-    """Put the products on the world's table and let them settle."""
+def lay(world: World, placements: Sequence[Placement], folder: Path) -> list[PlacedObject]:
+    """Put the products on the world's table and let them settle; their files go to a folder."""
     laid = []
     for placement in placements:
-        made = (assets or {}).get(placement.spec.name) or write_assets(placement.spec, folder)
+        made = write_assets(placement.spec, folder)
         body = world.spawn(placement.spec, (placement.x, placement.y), placement.yaw, made)
         laid.append(PlacedObject(placement, body))
     world.step(_SETTLE_S)

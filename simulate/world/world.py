@@ -280,10 +280,10 @@ class World:
         self._grounds.add(body)
         return body
 
-    def load_urdf(
-        self, robot: RobotDescription, world_from_base: Floats, *, self_collision: bool = True
-    ) -> int:
+    def load_urdf(self, robot: RobotDescription, world_from_base: Floats) -> int:
         """Load a described robot with a fixed base; return the body.
+
+        Links that are not each other's ancestors collide.
 
         Parameters
         ----------
@@ -291,14 +291,12 @@ class World:
             The description.
         world_from_base : (4, 4) float
             Where the robot stands; z up.
-        self_collision
-            Let links that are not each other's ancestors collide.
         """
         world_from_root = Pose.of(world_from_base @ robot.base_from_root.matrix)
         client = self.client
-        flags = client.URDF_USE_INERTIA_FROM_FILE
-        if self_collision:
-            flags |= client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
+        flags = (
+            client.URDF_USE_INERTIA_FROM_FILE | client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
+        )
         with tempfile.TemporaryDirectory(prefix="rtask-urdf-") as folder:
             path = Path(folder) / f"{robot.name}.urdf"
             path.write_text(urdf_text(robot), encoding="utf-8")

@@ -343,7 +343,9 @@ def test_a_setting_that_does_not_exist_is_refused_with_the_nearest(tmp_path: Pat
         read_settings(file, ["host"])
 
 
-@pytest.mark.parametrize("setting", ["patterns", "patterns=0", "patterns=-1", "stars=3"])
+@pytest.mark.parametrize(
+    "setting", ["patterns", "patterns=0", "patterns=-1", "patterns=²", "stars=3"]
+)
 def test_a_limit_is_a_name_and_a_number(setting: str) -> None:
     with pytest.raises(UsageError):
         limits_of([setting])
@@ -435,6 +437,7 @@ def test_an_answer_that_changes_by_itself_has_no_tag(tokens: TokenStore, call: s
         ["--max-upload", "-1"],
         ["--rate", "-1"],
         ["--drain-delay", "-1"],
+        ["--min-identity", "nan"],
     ],
 )
 def test_settings_out_of_range_are_refused_by_name(options: list[str]) -> None:

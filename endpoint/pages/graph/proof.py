@@ -9,7 +9,6 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import require_scope
 from endpoint.http.messages import RefusedError
 from endpoint.http.terms import read_term
 from endpoint.pages.graph.naming import names_of
@@ -184,9 +183,7 @@ def _access() -> Access:
 @blueprint.route(f"{_ADDRESS}/withdraw", methods=["POST"])
 def withdraw() -> WerkzeugResponse:
     """Withdraw a statement from the graphs that the person may write, and show the proof again."""
-    caller = context().auth.identify(current_request())
-    require_form()
-    require_scope(caller.access, "teach")
+    caller = require_form("teach")
     triple = _statement()
     embedded_graph().retract(*triple, access=caller.access, reason="withdrawn on its proof")
     context().audit.event("withdraw", statement=" ".join(map(str, triple)), by=caller.name)

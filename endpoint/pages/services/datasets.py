@@ -10,7 +10,7 @@ from urllib.parse import quote
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.access.auth import Caller, require_scope
+from endpoint.access.auth import Caller
 from endpoint.api.datasets import ADDRESS
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
@@ -43,7 +43,7 @@ def datasets() -> str | WerkzeugResponse:
 @blueprint.route(ADDRESS, methods=["POST"])
 def datasets_sent() -> _Page:
     """Create a dataset, and show it."""
-    form, caller = flask.request.form, _may_write()
+    form, caller = flask.request.form, require_form("write")
     name = form.get("name", "").strip()
     readers = form.get("readers", "").split() or None
     try:
@@ -65,7 +65,7 @@ def dataset(namespace: str, name: str) -> str | WerkzeugResponse:
 @blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["POST"])
 def dataset_sent(namespace: str, name: str) -> _Page:
     """Do with a dataset what a form asks for, and show what came of it or what was wrong."""
-    form, caller = flask.request.form, _may_write()
+    form, caller = flask.request.form, require_form("write")
     plain = f"{namespace}/{name.partition('@')[0]}"
     wanted = form.get("do", "")
     if wanted not in _ACTIONS:
@@ -136,14 +136,6 @@ def _datasets() -> Datasets:
 
 def _caller() -> Caller:
     return context().auth.identify(current_request())
-
-
-def _may_write() -> Caller:
-    """Return the person who sent a form, who may write."""
-    caller = _caller()
-    require_form()
-    require_scope(caller.access, "write")
-    return caller
 
 
 def _listed(problem: Model) -> str:

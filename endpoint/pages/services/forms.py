@@ -67,8 +67,7 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugR
     As a job, it is started, and the page of the job is shown.
     """
     definition, form = _found(f"{namespace}/{name}"), flask.request.form
-    caller = context().auth.identify(current_request())
-    require_form()
+    caller = require_form()
     method = definition.methods.get(form.get(_METHOD, ""))
     if method is None:
         raise RefusedError(404, "not-found", f"{definition.exact} has no such method")

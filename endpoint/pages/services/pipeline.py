@@ -60,8 +60,7 @@ def pipeline() -> Model:
 def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
     """Change the pipeline as a form asks and lead to its address, or run it and show what came."""
     form = flask.request.form
-    caller = context().auth.identify(current_request())
-    require_form()
+    caller = require_form()
     composed: Json = {"steps": [], "inputs": {}}
     files: dict[str, Any] = {}
     try:
@@ -132,7 +131,7 @@ def _changed(composed: Json, wanted: str) -> Json:
     form = flask.request.form
     if what == "add":
         return composing.add_step(composed, form.get("add", ""), _find)
-    if what == "remove" and number.isdecimal() and int(number) < len(composed["steps"]):
+    if what == "remove" and number in map(str, range(len(composed["steps"]))):
         return composing.remove_step(composed, int(number))
     return composing.read_pipeline(form.get("json", ""), _find) if what == "json" else composed
 

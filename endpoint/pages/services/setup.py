@@ -40,8 +40,7 @@ def setup() -> str:
 def setup_sent() -> str | tuple[str, int]:
     """Store the description of a robot, and show how to go on; or what was wrong at its field."""
     form = flask.request.form
-    caller = context().auth.identify(current_request())
-    require_form()
+    caller = require_form()
     if form.get("more"):
         return _shown(form, more=form["more"])
     if form.get("take"):

@@ -130,13 +130,12 @@ def _after_own_outcomes(
     promised: FloatArray,
     held: NDArray[np.bool_],
     objects: IntArray,
-    seed: int = 0,
 ) -> dict[str, float]:
     """Return what a map from 50 outcomes promises of other objects: error and gap of the means.
 
     Means over 20 draws: half of the objects give the outcomes, the other half is judged.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     numbers = np.unique(objects)
     errors, gaps = [], []
     for _ in range(_DRAWS if len(numbers) > 1 else 0):
@@ -157,9 +156,7 @@ def _after_own_outcomes(
     }
 
 
-def _covered(
-    chances: FloatArray, shares: FloatArray, margin: float, seed: int = 0
-) -> dict[str, Any]:
+def _covered(chances: FloatArray, shares: FloatArray, margin: float) -> dict[str, Any]:
     """Return of how many objects at least the promised share held, nine of ten being aimed at.
 
     By the factory's margin, with an interval; and by one from half of the objects over the other
@@ -169,7 +166,7 @@ def _covered(
     least = np.maximum(chances - margin, 0.0)
     hits = share(int((shares >= least - 1e-9).sum()), len(shares))
     found = {"covered": round(hits["share"], 4), "covered_95": hits["interval95"]}
-    rng, halves = np.random.default_rng(seed), []
+    rng, halves = np.random.default_rng(0), []
     for _ in range(_HALVES if len(shares) // 2 >= _FEWEST else 0):
         order = rng.permutation(len(shares))
         known, new = order[: len(order) // 2], order[len(order) // 2 :]

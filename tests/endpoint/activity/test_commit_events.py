@@ -7,6 +7,11 @@ from typing import Any
 import ontology
 import rtask
 from endpoint.activity import commits
+from endpoint.activity.calls import call_event
+from endpoint.follow.events import event as sse
+from rtask.engine.engine import Call
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Change
 
 
@@ -55,3 +60,14 @@ def test_a_commit_that_tells_nothing_else_is_told_by_its_note():
         noted, bare = (commits.commit_events(kb, change)[0] for change in heard)
     assert (noted.words, noted.detail) == ("changed the graph: tidy up", "1 statement")
     assert (bare.words, bare.detail) == ("changed 1 statement", "")
+
+
+def test_a_refusal_that_repeats_half_of_a_surrogate_pair_can_be_shown():
+    call = Call(1, "recall_grasps", Access("nao-1", "robot"), error=UsageError("no \ud800"))
+    told = call_event(call)
+    assert told.words == "was refused: no ?"
+    assert told.words.encode()
+
+
+def test_an_event_is_sent_whatever_text_it_holds():
+    assert sse("activity", {"words": "no \ud800"}).endswith(b'data: {"words":"no \\ud800"}\n\n')

@@ -63,3 +63,8 @@ def test_blank_nodes_are_found_inside_triple_terms() -> None:
     assert stored(Triple(iri("urn:a"), iri("urn:p"), literal("01"))) == Triple(
         iri("urn:a"), iri("urn:p"), literal("01")
     )
+
+
+def test_a_text_that_is_no_unicode_is_refused_by_name():
+    with pytest.raises(DataError, match=r"cannot be stored as a literal: 'a\\ud800'"):
+        literal("a\ud800")

@@ -10,6 +10,7 @@ import pytest
 
 from rtask.errors import RobotError
 from simulate.onboarding.survey import survey_files
+from simulate.robots.srdf import read_srdf
 from simulate.robots.urdf_reader import read_urdf
 
 INERTIAL = (
@@ -117,6 +118,14 @@ def test_what_cannot_be_a_robot_is_an_error(tmp_path, text, says):
     (tmp_path / "x.urdf").write_text(text)
     with pytest.raises(RobotError, match=says):
         read_urdf(tmp_path / "x.urdf", strict=False)
+
+
+@pytest.mark.parametrize("encoding", ["no-such", "utf-7", "base64", "idna"])
+@pytest.mark.parametrize("read", [read_urdf, read_srdf])
+def test_a_document_whose_encoding_cannot_be_read_is_an_error(tmp_path, read, encoding):
+    (tmp_path / "x.urdf").write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot/>')
+    with pytest.raises(RobotError, match="not XML"):
+        read(tmp_path / "x.urdf")
 
 
 def test_rings_and_lost_links_are_errors(tmp_path):
