@@ -350,15 +350,13 @@ def warm_up() -> None:
         index.save()
         snapshot = index.snapshot()
     block, labels = snapshot.parts[0].block, snapshot.object_of_view
-    alive, stamps = snapshot.parts[0].alive, np.zeros(len(block), np.int64)
+    alive = snapshot.parts[0].alive
     assert block.tables is not None
     offsets, rows = block.tables
     # An index of one view is compared in full; these are for larger ones.
     match_tables(
         *(block.descriptors, block.codes, block.buckets, block.descriptors, block.codes, offsets),
-        *(rows, labels, block.view_of_row, alive),
-        stamps,
-        1,
+        *(rows, labels, block.view_of_row, alive, True),
     )
     match_flat(
         *(block.descriptors, block.codes, block.descriptors, block.codes),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
-from features.recognition.index.cascade import squared_distances
+from features.recognition.index.cascade import nearest_both_ways
 from features.recognition.verify import AffineFit, VerifyParams, fit_affine
 
 __all__ = ["Alignment", "AlignmentParams", "Keypoints", "align_views", "mutual_matches"]
@@ -140,15 +140,10 @@ def mutual_matches(
     nothing = np.empty(0, np.intp)
     if len(query) < 2 or len(view) < 2:
         return nothing, nothing
-    distances = squared_distances(query, view)
-    best = distances.argmin(axis=1)
-    nearest = distances[np.arange(len(best)), best]
+    best, best_back, nearest, second = nearest_both_ways(query, view)
     rows = np.flatnonzero(nearest < params.distance_cap)
-    rows = rows[distances.argmin(axis=0)[best[rows]] == rows]
-    if len(rows) == 0:
-        return nothing, nothing
-    second = np.partition(distances[rows], 1, axis=1)[:, 1]
-    rows = rows[nearest[rows] < params.ratio * second]
+    rows = rows[best_back[best[rows]] == rows]
+    rows = rows[nearest[rows] < params.ratio * second[rows]]
     return rows, best[rows]
 
 

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
 
-__all__ = ["FAR", "build_tables", "match_exact", "match_flat", "match_tables", "squared_distances"]
+__all__ = [
+    "FAR",
+    "build_tables",
+    "match_exact",
+    "match_flat",
+    "match_tables",
+    "nearest_both_ways",
+    "squared_distances",
+]
 
 Rows = NDArray[np.int32]
 Codes = NDArray[np.uint64]
@@ -201,6 +209,46 @@ def _nearest_rival(
 
 
 @nb.njit(cache=True, nogil=True)
+def _slots(rows: int) -> int:
+    """Return how many places a set of so many rows has: a power of two, at most a quarter full."""
+    slots = 1024
+    while slots < 4 * rows:
+        slots *= 2
+    return slots
+
+
+@nb.njit(cache=True, nogil=True)
+def _distinct_rows(
+    buckets: NDArray[np.uint32],
+    mask: int,
+    offsets: Rows,
+    table_rows: Rows,
+    seen: Rows,
+    candidates: Rows,
+) -> int:
+    """Write the rows in a descriptor's buckets to ``candidates``, each once; return how many.
+
+    ``seen`` is scratch: a set by open addressing, which stays in the cache as marks on all rows of
+    the segment would not.
+    """
+    seen[:] = -1
+    last = np.uint32(len(seen) - 1)
+    found = 0
+    for table in range(len(buckets)):
+        bucket = buckets[table] & mask
+        for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
+            row = table_rows[table, p]
+            # Knuth's multiplicative hash; its low bits are the weakest.
+            at = (np.uint32(row) * np.uint32(2654435761) >> np.uint32(7)) & last
+            while seen[at] >= 0 and seen[at] != row:
+                at = (at + np.uint32(1)) & last
+            candidates[found] = row
+            found += seen[at] != row
+            seen[at] = row
+    return found
+
+
+@nb.njit(cache=True, nogil=True)
 def match_tables(
     query: UInt8Array,
     query_codes: Codes,
@@ -212,8 +260,7 @@ def match_tables(
     labels: Rows,
     views: Rows,
     alive: UInt8Array,
-    stamps: NDArray[np.int64],
-    first_stamp: int,
+    is_whole: bool,
 ) -> tuple[Rows, Rows, Rows, Rows]:
     """Match against hash tables.
 
@@ -227,8 +274,8 @@ def match_tables(
         Object of each view, and view of each row: labels are looked up at query time.
     alive : (N,) uint8
         0 = removed.
-    stamps : (N,) int64
-        Scratch of the calling thread; ``first_stamp`` exceeds all that stand in it.
+    is_whole
+        None is removed, so that ``alive`` need not be read.
 
     Returns
     -------
@@ -250,6 +297,7 @@ def match_tables(
     hamming = np.empty(room, np.int16)
     short = np.empty(room, np.int32)
     measured = np.empty(room, np.int32)
+    seen = np.empty(room, np.int32)
     for i in range(n):
         most = 0
         for table in range(tables):
@@ -261,17 +309,12 @@ def match_tables(
             hamming = np.empty(room, np.int16)
             short = np.empty(room, np.int32)
             measured = np.empty(room, np.int32)
-        # Rows lie anywhere in memory. Without branches, which would be guessed wrong for rows that
-        # stand in several tables, the processor waits for many of them at once.
-        found = 0
-        stamp = first_stamp + i
-        for table in range(tables):
-            bucket = query_buckets[i, table] & mask
-            for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
-                row = table_rows[table, p]
-                candidates[found] = row
-                found += stamps[row] != stamp
-                stamps[row] = stamp
+            seen = np.empty(_slots(room), np.int32)
+        found = _distinct_rows(
+            query_buckets[i], mask, offsets, table_rows, seen[: _slots(most)], candidates
+        )
+        # Rows lie anywhere in memory. Without branches, which would be guessed wrong, the processor
+        # waits for many of them at once.
         count = 0
         histogram[:] = 0
         for c in range(found):
@@ -279,7 +322,7 @@ def match_tables(
             candidates[count] = row
             h = _hamming(query_codes, i, codes, row)
             hamming[count] = h
-            is_stored = 1 if alive[row] else 0
+            is_stored = 1 if is_whole or alive[row] else 0
             histogram[h] += is_stored
             count += is_stored
         if count:
@@ -338,6 +381,63 @@ def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float
     distances *= -2.0
     distances += norms
     return distances
+
+
+def nearest_both_ways(
+    query: UInt8Array, stored: UInt8Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the nearest neighbours of two sets of descriptors in each other, of equal ones the first.
+
+    Parameters
+    ----------
+    query : (n, 128) uint8
+    stored : (N, 128) uint8
+        At least two.
+
+    Returns
+    -------
+    best : (n,) intp
+    best_back : (N,) intp
+    nearest, second : (n,) float32
+        Squared distances of each query descriptor to the two that are nearest to it.
+
+    Examples
+    --------
+    >>> stored = np.array([[0] * 128, [9] * 128, [10] * 128], np.uint8)
+    >>> [numbers.tolist() for numbers in nearest_both_ways(stored[2:], stored)]
+    [[2], [0, 0, 0], [0.0], [128.0]]
+    """
+    a, b = query.astype(np.float32), stored.astype(np.float32)
+    return _nearest_of_products(a @ b.T, (a * a).sum(axis=1), (b * b).sum(axis=1))
+
+
+@nb.njit(cache=True, nogil=True)
+def _nearest_of_products(
+    products: NDArray[np.float32], norms: NDArray[np.float32], stored_norms: NDArray[np.float32]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the same from the inner products (n, N) and the squared lengths.
+
+    All are whole numbers. Loops over integers without branches become vector instructions.
+    """
+    n, m = products.shape
+    best, nearest, second = np.empty(n, np.intp), np.empty(n, np.float32), np.empty(n, np.float32)
+    back, nearest_back = np.zeros(m, np.int32), np.full(m, FAR, np.int32)
+    lengths, distances = stored_norms.astype(np.int32), np.empty(m, np.int32)
+    for i in range(n):
+        length, least = np.int32(norms[i]), np.int32(FAR)
+        for j in range(m):
+            distance = length + lengths[j] - 2 * np.int32(products[i, j])
+            distances[j] = distance
+            is_nearer = distance < nearest_back[j]
+            nearest_back[j] = distance if is_nearer else nearest_back[j]
+            back[j] = i if is_nearer else back[j]
+            least = min(least, distance)
+        first = 0
+        while distances[first] != least:
+            first += 1
+        distances[first] = FAR
+        best[i], nearest[i], second[i] = first, least, distances.min()
+    return best, back.astype(np.intp), nearest, second
 
 
 def match_exact(

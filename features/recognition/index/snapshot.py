@@ -6,9 +6,9 @@ change.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,6 @@ __all__ = ["EXACT_BELOW", "Matches", "Part", "Snapshot", "StoredView"]
 
 EXACT_BELOW = 2000
 """Rows of a block below which the full product is taken, sealed or not: same answers after both."""
-
-_scratch = threading.local()
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +60,11 @@ class Part:
     first_view: int
     alive: UInt8Array
 
+    @cached_property
+    def is_whole(self) -> bool:
+        """Whether no row is removed."""
+        return bool(self.alive.all())
+
     def views(self) -> slice:
         """Return the numbers of its views."""
         return slice(self.first_view, self.first_view + len(self.block.looks))
@@ -97,27 +100,15 @@ class Part:
             rival_row[rival_row >= 0] = rows[rival_row[rival_row >= 0]]
             return best, nearest, rival_row, rival
         if block.tables is not None:
-            stamps, first = _stamps(len(block), len(query))
             offsets, rows = block.tables
             return match_tables(
                 *(query, codes, buckets, block.descriptors, block.codes, offsets, rows),
-                *(labels, block.view_of_row, self.alive, stamps, first),
+                *(labels, block.view_of_row, self.alive, self.is_whole),
             )
         return match_flat(
             *(query, codes, block.descriptors, block.codes),
             *(labels, block.view_of_row, self.alive),
         )
-
-
-def _stamps(rows: int, queries: int) -> tuple[NDArray[np.int64], int]:
-    """Return this thread's stamps and a number above all that stand in them."""
-    stamps = getattr(_scratch, "stamps", None)
-    if stamps is None or len(stamps) < rows:
-        stamps = _scratch.stamps = np.zeros(max(rows, 1 << 16), np.int64)
-        _scratch.next = 1
-    first: int = _scratch.next
-    _scratch.next = first + queries
-    return stamps, first
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,8 +106,6 @@ class Pairs:
             for (_, buckets), b in zip(self.codes, bits, strict=True)
         ]
         self.hashing_s = time.thread_time() - start
-        self.stamps = np.zeros(max(len(d) for _, d in found), np.int64)
-        self.stamp = 1
 
     def hashed(self, i: int, j: int) -> tuple[Rows, Rows]:
         """Return rows of i and j that are each other's nearest, by cascade hashing.
@@ -129,10 +127,8 @@ class Pairs:
         offsets, rows = self.tables[j]
         best, nearest, _, rival = match_tables(
             *(self.found[i][1][chosen], codes[chosen], buckets[chosen], self.found[j][1]),
-            *(self.codes[j][0], offsets, rows, own, own, np.ones(n, np.uint8)),
-            *(self.stamps, self.stamp),
+            *(self.codes[j][0], offsets, rows, own, own, np.ones(n, np.uint8), True),
         )
-        self.stamp += len(chosen)
         return best, nearest, rival
 
     def exact(self, i: int, j: int) -> tuple[Rows, Rows]:

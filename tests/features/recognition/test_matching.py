@@ -43,10 +43,9 @@ def by_tables(query, stored, alive=None, bits=9, labels=None):
     offsets, rows = build_tables(buckets, bits)
     labels = np.arange(view.max() + 1, dtype=np.int32) if labels is None else labels
     alive = np.ones(len(descriptors), np.uint8) if alive is None else alive
-    stamps = np.zeros(len(descriptors), np.int64)
     return match_tables(
         *(query, query_codes, query_buckets, descriptors, codes, offsets, rows),
-        *(labels, view, alive, stamps, 1),
+        *(labels, view, alive, bool(alive.all())),
     )
 
 
