@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
-from features.recognition.comparison.windows import WindowMeans, window_means
+from features.recognition.comparison.windows import WindowMeans, flow_targets, window_means
 from features.recognition.views.picture import ViewPicture
 
 __all__ = ["Comparison", "ComparisonParams", "compare_pictures"]
@@ -163,12 +163,28 @@ def _warped(
 ) -> tuple[UInt8Array, Mask]:
     """Return the stored picture and its mask as the query's camera would see them."""
     image = cv2.warpPerspective(view.rgb, matrix, size, borderMode=cv2.BORDER_REPLICATE)
-    cover = cv2.warpPerspective(view.mask.astype(np.uint8), matrix, size)
-    # What lies behind the horizon of the map comes out mirrored: it is not shown.
-    back = np.linalg.inv(matrix)
-    weight = back[2, 0] * np.arange(size[0]) + back[2, 1] * np.arange(size[1])[:, None] + back[2, 2]
-    middle = weight[size[1] // 2, size[0] // 2]
-    return np.asarray(image, np.uint8), (cover > 0) & (weight * np.sign(middle) > 0)
+    cover = cv2.warpPerspective(view.mask.view(np.uint8), matrix, size)
+    return np.asarray(image, np.uint8), (cover > 0) & _before_horizon(np.linalg.inv(matrix), size)
+
+
+def _before_horizon(back: NDArray[np.float64], size: tuple[int, int]) -> Mask:
+    """Return the pixels (h, w), or (1, 1) for all of them, before the horizon of a map's inverse.
+
+    What lies behind it comes out mirrored: it is not shown.
+    """
+    width, height = size
+
+    def weight(u: NDArray[np.intp], v: NDArray[np.intp]) -> NDArray[np.float64]:
+        across: NDArray[np.float64] = back[2, 0] * u + back[2, 1] * v[:, None] + back[2, 2]
+        return across
+
+    side = np.sign(weight(np.array([width // 2]), np.array([height // 2]))[0, 0])
+    # Products and sums stay in order when they are rounded: none is less than at the corners.
+    corners = weight(np.array([0, width - 1]), np.array([0, height - 1])) * side
+    if corners.min() > 0:
+        return np.ones((1, 1), bool)
+    before: Mask = weight(np.arange(width), np.arange(height)) * side > 0
+    return before
 
 
 def _brought_together(
@@ -184,12 +200,10 @@ def _brought_together(
     )
     if min(grey.shape) >= 24:
         flow = cv2.GaussianBlur(_residual_flow(grey, other), (0, 0), params.flow_sigma_px)
-        flow = np.clip(flow, -params.max_flow_px, params.max_flow_px)
-        v, u = np.indices(grey.shape, dtype=np.float32)
-        at_u, at_v = u + flow[..., 0], v + flow[..., 1]
+        at = flow_targets(np.asarray(flow, np.float32), np.float32(params.max_flow_px))
         way = cv2.INTER_LINEAR
         other, warped = (
-            np.asarray(cv2.remap(image, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+            np.asarray(cv2.remap(image, at, None, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
             for image in (other, warped)
         )
     return grey, other, warped

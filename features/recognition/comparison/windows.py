@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
 
-__all__ = ["WindowMeans", "window_means"]
+__all__ = ["WindowMeans", "flow_targets", "window_means"]
 
 
 class WindowMeans:
@@ -58,7 +58,20 @@ def window_means(
         Of the windows, px, odd.
     """
     rows, columns = (np.ascontiguousarray(part.ravel()) for part in centres)
-    return WindowMeans(_means(*grey, *rgb, cover, rows, columns, side // 2))
+    flat = (image.reshape(len(image), -1) for image in rgb)
+    return WindowMeans(_means(*grey, *flat, cover.view(np.uint8), rows, columns, side // 2))
+
+
+@nb.njit(cache=True, nogil=True)
+def flow_targets(flow: NDArray[np.float32], most: np.float32) -> NDArray[np.float32]:
+    """Return the places (h, w, 2) that a flow leads to, px; it is bounded on each axis."""
+    height, width, _ = flow.shape
+    places = np.empty((height, width, 2), np.float32)
+    for y in range(height):
+        for x in range(width):
+            places[y, x, 0] = np.float32(x) + min(max(flow[y, x, 0], -most), most)
+            places[y, x, 1] = np.float32(y) + min(max(flow[y, x, 1], -most), most)
+    return places
 
 
 @nb.njit(cache=True, nogil=True)
@@ -67,36 +80,49 @@ def _means(
     second: UInt8Array,
     first_rgb: UInt8Array,
     second_rgb: UInt8Array,
-    cover: NDArray[np.bool_],
+    cover: UInt8Array,
     rows: NDArray[np.intp],
     columns: NDArray[np.intp],
     reach: int,
 ) -> NDArray[np.float32]:
+    """Return the twelve means (12, rows, columns), of colours (h, 3 w).
+
+    Loops over whole rows without branches become vector instructions.
+    """
     height, width = cover.shape
     means = np.empty((12, len(rows), len(columns)), np.float32)
     scale = 1.0 / ((2 * reach + 1) * (2 * reach + 1))
-    sums = np.empty((12, width), np.int32)
+    sums, colours = np.empty((6, width), np.int32), np.empty((2, 3 * width), np.int32)
+    under = np.empty(3 * width, np.int32)
     for r in range(len(rows)):
         sums[:] = 0
+        colours[:] = 0
         for y in range(max(rows[r] - reach, 0), min(rows[r] + reach + 1, height)):
             for x in range(width):
-                if not cover[y, x]:
-                    continue
-                a, b = np.int32(first[y, x]) - 128, np.int32(second[y, x]) - 128
-                sums[0, x] += 1
+                one = np.int32(cover[y, x])
+                a = one * (np.int32(first[y, x]) - np.int32(128))
+                b = one * (np.int32(second[y, x]) - np.int32(128))
+                sums[0, x] += one
                 sums[1, x] += a
                 sums[2, x] += b
                 sums[3, x] += a * a
                 sums[4, x] += b * b
                 sums[5, x] += a * b
-                for k in range(3):
-                    sums[6 + k, x] += first_rgb[y, x, k]
-                    sums[9 + k, x] += second_rgb[y, x, k]
+            for x in range(width):
+                under[3 * x] = under[3 * x + 1] = under[3 * x + 2] = cover[y, x]
+            for x in range(3 * width):
+                colours[0, x] += under[x] * np.int32(first_rgb[y, x])
+                colours[1, x] += under[x] * np.int32(second_rgb[y, x])
         for c in range(len(columns)):
             left, right = max(columns[c] - reach, 0), min(columns[c] + reach + 1, width)
-            for k in range(12):
+            for k in range(6):
                 total = 0
                 for x in range(left, right):
                     total += sums[k, x]
                 means[k, r, c] = np.float32(total * scale)
+            for k in range(6):
+                total = 0
+                for x in range(3 * left + k % 3, 3 * right, 3):
+                    total += colours[k // 3, x]
+                means[6 + k, r, c] = np.float32(total * scale)
     return means
