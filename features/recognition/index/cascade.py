@@ -386,7 +386,7 @@ def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float
 def nearest_both_ways(
     query: UInt8Array, stored: UInt8Array
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the nearest neighbours of two sets of descriptors in each other, of equal ones the first.
+    """Return the nearest neighbours of two sets in each other, of equal ones the first.
 
     Parameters
     ----------

@@ -13,6 +13,8 @@ from features.recognition.index.cascade import (
     match_exact,
     match_flat,
     match_tables,
+    nearest_both_ways,
+    squared_distances,
 )
 from features.recognition.index.exact import ExactMatcher
 from features.recognition.index.hashing import Hasher, used_table_bits
@@ -218,3 +220,32 @@ def test_nearest_views_one_by_one_are_those_of_all_at_once(seed: int) -> None:
     for one, other in zip(found, expected, strict=True):
         assert other is None or np.array_equal(one, other)
     assert np.array_equal(found[2], np.where(rival_row < 0, -1, view[rival_row]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nearest_both_ways_are_those_of_all_distances(seed: int) -> None:
+    """Few different values, so that many distances are equal: the first of them counts."""
+    rng = np.random.default_rng(seed)
+    query, stored = (rng.integers(0, 2, (n, 128)).astype(np.uint8) * 200 for n in (30, 41))
+    stored[5:9], stored[20] = query[3], query[7] ^ 1
+    distances = squared_distances(query, stored)
+    best, best_back, nearest, second = nearest_both_ways(query, stored)
+    assert np.array_equal(best, distances.argmin(axis=1))
+    assert np.array_equal(best_back, distances.argmin(axis=0))
+    assert np.array_equal(np.stack([nearest, second], axis=1), np.sort(distances, axis=1)[:, :2])
+    assert (nearest[3], second[3]) == (0, 0)
+
+
+def test_a_view_removed_from_hash_tables_is_no_longer_matched(card_views) -> None:
+    """The part that lost it reads which rows are removed, which whole parts need not."""
+    views = [card_views(card, 1)[0] for card in range(12)]
+    with RecognitionIndex(seal_rows=10**9) as index:
+        for k, view in enumerate(views):
+            index.add(f"view:{k}", f"object:{k}", "class:card", view)
+        index.save()
+        (part,) = index.snapshot().parts
+        assert part.block.tables is not None
+        assert len(part.block) > EXACT_BELOW
+        assert (index.snapshot().match(views[5].descriptors).view == 5).mean() > 0.9
+        index.remove("view:5")
+        assert not (index.snapshot().match(views[5].descriptors).view == 5).any()

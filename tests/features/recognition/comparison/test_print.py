@@ -23,11 +23,15 @@ from features.recognition.comparison.confidence import (
     print_score,
     without_contradiction,
 )
-from features.recognition.comparison.difference import compare_pictures
+from features.recognition.comparison.difference import (
+    _before_horizon,
+    _warped,
+    compare_pictures,
+)
 from features.recognition.comparison.evidence import PrintEvidence
 from features.recognition.comparison.printed import PrintedView, with_leads
 from features.recognition.comparison.store_facts import StoreFacts
-from features.recognition.comparison.windows import window_means
+from features.recognition.comparison.windows import flow_targets, window_means
 from features.recognition.views.picture import ViewPicture
 
 Image = NDArray[np.uint8]
@@ -256,6 +260,28 @@ def test_means_over_windows_are_those_of_box_filters(size) -> None:
         *((means.second_rgb[..., k], rgb[1][..., k]) for k in range(3)),
     ]  # fmt: skip
     assert all(np.array_equal(found, boxed(values)) for found, values in pairs)
+
+
+def test_places_of_a_flow_are_bounded_on_each_axis() -> None:
+    flow = np.random.default_rng(5).normal(0, 4, (7, 9, 2)).astype(np.float32)
+    v, u = np.indices((7, 9), dtype=np.float32)
+    expected = np.stack([u, v], axis=-1) + np.clip(flow, -3, 3)
+    assert np.array_equal(flow_targets(flow, np.float32(3)), expected)
+    assert (np.abs(flow) > 3).any(axis=(0, 1)).all()
+
+
+@pytest.mark.parametrize("size", [(60, 40), (50, 40), (1, 1)])
+def test_what_lies_behind_the_horizon_of_a_map_is_not_shown(size) -> None:
+    """The weight 1 - x / 50 has its horizon inside the first picture and beyond the others."""
+    width, height = size
+    back = np.array([[0.001, 0, -2], [0, 0.001, -2], [-0.02, 0, 1]])
+    is_before = np.broadcast_to(np.arange(width) < 50, (height, width))
+    assert np.array_equal(np.broadcast_to(_before_horizon(back, size), is_before.shape), is_before)
+    picture = ViewPicture(np.full((40, 60, 3), 200, np.uint8), np.ones((40, 60), bool), 1.0, 0, 0)
+    _, cover = _warped(picture, np.linalg.inv(back), size)
+    assert not cover.any()  # what falls into the picture, from x = 51 on, is mirrored
+    drawn = cv2.warpPerspective(picture.mask.astype(np.uint8), np.linalg.inv(back), size)
+    assert drawn.any() == (width > 50)
 
 
 @pytest.mark.slow
