@@ -164,7 +164,8 @@ def _warped(
     """Return the stored picture and its mask as the query's camera would see them."""
     image = cv2.warpPerspective(view.rgb, matrix, size, borderMode=cv2.BORDER_REPLICATE)
     cover = cv2.warpPerspective(view.mask.view(np.uint8), matrix, size)
-    return np.asarray(image, np.uint8), (cover > 0) & _before_horizon(np.linalg.inv(matrix), size)
+    back = np.asarray(np.linalg.inv(matrix), np.float64)
+    return np.asarray(image, np.uint8), (cover > 0) & _before_horizon(back, size)
 
 
 def _before_horizon(back: NDArray[np.float64], size: tuple[int, int]) -> Mask:
@@ -200,10 +201,10 @@ def _brought_together(
     )
     if min(grey.shape) >= 24:
         flow = cv2.GaussianBlur(_residual_flow(grey, other), (0, 0), params.flow_sigma_px)
-        at = flow_targets(np.asarray(flow, np.float32), np.float32(params.max_flow_px))
+        at_u, at_v = flow_targets(np.asarray(flow, np.float32), np.float32(params.max_flow_px))
         way = cv2.INTER_LINEAR
         other, warped = (
-            np.asarray(cv2.remap(image, at, None, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+            np.asarray(cv2.remap(image, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
             for image in (other, warped)
         )
     return grey, other, warped

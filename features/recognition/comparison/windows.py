@@ -58,19 +58,23 @@ def window_means(
         Of the windows, px, odd.
     """
     rows, columns = (np.ascontiguousarray(part.ravel()) for part in centres)
-    flat = (image.reshape(len(image), -1) for image in rgb)
-    return WindowMeans(_means(*grey, *flat, cover.view(np.uint8), rows, columns, side // 2))
+    first, second = (image.reshape(len(image), -1) for image in rgb)
+    under = cover.view(np.uint8)
+    return WindowMeans(_means(*grey, first, second, under, rows, columns, side // 2))
 
 
 @nb.njit(cache=True, nogil=True)
 def flow_targets(flow: NDArray[np.float32], most: np.float32) -> NDArray[np.float32]:
-    """Return the places (h, w, 2) that a flow leads to, px; it is bounded on each axis."""
+    """Return x and y (2, h, w), px, of the places that a flow (h, w, 2) leads to.
+
+    It is bounded on each axis.
+    """
     height, width, _ = flow.shape
-    places = np.empty((height, width, 2), np.float32)
+    places = np.empty((2, height, width), np.float32)
     for y in range(height):
         for x in range(width):
-            places[y, x, 0] = np.float32(x) + min(max(flow[y, x, 0], -most), most)
-            places[y, x, 1] = np.float32(y) + min(max(flow[y, x, 1], -most), most)
+            places[0, y, x] = np.float32(x) + min(max(flow[y, x, 0], -most), most)
+            places[1, y, x] = np.float32(y) + min(max(flow[y, x, 1], -most), most)
     return places
 
 

@@ -265,7 +265,7 @@ def test_means_over_windows_are_those_of_box_filters(size) -> None:
 def test_places_of_a_flow_are_bounded_on_each_axis() -> None:
     flow = np.random.default_rng(5).normal(0, 4, (7, 9, 2)).astype(np.float32)
     v, u = np.indices((7, 9), dtype=np.float32)
-    expected = np.stack([u, v], axis=-1) + np.clip(flow, -3, 3)
+    expected = np.stack([u, v]) + np.moveaxis(np.clip(flow, -3, 3), -1, 0)
     assert np.array_equal(flow_targets(flow, np.float32(3)), expected)
     assert (np.abs(flow) > 3).any(axis=(0, 1)).all()
 
