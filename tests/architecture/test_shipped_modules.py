@@ -14,12 +14,6 @@ import pytest
 
 from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files
 
-# Modules that nothing uses yet, each with its reason; the list may only get shorter.
-UNUSED: dict[str, str] = {
-    "features.recognition.index.exact": "benchmarks compare the cascade hash with it",
-    "grasp.push.mechanics.box2d_check": "benchmarks compare the quasi-static simulation with it",
-}
-
 _DOTTED = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.[a-z_]\w*)+")
 _QUOTED = re.compile(rf"""["']({_DOTTED.pattern})(?::\w+)?["']""")
 
@@ -70,9 +64,4 @@ def _used_modules() -> set[str]:
 @pytest.mark.slow
 def test_every_module_is_used_by_a_command_or_shown_in_the_documentation() -> None:
     unused = source_files().keys() - _used_modules()
-    assert not sorted(unused - UNUSED.keys())
-
-
-def test_no_module_on_the_list_of_the_unused_is_used() -> None:
-    unused = source_files().keys() - _used_modules()
-    assert not sorted(UNUSED.keys() - unused), "take these off the list"
+    assert not sorted(unused)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from grasp.push import PushTest, Tolerance, as_part, sample_grasps
-from grasp.push.mechanics.box2d_check import is_available, simulate_in_box2d
 from grasp.push.mechanics.quasistatic import NO_POINTS, simulate, simulate_on_points
 from grasp.push.parts import BRACKETS, SHAPES, TAPE_DISPENSER_COM, stand_in
 from grasp.push.pose import PoseTrials, centred_grasp
 from grasp.push.trials import Trials
 from tests.benchmarks.push.push_settings import usual
+from tests.grasp.push.in_box2d import is_available, simulate_in_box2d
 
 
 def bound() -> None:

@@ -16,9 +16,9 @@ from features.recognition.index.cascade import (
     nearest_both_ways,
     squared_distances,
 )
-from features.recognition.index.exact import ExactMatcher
 from features.recognition.index.hashing import Hasher, used_table_bits
 from features.recognition.index.snapshot import EXACT_BELOW
+from tests.features.recognition.exhaustive import ExactMatcher
 
 
 @pytest.fixture(scope="module")

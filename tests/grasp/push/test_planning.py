@@ -25,7 +25,6 @@ from grasp.push import (
 )
 from grasp.push.early import analyse_early, finish_times
 from grasp.push.figures.whiskers import whisker_segments
-from grasp.push.mechanics.box2d_check import is_available, simulate_in_box2d
 from grasp.push.mechanics.conditions import CODES
 from grasp.push.parts import (
     BRACKETS,
@@ -41,6 +40,7 @@ from grasp.push.quality import density_quality, lower_bound
 from grasp.push.studies import elimination_outcome, nominal_only, refined, sensitivity_grid
 from grasp.push.tolerancing import near_vertices, optimise_tolerance, tolerance_limit
 from grasp.push.trials import Trials
+from tests.grasp.push.in_box2d import is_available, simulate_in_box2d
 
 
 def _plan(name: str = "A", **more: object):  # type: ignore[no-untyped-def]

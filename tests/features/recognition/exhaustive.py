@@ -1,7 +1,4 @@
-"""Exhaustive matching with faiss, the reference for the cascade; only this file imports faiss.
-
-Used by tests and benchmarks; slower than the cascade by one to two orders of magnitude.
-"""
+"""Exhaustive matching with faiss: the reference for the cascade, far slower than it."""
 
 from __future__ import annotations
 
@@ -24,18 +21,6 @@ class ExactMatcher:
     descriptors : (N, 128) uint8
     labels : (N,) int
         Object of each row.
-
-    Raises
-    ------
-    ImportError
-        When faiss is not installed.
-
-    Examples
-    --------
-    >>> stored = np.array([[0] * 128, [9] * 128, [10] * 128], np.uint8)
-    >>> best, nearest, rival = ExactMatcher(stored, np.array([0, 1, 1])).match(stored[2:])
-    >>> best.tolist(), nearest.tolist(), rival.tolist()
-    ([2], [0], [12800])
     """
 
     def __init__(self, descriptors: UInt8Array, labels: NDArray[np.integer]) -> None:
