@@ -37,7 +37,6 @@ EXTRA_OF = {
     "qi": "naoqi",
     "zenoh": "zenoh",
     "sklearn": "classifier",
-    "Box2D": "push",
     "ray": "ray",
 }
 
