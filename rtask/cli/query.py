@@ -115,11 +115,11 @@ def _predefining(asked: str, base: str) -> Iterator[str]:
     """
     from rtask.rdf.terms import prologue
 
-    told = " ".join(asked.lower().split())
+    lowered = " ".join(asked.lower().split())
     missing = {
         name: namespace
         for name, namespace in prefixes(base).items()
-        if f"{name}:" in asked and f"prefix {name}:" not in told
+        if f"{name}:" in asked and f"prefix {name}:" not in lowered
     }
     before = prologue(missing).replace("\n", " ")
     try:
