@@ -229,8 +229,8 @@ def outcome_of(message: JsonObject) -> tuple[bool, Any]:
         return True, values if isinstance(values, dict) else {}
     if isinstance(values, str) and values:
         return False, values
-    told = f": {json.dumps(values, ensure_ascii=False)[:_MAX_REASON]}" if values else ""
-    return False, f"the provider refused{told}"
+    reason = f": {json.dumps(values, ensure_ascii=False)[:_MAX_REASON]}" if values else ""
+    return False, f"the provider refused{reason}"
 
 
 def _key(message: JsonObject) -> str:
