@@ -32,6 +32,7 @@ from rtask.kb.maintenance.replica import (
     mark_following,
 )
 from rtask.knowledge_base import KnowledgeBase
+from rtask.wire.address import authorization
 
 __all__ = ["Follower", "prepare"]
 
@@ -100,8 +101,8 @@ class _Reader(io.RawIOBase):
 
 
 def _client(url: str, token: str | None, read_s: float = 60.0) -> httpx.Client:
-    headers = {"Authorization": f"Bearer {token}"} if token else {}
-    return httpx.Client(base_url=url, headers=headers, timeout=httpx.Timeout(read_s, connect=5.0))
+    timeout = httpx.Timeout(read_s, connect=5.0)
+    return httpx.Client(base_url=url, headers=authorization(token), timeout=timeout)
 
 
 def _detail(answer: httpx.Response) -> str:
@@ -264,9 +265,8 @@ class Follower:
         MissingBlobError
             It has none, or does not answer.
         """
-        headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         try:
-            answer = self._http.get(f"/api/blobs/{digest}", headers=headers)
+            answer = self._http.get(f"/api/blobs/{digest}", headers=authorization(self._token))
         except httpx.HTTPError as error:
             raise MissingBlobError(
                 f"the blob {digest} is not here yet, and {self.url} does not answer: {error}",

@@ -188,6 +188,7 @@ def _export_from_server(server: str, target: str, form: str | None, graphs: tupl
     from rtask.client.remote import addresses
     from rtask.errors import RemoteUnavailableError
     from rtask.rdf.formats import find_format
+    from rtask.wire.address import authorization
 
     if len(graphs) > 1:
         raise UsageError("a server exports one graph, or all: give --graph at most once")
@@ -196,7 +197,7 @@ def _export_from_server(server: str, target: str, form: str | None, graphs: tupl
         raise UsageError(f"{form or target}: this format can only be read; use turtle or trig")
     address, _ = addresses(server)
     token = os.environ.get("RTASK_TOKEN")
-    headers = {"Accept": rdf.media_type, **({"Authorization": f"Bearer {token}"} if token else {})}
+    headers = {"Accept": rdf.media_type, **authorization(token)}
     try:
         answer = httpx.get(
             f"{address}/store",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from types import TracebackType
 from typing import Any, Self
-from urllib.parse import urlsplit
 
 from rtask.client.failures import failure_of
 from rtask.client.remote import addresses
 from rtask.errors import RemoteUnavailableError
+from rtask.wire.address import authorization, is_near
 
 __all__ = ["HttpClient"]
 
@@ -30,10 +30,11 @@ class HttpClient:
         import httpx
 
         address, _ = addresses(url)
-        near = (urlsplit(address).hostname or "") in ("localhost", "127.0.0.1", "::1")
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._http = httpx.Client(
-            base_url=address, headers=headers, timeout=timeout_s, trust_env=not near
+            base_url=address,
+            headers=authorization(token),
+            timeout=timeout_s,
+            trust_env=not is_near(address),
         )
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from rtask.client.base import Client
 from rtask.client.failures import TEMPORARY, Patience, failure_of
@@ -17,7 +17,7 @@ from rtask.errors import (
     RemoteUnavailableError,
     UsageError,
 )
-from rtask.wire.address import split_address
+from rtask.wire.address import authorization, is_near, split_address
 
 if TYPE_CHECKING:
     import httpx
@@ -213,10 +213,11 @@ class RemoteClient(Client):
 
         with self._opening:
             if self._http is None:
-                headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
-                near = (urlsplit(self.url).hostname or "") in ("localhost", "127.0.0.1", "::1")
                 self._http = httpx.Client(
-                    base_url=self.url, headers=headers, timeout=self._timeout_s, trust_env=not near
+                    base_url=self.url,
+                    headers=authorization(self._token),
+                    timeout=self._timeout_s,
+                    trust_env=not is_near(self.url),
                 )
             return self._http
 

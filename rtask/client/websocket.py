@@ -17,8 +17,9 @@ from rtask.errors import (
     RtaskError,
     UsageError,
 )
+from rtask.wire.address import authorization, is_near
 
-__all__ = ["ServiceSocket", "is_near"]
+__all__ = ["ServiceSocket"]
 
 _MAX_BYTES = 64 * 2**20
 
@@ -114,7 +115,7 @@ class ServiceSocket:
         from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
         from websockets.sync.client import connect
 
-        headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+        headers = authorization(self._token)
         try:
             context = connect(
                 self._address,
@@ -175,13 +176,6 @@ class ServiceSocket:
             self._opened.close()
         self._opened = contextlib.ExitStack()
         self._socket = None
-
-
-def is_near(address: str) -> bool:
-    """Tell whether an address is on this machine, so that no proxy leads there."""
-    from urllib.parse import urlsplit
-
-    return (urlsplit(address).hostname or "") in ("localhost", "127.0.0.1", "::1")
 
 
 def _failure(words: str, status: Any) -> RtaskError:

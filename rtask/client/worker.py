@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from rtask.client.remote import addresses
-from rtask.client.websocket import is_near
 from rtask.client.worker_data import ServerDatasets
 from rtask.errors import AuthenticationError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.access import Access
@@ -27,6 +26,7 @@ from rtask.services.description import described
 from rtask.services.host import ServiceHost
 from rtask.services.outward.frames import pack, packed, plain, unpack
 from rtask.services.task import Task
+from rtask.wire.address import authorization, is_near
 
 __all__ = ["Worker"]
 
@@ -117,7 +117,7 @@ class Worker:
         from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
         from websockets.sync.client import connect
 
-        headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+        headers = authorization(self._token)
         try:
             with connect(
                 self._address,

@@ -170,7 +170,8 @@ def check_xml(stream: IO[bytes], name: str) -> None:
     Raises
     ------
     ParseError
-        The document is malformed, or an entity refers to another entity or to an external file.
+        The document is malformed or in an encoding that cannot be read, or an entity refers to
+        another entity or to an external file.
     TooLargeError
         Nested deeper than 256.
     """
@@ -208,3 +209,5 @@ def check_xml(stream: IO[bytes], name: str) -> None:
         message = expat.ErrorString(error.code)
         line, column = error.lineno, error.offset + 1
         raise ParseError(f"{name}:{line}:{column}: {message}", line=line, column=column) from error
+    except (LookupError, ValueError) as error:  # of its encoding
+        raise ParseError(f"{name}:1:1: {error}; write the document in UTF-8", line=1) from error

@@ -28,6 +28,7 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.sparql.results import Solutions, Triples, read_answer
+from rtask.wire.address import authorization
 
 __all__ = ["Connection", "read_whole", "without_password"]
 
@@ -66,7 +67,7 @@ class Connection:
         limits = httpx.Timeout(timeout_s, connect=min(timeout_s, _CONNECT_S))
         name, colon, password = (token or "").partition(":")
         self._login = (name, password) if colon else None
-        headers = {"Authorization": f"Bearer {token}"} if token and not colon else {}
+        headers = {} if colon else authorization(token)
         self._http: httpx.Client | None = httpx.Client(
             headers=headers, timeout=limits, auth=self._login
         )

@@ -96,6 +96,15 @@ def test_twenty_attempts_are_judged_by_keys_alone(
         [("ann", bool(n % 3), "slip_lift" if n % 3 == 0 and n % 2 else "")] for n in range(20)
     ]
     assert found["20"] == found["21"] == []
+    # A page that is left sends at once, and nothing again when the browser brings it back.
+    sent: list[str] = []
+    page.on("request", lambda asked: sent.append(asked.url) if asked.method == "POST" else None)
+    page.keyboard.press("y")
+    page.evaluate("dispatchEvent(new PageTransitionEvent('pagehide', { persisted: true }))")
+    page.wait_for_function("() => document.querySelectorAll('.attempt-list .sent').length === 21")
+    page.clock.fast_forward(11_000)
+    page.evaluate("() => fetch('/feedback.json')")
+    assert len(sent) == 1
     assert page.faults == []
     page.context.close()
 

@@ -238,6 +238,7 @@ def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
             ParseError,
             "is external",
         ),
+        ("a.rdf", '<?xml version="1.0" encoding="no-such"?><a/>', ParseError, "write .* in UTF-8"),
         (
             "a.jsonld",
             '{"@context": "http://127.0.0.1:1/c", "@id": "urn:a"}',

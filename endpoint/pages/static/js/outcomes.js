@@ -96,6 +96,7 @@ function takeBack() {
 }
 
 async function send(verdict, leaving = false) {
+  clearTimeout(verdict.timer); // of a page that is left, which may come back
   waiting.splice(waiting.indexOf(verdict), 1);
   const { card, body, index } = verdict;
   try {
