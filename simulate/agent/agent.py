@@ -26,6 +26,7 @@ from simulate.agent.messages import observation_message, outcome_message
 from simulate.agent.pushes import Pushes
 from simulate.agent.second_look import look_at_side, seen_from_aside
 from simulate.agent.tracking import TrackedObject, Tracker
+from simulate.grasping.executor import PlannedGrasp
 from simulate.world.seeds import mix_seed
 
 __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter", "Server"]
@@ -66,6 +67,32 @@ class AgentConfig:
     max_searches: int = 2
     seed: int = 0
     thresholds: Thresholds = field(default_factory=Thresholds)
+
+
+@dataclass(frozen=True)
+class _Try:
+    """One try at an object.
+
+    Parameters
+    ----------
+    encounter, thing
+        The object, as it is accounted for and as it is tracked.
+    observation
+        Its view, as a message.
+    answer
+        The server's, with the grasps that were planned on the view.
+    number
+        Of the try, from 1.
+    seconds
+        Time of each step, s.
+    """
+
+    encounter: Encounter
+    thing: TrackedObject
+    observation: dict[str, Any]
+    answer: dict[str, Any]
+    number: int
+    seconds: dict[str, float]
 
 
 class Agent:
@@ -177,7 +204,7 @@ class Agent:
         looked_s: float,
         may_wait: bool,
     ) -> None:
-        """Ask about an object, plan, grasp and report, once."""
+        """Ask about an object and plan; grasp it, push it, put it off or give it up."""
         encounter = self._encounter(thing, side)
         if self._pushes.are_due(thing, encounter.tries) and self._push(thing, view, side):
             return
@@ -186,22 +213,8 @@ class Agent:
         frame_id = self.body.base_frame
         observation = observation_message(thing.seen, view, base_from_camera, frame_id)
         seconds["encode"] = time.perf_counter() - started
-        number = encounter.tries + 1
         started = time.perf_counter()
-        request = {
-            "task": "pick",
-            "gripper_id": self.body.gripper_ids[side],
-            "propose": True,
-            "max_grasps": 50,
-            "seed": mix_seed(self.config.seed, thing.number, number),
-            "preset": self.body.preset,
-            "neighbours": neighbour_points(thing.seen, view),
-            **observation,
-            **self.config.thresholds.as_request(),
-            "unknown": "grasp" if encounter.is_seen else "if_new",
-        }
-        if thing.object_iri:
-            request["object"] = thing.object_iri
+        request = self._request(encounter, thing, view, side) | observation
         waits = may_wait and not thing.waiting
         decided = ask_for_decision(
             self.server, request, lambda: seen_from_aside(self.body, thing, side),
@@ -211,47 +224,67 @@ class Agent:
         seconds["ask"] = time.perf_counter() - started
         if not encounter.is_seen:
             encounter = self._first_sight(encounter, thing, answer)
-            number = encounter.tries + 1
         encounter.refusals += decided.refusals
         started = time.perf_counter()
         planned = GraspChoice(None, None, "refused")
         if not decided.ends:
             answer, planned = self._choose(thing, view, answer, encounter.tries > 0)
         seconds["plan"] = time.perf_counter() - started
-        if planned.plan is None or planned.grasp is None:
-            if waits:
-                thing.waiting = True
-            elif decided.ends != "pushed" and (decided.ends or not self._push(thing, view, side)):
-                self._give_up(encounter, thing, observation, answer, planned, number, seconds)
-                if planned.grasp is None:
-                    self._pushes.leave(thing, view)
-            return
-        grasp = planned.grasp
+        one = _Try(encounter, thing, observation, answer, encounter.tries + 1, seconds)
+        if planned.plan is not None and planned.grasp is not None:
+            self._grasp(one, planned.plan, planned.grasp)
+        elif waits:
+            thing.waiting = True
+        elif decided.ends != "pushed" and (decided.ends or not self._push(thing, view, side)):
+            self._give_up(one, planned)
+            if planned.grasp is None:
+                self._pushes.leave(thing, view)
+
+    def _request(
+        self, encounter: Encounter, thing: TrackedObject, view: Perceived, side: str
+    ) -> dict[str, Any]:
+        """Return a request for grasps, without the view itself."""
+        request = {
+            "task": "pick",
+            "gripper_id": self.body.gripper_ids[side],
+            "propose": True,
+            "max_grasps": 50,
+            "seed": mix_seed(self.config.seed, thing.number, encounter.tries + 1),
+            "preset": self.body.preset,
+            "neighbours": neighbour_points(thing.seen, view),
+            **self.config.thresholds.as_request(),
+            "unknown": "grasp" if encounter.is_seen else "if_new",
+        }
+        return request | ({"object": thing.object_iri} if thing.object_iri else {})
+
+    def _grasp(self, one: _Try, plan: PlannedGrasp, grasp: dict[str, Any]) -> None:
+        """Execute a planned grasp, judge it and report."""
+        thing, encounter, seconds = one.thing, one.encounter, one.seconds
         self._tell(
             "grasping",
             {
                 "object": thing.number,
-                "attempt": number,
+                "attempt": one.number,
                 "source": grasp["source"],
                 "doing": f"grasping object {thing.number}",
             },
         )
         began, started = time.time(), time.perf_counter()
-        record, pictures = self.body.execute(planned.plan)
+        record, pictures = self.body.execute(plan)
         seconds["move"] = time.perf_counter() - started
         span = began, began + seconds["move"]
         if not record.kept:
             self._crowd.fail(thing, grasp)
-        outcome = outcome_message(record, number, answer, grasp, seconds, pictures, span)
+        outcome = outcome_message(record, one.number, one.answer, grasp, seconds, pictures, span)
         if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp
-            self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
+            self._report(one, grasp, outcome, record.end_effector)
         self._runs += 1
         held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
         attempt = Attempt(
-            number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
+            one.number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
             record.place_reason, (float(held), float(lost)), self._runs, record.evidence,
-            str((answer.get("alone") or {}).get("text", "")),
+            str((one.answer.get("alone") or {}).get("text", "")),
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.gone = record.placed
@@ -347,58 +380,39 @@ class Agent:
         is_likely = best["confidence"] >= _LIKELY
         return best if self._tracker.fell_out(best["object"], thing, is_likely) else None
 
-    def _give_up(
-        self,
-        encounter: Encounter,
-        thing: TrackedObject,
-        observation: dict[str, Any],
-        answer: dict[str, Any],
-        planned: GraspChoice,
-        number: int,
-        seconds: dict[str, float],
-    ) -> None:
+    def _give_up(self, one: _Try, planned: GraspChoice) -> None:
         """Report the object's view, and why none of its grasps can be reached."""
-        thing.finished = True
+        one.thing.finished = True
         grasp, reason = planned.grasp, planned.reason
         source = "none" if grasp is None else str(grasp["source"])
-        attempt = Attempt(number, source, "", reason, False, False, False, 0.0, seconds)
-        encounter.attempts.append(attempt)
+        attempt = Attempt(one.number, source, "", reason, False, False, False, 0.0, one.seconds)
+        one.encounter.attempts.append(attempt)
         if grasp is not None:
             outcome = {
                 "success": False,
                 "placed": False,
                 "reason": reason,
-                "attempt_number": number,
+                "attempt_number": one.number,
             }
-            gripper_id = self.body.gripper_ids[encounter.side]
-            self._report(encounter, thing, observation, answer, grasp, outcome, gripper_id)
-        self._tell("attempt", {"object": thing.number, **asdict(attempt), "doing": "looking on"})
+            self._report(one, grasp, outcome, self.body.gripper_ids[one.encounter.side])
+        about = {"object": one.thing.number, **asdict(attempt), "doing": "looking on"}
+        self._tell("attempt", about)
 
     def _report(
-        self,
-        encounter: Encounter,
-        thing: TrackedObject,
-        observation: dict[str, Any],
-        answer: dict[str, Any],
-        grasp: dict[str, Any],
-        outcome: dict[str, Any],
-        gripper_id: str,
+        self, one: _Try, grasp: dict[str, Any], outcome: dict[str, Any], gripper_id: str
     ) -> None:
         """Report the outcome, together with the view unless the graph knows object and grasp."""
         started = time.perf_counter()
+        thing, encounter, task_id = one.thing, one.encounter, one.answer["task_id"]
         common = {"gripper_id": gripper_id, "task": "pick"}
         well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
         if thing.object_iri and well_known and "tool_pose" not in grasp:
             self.server.report_outcome(
-                task_id=answer["task_id"],
-                object=thing.object_iri,
-                grasp=grasp,
-                outcome=outcome,
-                **common,
+                task_id=task_id, object=thing.object_iri, grasp=grasp, outcome=outcome, **common
             )
         else:
-            item = {**observation, **common, "grasp": grasp, "outcome": outcome,
-                    "task_id": answer["task_id"]}  # fmt: skip
+            item = {**one.observation, **common, "grasp": grasp, "outcome": outcome,
+                    "task_id": task_id}  # fmt: skip
             if thing.object_iri:
                 item["object"] = thing.object_iri
             stored = self.server.insert_object(objects=[item])
