@@ -71,7 +71,7 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     Parameters
     ----------
     outcomes
-        Score of a grasp, and whether it held.
+        Score of a grasp, and whether it held; those whose score is not finite do not count.
     prior
         Means and variances of both numbers before; taken as independent.
 
@@ -82,11 +82,11 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     (0.6, 40)
     """
     # Sorted, so that sums round the same whatever the order.
-    told = sorted((float(score), bool(held)) for score, held in outcomes)
-    if not told:
+    known = sorted((float(s), bool(held)) for s, held in outcomes if np.isfinite(s))
+    if not known:
         return prior
-    x = np.array([_logit(score) for score, _ in told])
-    y = np.array([held for _, held in told], dtype=np.float64)
+    x = np.array([_logit(score) for score, _ in known])
+    y = np.array([held for _, held in known], dtype=np.float64)
     start = np.array([prior.offset, prior.slope])
     precision = 1.0 / np.array(prior.variances)
     best = _newton(x, y, start, precision, free=True)
@@ -96,7 +96,7 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     covariance = np.linalg.inv(_curvature(x, p, precision))
     return ScoreMap(
         float(best[0]), float(best[1]), (float(covariance[0, 0]), float(covariance[1, 1])),
-        float(covariance[0, 1]), prior.outcomes + len(told),
+        float(covariance[0, 1]), prior.outcomes + len(known),
     )  # fmt: skip
 
 

@@ -29,6 +29,13 @@ def test_the_map_does_not_depend_on_the_order_of_outcomes() -> None:
     assert fit_map(told) == fit_map(shuffled)
 
 
+@pytest.mark.parametrize("score", [float("nan"), float("inf")])
+def test_a_score_that_is_not_finite_does_not_count(score: float) -> None:
+    told = _outcomes(50, -0.5, 0.8)
+    assert fit_map([(score, True), *told]) == fit_map(told)
+    assert fit_map([(score, True)]) is IDENTITY
+
+
 def test_many_outcomes_find_what_scores_are_worth() -> None:
     found = fit_map(_outcomes(20_000, -1.0, 0.7))
     # Standard errors at 20,000 outcomes are below .02.
