@@ -81,7 +81,7 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--gripper", "jaw:0"], "stroke"),
         (["--scale", "0"], "scale"),
         (["--store"], "object of the graph"),
-        (["--samples", "0"], "perturbation"),
+        (["--samples", "0"], "samples: expected at least 1"),
         (["--position-std", "-1"], "deviations"),
         (["--rotation-std-deg", "inf"], "deviations"),
         (["--mass", "nan"], "mass"),
