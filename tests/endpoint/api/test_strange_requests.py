@@ -16,6 +16,7 @@ from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
 from endpoint.http.form_data import array_from_npy
 from endpoint.http.messages import Request, Response
+from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
 from rtask.engine import Engine
@@ -86,7 +87,7 @@ def test_a_service_is_described_under_a_sound_address_only() -> None:
     with closing(TokenStore(None)) as tokens, rtask.open(":memory:", ontologies=False) as kb:
         text, _ = tokens.create("reader")
         config = Config(host="0.0.0.0")
-        with closing(new_application(kb, Engine, tokens, config)) as served:  # type: ignore[arg-type]
+        with closing(new_application(kb, NoEngine(), tokens, config)) as served:
             headers = {"host": "a%zz", "authorization": f"Bearer {text}"}
             request = Request("GET", "/query", "", headers, site=config.site("http", "a%zz"))
             assert served.handle(request).status == 400

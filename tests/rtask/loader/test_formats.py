@@ -209,7 +209,7 @@ def test_a_file_opened_as_text_is_refused(tmp_path: Path) -> None:
         _file(tmp_path, "a.ttl", _TURTLE).open() as file,
         pytest.raises(UsageError, match="opened with mode 'rb'"),
     ):
-        Document.of(file)  # type: ignore[arg-type]
+        Document.of(file)  # type: ignore[arg-type] # what callers without types do
 
 
 def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
