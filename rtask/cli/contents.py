@@ -15,7 +15,6 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
-    option,
     print_json,
     server_option,
 )
@@ -135,11 +134,10 @@ def _entry_row(entry: HistoryEntry, statements: bool) -> dict[str, Any]:
 @data_option
 @server_option
 @click.option("--graph", "-g", "graphs", multiple=True, help="Only this graph; may be repeated.")
-@option(
+@click.option(
     "--format",
     "-F",
     "form",
-    former=["-f"],
     help="Format: turtle, trig, nquads ...  [default: by the extension of TARGET, else trig]",
 )
 @click.option("--inferred", is_flag=True, help="Include inferred statements.")

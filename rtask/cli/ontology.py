@@ -28,7 +28,7 @@ SELECT ?ontology ?version ?statements {
   OPTIONAL { ?ontology owl:versionInfo ?version }
 } ORDER BY ?ontology
 """
-_BREAKING = 3
+_BREAKING = 1
 
 source_option = click.option(
     "--source",
@@ -276,7 +276,7 @@ def diff(old: str, new: str, as_json: bool) -> None:
     """Compare two versions of an ontology: terms and axioms that were added or removed.
 
     OLD and NEW are files, folders, the folder of a knowledge base, or "bundled" (the default of
-    NEW). A knowledge base is compared with the ontologies that it would load. Exit code 3 if data
+    NEW). A knowledge base is compared with the ontologies that it would load. Exit code 1 if data
     or queries written for OLD may not fit NEW.
     """
     from rtask.ontology_docs.difference import comparable, compare

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ __all__ = [
     "exit_undecided",
     "json_option",
     "limit_option",
-    "option",
     "prefixes",
     "print_json",
     "read_text",
@@ -26,42 +25,6 @@ __all__ = [
     "server_option",
     "term",
 ]
-
-
-class RenamedOption(click.Option):
-    """An option that still answers to the names it once had, without showing them in the help.
-
-    Parameters
-    ----------
-    former
-        Names that earlier releases used, dashes included.
-    """
-
-    def __init__(self, *args: Any, former: Iterable[str] = (), **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.former = tuple(former)
-
-    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
-        """Teach the parser the former names as well."""
-        shown = self.opts
-        self.opts = [*shown, *self.former]
-        try:
-            super().add_to_parser(parser, ctx)
-        finally:
-            self.opts = shown
-
-
-def option(
-    *names: str, former: Iterable[str] = (), **settings: Any
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator like :func:`click.option`, for an option that was renamed.
-
-    Parameters
-    ----------
-    former
-        Deprecated names, which keep working and are not shown.
-    """
-    return click.option(*names, cls=RenamedOption, former=former, **settings)
 
 
 data_option = click.option(
@@ -90,14 +53,14 @@ budget_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def agent_option(help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+def agent_option(help: str) -> Callable[..., Any]:
     """Return the option ``--agent``, which names a robot or a person."""
-    return option("--agent", metavar="NAME", help=help, former=former)
+    return click.option("--agent", metavar="NAME", help=help)
 
 
-def limit_option(default: int, help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+def limit_option(default: int, help: str) -> Callable[..., Any]:
     """Return the option ``--limit``, which bounds the length of a listing."""
-    return option("--limit", "-n", default=default, show_default=True, help=help, former=former)
+    return click.option("--limit", "-n", default=default, show_default=True, help=help)
 
 
 def exit_undecided(answer: object) -> None:

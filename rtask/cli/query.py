@@ -17,7 +17,6 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     limit_option,
-    option,
     prefixes,
     print_json,
     read_text,
@@ -59,17 +58,15 @@ _EMPTY = {
 @click.argument("text", required=False)
 @data_option
 @server_option
-@option(
+@click.option(
     "--file",
-    former=["-f"],
     type=click.Path(path_type=Path),
     help="Read the query from a file.",
 )
-@option(
+@click.option(
     "--format",
     "-F",
     "form",
-    former=["-o"],
     type=click.Choice(["table", *_MEDIA_TYPES]),
     default="table",
     show_default=True,
@@ -207,9 +204,7 @@ def _short(term: object, known: dict[str, str]) -> str:
 @click.argument("text", required=False)
 @data_option
 @server_option
-@option(
-    "--file", former=["-f"], type=click.Path(path_type=Path), help="Read the update from a file."
-)
+@click.option("--file", type=click.Path(path_type=Path), help="Read the update from a file.")
 @agent_option("Write as this robot or person, into its own graph. A server knows it by the token.")
 @click.option("--note", help="Remark to keep with the provenance.")
 @json_option
