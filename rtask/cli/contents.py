@@ -17,7 +17,6 @@ from rtask.cli.options import (
     json_option,
     print_json,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working
 from rtask.errors import UsageError
@@ -90,10 +89,14 @@ def history(
 
     With SUBJECT, only commits about it. Exit code 1 if there are none.
     """
+    from rtask.asking.terms import reader_of
+
     with open_to_read(data) as kb:
-        about = None if subject is None else term(subject, kb.base)
+        reader = reader_of(kb)
+        about = None if subject is None else reader.resource(subject)
+        within = None if graph is None else reader.resource(graph)
         entries = kb.history(
-            about, graph=graph, agent=agent, since=since, upto=upto, start=start, end=end
+            about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
     if as_json:
         print_json([_entry_row(entry, statements) for entry in entries])

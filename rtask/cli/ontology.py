@@ -13,6 +13,7 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     print_json,
+    resource,
     server_option,
 )
 from rtask.cli.progress import Working, announce_compilation
@@ -125,7 +126,7 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
     from rtask.ontology_docs.unloading import unload as run
 
     with announce_compilation(), open_to_change(data) as kb:
-        found = run(kb, iri, force=force, dry_run=dry_run)
+        found = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
     if as_json:
         print_json(found.to_dict())
         return
@@ -164,6 +165,7 @@ def path(iri: str, as_json: bool) -> None:
     from rtask.errors import UnknownTermError
     from rtask.loader.catalogue import OntologyCatalogue
 
+    iri = resource(iri, "")
     found = OntologyCatalogue().find(iri)
     if found is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")

@@ -17,6 +17,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
+from rtask.cli.things import known_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -77,9 +78,9 @@ def ask(
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
         request["gripper_id"] = gripper
-    if objects:
-        request["objects"] = list(objects)
     with connection(data, server, agent) as client:
+        if objects:
+            request["objects"] = [known_object(client.query, name) for name in objects]
         if not (gripper or agent or server):
             raise UsageError("whose hand is to hold it? --agent ROBOT, or --gripper NAME")
         answer = client.resolve_request(**request)

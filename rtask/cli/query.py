@@ -21,7 +21,6 @@ from rtask.cli.options import (
     print_json,
     read_text,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working
 from rtask.errors import QuerySyntaxError, UsageError
@@ -233,10 +232,12 @@ def update(
         click.echo('{"done": true}' if as_json else "done")
         return
     if as_json:
-        names = ("seq", "added", "removed", "derived")
+        names = ("seq", "added", "removed", "derived", *(["remark"] if done.remark else []))
         print_json({name: getattr(done, name) for name in names})
         return
     click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
+    if done.remark:
+        click.echo(done.remark, err=True)
 
 
 @click.command()
@@ -260,10 +261,12 @@ def search(
 
     All words must occur; "cup*" matches any ending. Exit code 1 if nothing is found.
     """
+    from rtask.asking.terms import Reader, reader_of
     from rtask.knowledge_base import KnowledgeBase
 
     with open_graph(data, server) as kb:
-        wanted = None if cls is None else term(cls, base_of(kb))
+        reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(base_of(kb))
+        wanted = None if cls is None else reader.resource(cls)
         if not isinstance(kb, KnowledgeBase):
             rows = _search_server(kb, " ".join(words), wanted, lang, limit)
         else:

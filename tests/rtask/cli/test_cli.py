@@ -210,8 +210,13 @@ def test_explain_names_who_asserts_and_what_follows(filled: Shell) -> None:
     assert proof.code == 0
     assert "asserted: urn:lab/graph/agent/nao-1" in proof.out
     absent = filled("explain", "urn:mug", "a", "rt:Ball")
-    assert (absent.code, absent.err) == (1, "does not hold\n")
+    assert (absent.code, absent.err.splitlines()[0]) == (1, "<urn:mug> a rt:Ball does not hold")
     assert filled("explain", "urn:mug", "a", "x:Ball").code == 2
+    cut = filled("explain", "urn:mug", "a", "rt:Ball rt:Mug")
+    assert (cut.code, cut.err) == (2, "rtask: 'rt:Mug' is left over after the term rt:Ball\n")
+    short = filled("explain", "urn:mug", "a", "rt:Container", "--budget", "1")
+    assert short.code == 3
+    assert "not decided within a budget of 1 steps" in short.err
 
 
 def test_history_lists_commits(filled: Shell) -> None:
