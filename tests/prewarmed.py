@@ -109,7 +109,11 @@ class Prewarmed:
 
     def start(self, arguments: Sequence[str], environment: Mapping[str, str]) -> ForkedProcess:
         """Run ``rtask`` with these arguments in a process of its own."""
-        order = {"arguments": list(arguments), "environment": dict(environment), "in": str(Path.cwd())}
+        order = {
+            "arguments": list(arguments),
+            "environment": dict(environment),
+            "in": str(Path.cwd()),
+        }
         printed, said = os.pipe(), os.pipe()
         try:
             pid = self.ask(order, [printed[1], said[1]])["pid"]
