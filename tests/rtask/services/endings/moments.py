@@ -65,7 +65,7 @@ class Tally(Service):
     name = "moments/Tally"
     store = data_resource("binary", writable=True)
 
-    @method(output="total", scope="write")
+    @method(output="total", scope="write", effect="writes")
     def add(self, number: int, gate: str = "") -> int:
         """Add to the sum, stopping at the moments of a gate.
 
