@@ -126,7 +126,7 @@ def _tool(definition: Definition, method: Method) -> dict[str, Any]:
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
         "inputSchema": {"type": "object", **wanted},
-        "annotations": {"readOnlyHint": definition.only_reads(method)},
+        "annotations": {"readOnlyHint": method.effect == "reads"},
     }
 
 

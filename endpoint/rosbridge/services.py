@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.commit.access import Access
+from rtask.wire.effect import Effect
 from rtask.wire.message import Answer, Message
 from rtask.wire.ros import camel_case
 
@@ -18,16 +19,16 @@ RequestClass = type[Message]
 AnswerClass = type[Answer]
 
 
-_WRITES_IN_PART = frozenset(("teach_object",))
-"""Operations whose requests need different rights; some of them write."""
-
-
 class Operation(Protocol):
     """The part of an operation that rosbridge uses."""
 
     @property
     def scope(self) -> str:
         """Right that a caller needs."""
+
+    @property
+    def effect(self) -> Effect:
+        """Its effect on the graph."""
 
     @property
     def summary(self) -> str:
@@ -156,12 +157,6 @@ def ros_type(operation: str) -> str:
     'rtask/RecogniseForGrasp'
     """
     return f"rtask/{camel_case(operation)}"
-
-
-def only_reads(engine: Engine, operation: str) -> bool:
-    """Whether an operation, whatever its request, leaves the graph as it is."""
-    found = engine.operations.get(operation)
-    return found is not None and found.scope == "read" and operation not in _WRITES_IN_PART
 
 
 def engine_services(engine: Engine) -> list[Service]:

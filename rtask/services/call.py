@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from rtask.errors import CancelledError, DeadlineError, UnsupportedError
 from rtask.kb.commit.access import Access
+from rtask.wire.effect import Effect
 
 __all__ = ["Call", "Invocation"]
 
@@ -46,6 +47,8 @@ class Call:
         Services through which the call came, the first one first.
     others
         The way to other services; None = there is none.
+    effect
+        What the called method declares; it can call others with no stronger one.
 
     Attributes
     ----------
@@ -63,12 +66,14 @@ class Call:
         timeout_s: float = 60.0,
         chain: tuple[str, ...] = (),
         others: Others | None = None,
+        effect: Effect = "writes",
     ) -> None:
         self.id = f"{_RUN}{next(_numbers):08x}"
         self.caller = caller or Access()
         self.timeout_s = timeout_s
         self.deadline = time.monotonic() + timeout_s
         self.chain = chain
+        self.effect = effect
         self.fraction, self.text = 0.0, ""
         self._others = others
         self._is_cancelled = False

@@ -34,6 +34,7 @@ from rtask.services.registry import Registry
 from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
 from rtask.services.service import Service
 from rtask.services.task import Mapped, Task
+from rtask.wire.effect import strongest
 from rtask.wire.message import Answer, read
 
 if TYPE_CHECKING:
@@ -151,10 +152,15 @@ class ServiceHost:
             seconds = min(seconds, parent.left_s)
             if definition.name in parent.chain:
                 raise UsageError(f"a circle of calls: {' -> '.join(chain)}")
-        call = Call(access, seconds, chain, self)
+            if strongest(found.effect, parent.effect) != parent.effect:
+                raise UsageError(
+                    f"{definition.exact} {found.effect} by its method {found.name}, but is called "
+                    f"by a method that declares effect={parent.effect!r}"
+                )
+        call = Call(access, seconds, chain, self, found.effect)
         if parent is not None:
             parent.on_cancel(call.cancel)
-        may_repeat = found.scope == "read" and not definition.is_writing
+        may_repeat = found.effect != "writes"
         return Task(found, request, call, definition.exact, mapped, may_repeat=may_repeat)
 
     def start(self, task: Task) -> None:

@@ -37,6 +37,6 @@ def _method(operation: Operation[Any, Any]) -> Method:
 
     summary = operation.summary[0].upper() + operation.summary[1:]
     return Method(
-        operation.name, summary, "", operation.scope, operation.request, operation.answer, "",
-        invoke,
+        operation.name, summary, "", operation.scope, operation.effect, operation.request,
+        operation.answer, "", invoke,
     )  # fmt: skip
