@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-.PHONY: help setup system pages demo test test-quick test-deep check conformance bench docs clean
+.PHONY: help setup system pages demo test test-quick test-deep check conformance bench docs site clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -70,6 +70,7 @@ check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python -m pytest -q tests/docs
+	@$(MAKE) --no-print-directory site
 
 conformance: $(READY)  ## the standards' own test suites, one line each
 	@$(BIN)/python tests/conformance/report.py
@@ -79,6 +80,9 @@ bench: $(READY)  ## every benchmark, both sides and the ratio
 	  echo "== $$script"; $(BIN)/python $$script || ended="$$ended $$script"; \
 	done; \
 	if [ -n "$$ended" ]; then echo "failed, or lacked their data:$$ended"; exit 1; fi
+
+site: $(READY)  ## build the documentation as a site with search, in site/
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 docs: $(READY)  ## renew the pages that are written from the code
 	@$(BIN)/python -m tests.docs.command_reference > docs/cli.md

@@ -33,10 +33,9 @@ def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
     return install(wheel, tmp_path_factory.mktemp("base") / "venv")
 
 
-def _readme_example() -> str:
+def _readme_examples() -> str:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.S)
-    return str(example)
+    return "\n".join(re.findall(r"```python\n(.*?)```", text, re.S))
 
 
 def test_the_wheel_holds_every_file_of_the_packages(wheel: Path) -> None:
@@ -59,8 +58,8 @@ def test_every_package_comes_from_the_installation(base: Installation, tmp_path:
     assert all(Path(line).is_relative_to(base.packages) for line in done.stdout.splitlines())
 
 
-def test_the_base_runs_the_example_of_the_readme(base: Installation, tmp_path: Path) -> None:
-    done = base.run("python", "-W", "error", "-c", _readme_example(), folder=tmp_path)
+def test_the_base_runs_the_examples_of_the_readme(base: Installation, tmp_path: Path) -> None:
+    done = base.run("python", "-W", "error", "-c", _readme_examples(), folder=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
