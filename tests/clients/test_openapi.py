@@ -217,5 +217,5 @@ def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
             # Where nothing can be sent, nothing can be sent wrongly.
             with contextlib.suppress(Unsatisfiable):
                 attack()
-    assert len(statuses) > 100
+    assert len(statuses) > (100 if examples > 1 else 40)
     assert {200, 400} <= set(statuses)  # both good and bad requests were made
