@@ -9,10 +9,11 @@ from reasoner.entail import Entailment, entails
 from reasoner.proofs import Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
-from reasoner.rules.work import ClosureTooLargeError
+from reasoner.rules.work import Budget, ClosureTooLargeError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
+    "Budget",
     "Cause",
     "Closure",
     "ClosureTooLargeError",

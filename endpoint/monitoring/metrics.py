@@ -54,6 +54,8 @@ _GAUGE_HELP = {
     "rtask_quads": "Statements in the store, counted at most once a minute.",
     "rtask_queries_running": "Queries that run or wait.",
     "rtask_ready": "Whether the server is ready for requests.",
+    "rtask_writers_waiting": "Changes that wait for another one to be stored.",
+    "rtask_writer_wait_seconds": "Time for which the first of these has waited.",
     "rtask_journal_bytes": "Size of the journal.",
     "rtask_disk_free_bytes": "Free disk space for the data folder.",
     "rtask_subscribers": "Followers of changes.",
