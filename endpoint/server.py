@@ -39,8 +39,6 @@ THREAD_STACK_BYTES = 16 << 20
 class PortInUseError(RtaskError):
     """Another program is already listening at the address."""
 
-    exit_code = 1
-
 
 def listen(host: str, port: int) -> socket.socket:
     """Bind a listening socket; port 0 picks a free one.

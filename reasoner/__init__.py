@@ -4,9 +4,10 @@ from reasoner.causes import Cause
 from reasoner.closure import Closure, Staged
 from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction
+from reasoner.decisions import Refutation, Undecided
 from reasoner.dl.profile import ProfileViolation, check_profile
 from reasoner.entail import Entailment, entails
-from reasoner.proofs import Proof
+from reasoner.proofs import Decision, Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
 from reasoner.rules.work import Budget, ClosureTooLargeError
@@ -19,15 +20,18 @@ __all__ = [
     "ClosureTooLargeError",
     "Config",
     "Contradiction",
+    "Decision",
     "Entailment",
     "InconsistentError",
     "LabelledRule",
     "ProfileViolation",
     "Proof",
+    "Refutation",
     "RuleError",
     "ShaclReport",
     "Staged",
     "StratificationError",
+    "Undecided",
     "check_profile",
     "entails",
     "validate",

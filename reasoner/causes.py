@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from reasoner.contradictions import Contradiction
+from reasoner.decisions import DEFAULT_BUDGET
 from reasoner.fixpoint.checks import LISTED, Inconsistency
 from reasoner.proofs import Proof
 from reasoner.reading import Reading
@@ -191,9 +192,10 @@ class Search:
             if fact in self.reading.asserted:
                 yield fact
                 continue
-            left_ms = 1000 * (self.deadline - time.monotonic())
-            proof = self.reading.prove(fact, max(1.0, left_ms)) if left_ms > 0 else None
-            for triple in () if proof is None else _rests_on(proof):
+            if time.monotonic() > self.deadline:
+                continue
+            proof = self.reading.prove(fact, DEFAULT_BUDGET)
+            for triple in _rests_on(proof) if isinstance(proof, Proof) else ():
                 s, p, o = map(find, triple)
                 assert s is not None
                 assert p is not None

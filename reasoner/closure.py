@@ -8,18 +8,19 @@ import time
 from collections.abc import Collection, Iterable, Iterator
 from typing import TypeGuard
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from reasoner.causes import Cause, Search
 from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction, describe
+from reasoner.decisions import DEFAULT_BUDGET, Refutation
 from reasoner.exports import Triples, difference, missing_and_surplus, small_difference
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.glosses import Name, local_name
-from reasoner.proofs import GraphsOf, Proof
+from reasoner.proofs import Decision, GraphsOf, Proof
 from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
 from reasoner.rules.work import Budget
@@ -30,6 +31,7 @@ from reasoner.terms.digest import Digest, digest_of
 from reasoner.terms.vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
+_TYPE = NamedNode(RDF + "type")
 _NO_SUBJECTS = (TripleTerm, Literal)
 _BATCH = 100_000
 """Triples whose terms are held at a time while they are encoded."""
@@ -269,26 +271,42 @@ class Closure:
     def explain(
         self,
         triple: Triple,
-        budget_ms: float = 200,
+        budget: int = DEFAULT_BUDGET,
         graphs_of: GraphsOf | None = None,
         name: Name = local_name,
-    ) -> Proof | None:
-        """Return a proof of least height, None if the triple does not hold.
+    ) -> Decision:
+        """Return a proof of least height, or what a triple that does not hold lacks.
 
         Parameters
         ----------
         triple : Triple
-        budget_ms : float
-            Give up, with None, after this many milliseconds.
+        budget : int
+            Goals and rows that may be looked at. Where they do not suffice, the answer is
+            :class:`~reasoner.decisions.Undecided`, never that the triple does not hold.
         graphs_of : callable, optional
             Returns the names of the graphs that assert a triple, for the leaves.
         name : callable
             Returns the short name of a term, for the glosses.
+
+        Raises
+        ------
+        TypeError
+            A part of the triple is no term, such as a text.
         """
+        for term in triple:
+            if not isinstance(term, NamedNode | BlankNode | Literal | TripleTerm):
+                raise TypeError(f"expected a term, got {type(term).__name__}: {term!r}")
         fact = self._find(triple)
-        if fact is None or not self.contains(triple):
-            return None
-        return self._reading().prove(fact, budget_ms, graphs_of, name)
+        if fact is None:
+            s, p, o = triple
+            if s == o and p == NamedNode(v.IRIS[SAME]):
+                return Proof(triple, f"{name(s)} {name(p)} {name(o)}", "eq-ref")
+            absent = tuple(name(term) for term in triple if self._terms.find_equal(term) is None)
+            gloss = " ".join("a" if term == _TYPE else name(term) for term in triple)
+            return Refutation(triple, gloss, (), absent)
+        if not self.contains(triple):
+            return self._reading().refute(fact, budget, name)
+        return self._reading().prove(fact, budget, graphs_of, name)
 
     def inferred(self) -> Iterator[Triple]:
         """Yield every derived triple that no graph asserts: the content of the inferred graph."""

@@ -14,7 +14,7 @@ from reasoner.terms.vocabulary import SAME
 if TYPE_CHECKING:
     from reasoner.reading import Reading
 
-PROOF_BUDGET_MS = 50
+PROOF_BUDGET = 20_000
 MESSAGES = {
     "cax-dw": "a member of two disjoint classes",
     "cax-adc": "a member of two classes of a disjoint list",
@@ -53,7 +53,7 @@ class Contradiction:
     axioms : tuple of Triple
         The schema statements that forbid it.
     proofs : tuple of Proof
-        Of the triples, as far as they were found in time.
+        Of the triples, as far as they were found within a budget.
     message : str
     """
 
@@ -78,8 +78,8 @@ def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
         facts = [(facts[0][2], SAME, facts[1][2])]
     decode = reading.terms.decode_fact
     facts.sort(key=lambda fact: str(decode(fact)))
-    found = [reading.prove(fact, PROOF_BUDGET_MS) for fact in facts]
-    proofs = tuple(proof for proof in found if proof is not None)
+    found = [reading.prove(fact, PROOF_BUDGET) for fact in facts]
+    proofs = tuple(proof for proof in found if isinstance(proof, Proof))
     triples = tuple(map(decode, facts))
     axioms = tuple(decode(reading.asserted_form(fact)) for fact in finding.because)
     said = "; ".join(" ".join(map(str, triple)) for triple in triples)

@@ -7,7 +7,7 @@ assertions; the rest goes beyond it).
 
 from __future__ import annotations
 
-import time
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations, count
@@ -15,12 +15,15 @@ from itertools import combinations, count
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from reasoner.closure import Closure
-from reasoner.proofs import Proof
+from reasoner.decisions import Budget, OutOfBudgetError
+from reasoner.proofs import Decision, Proof
 from reasoner.terms.datatypes import is_within
 from reasoner.terms.dictionary import Term, Triple
 from reasoner.terms.vocabulary import OWL, RDF, RDFS, XSD
 
 FRESH = "urn:rtask:fresh:"
+STAGING = 2_000
+"""Work of one test by contradiction, in rows."""
 
 
 def _owl(name: str) -> NamedNode:
@@ -71,9 +74,11 @@ class Entailment:
     missing : tuple of Triple
         Parts that do not follow.
     undecided : tuple of Triple
-        Parts that could neither be found nor negated, or not in time.
+        Parts that could neither be found nor negated, or not within the budget.
     is_inconsistent : bool
         Whether the premise contradicts itself, from which everything follows.
+    is_spent : bool
+        Whether the budget ended the search, so that a larger one may decide more.
     """
 
     answer: bool | None
@@ -81,6 +86,7 @@ class Entailment:
     missing: tuple[Triple, ...] = ()
     undecided: tuple[Triple, ...] = ()
     is_inconsistent: bool = False
+    is_spent: bool = False
 
 
 @dataclass
@@ -101,17 +107,13 @@ class _Conclusion:
         return items
 
 
-class _OutOfTimeError(Exception):
-    """The search took too long."""
-
-
 def entails(
     closure: Closure,
     conclusion: Iterable[Triple],
     semantics: str = "rl",
     *,
-    budget_ms: float | None = None,
-    explain: Callable[[Triple], Proof | None] | None = None,
+    budget: int | None = None,
+    explain: Callable[[Triple], Decision] | None = None,
 ) -> Entailment:
     """Tell whether every triple of a conclusion follows from a closure.
 
@@ -124,8 +126,9 @@ def entails(
     semantics : {"rl", "direct"}
         Under "direct", annotations and class expressions that no axiom uses have no meaning (OWL 2
         Direct Semantics).
-    budget_ms : float, optional
-        Leave what is not decided after this many milliseconds undecided.
+    budget : int, optional
+        Rows to look at, a test by contradiction counting as 2,000; what is not decided within it
+        stays undecided.
     explain : callable, optional
         Returns the proof of a triple that holds, instead of `closure.explain`.
 
@@ -141,26 +144,33 @@ def entails(
         raise ValueError(f"semantics is 'rl' or 'direct', not {semantics!r}")
     if closure.contradictions():
         return Entailment(True, is_inconsistent=True)
-    deadline = None if budget_ms is None else time.monotonic() + budget_ms / 1000
+    work = Budget(sys.maxsize if budget is None else budget)
     prove = explain or closure.explain
     parts = _normalise(closure, list(conclusion), semantics)
     missing = [s for s in parts.statements if not _is_found(closure, s)]
     absent = set(missing)
-    found = [prove(s) for s in parts.statements if s not in absent and not _is_late(deadline)]
-    proofs = tuple(proof for proof in found if proof is not None)
+    found = [prove(s) for s in parts.statements if s not in absent]
+    proofs = tuple(proof for proof in found if isinstance(proof, Proof))
     try:
-        if missing and _match_all(closure, [*missing, *parts.definitions], {}, deadline):
+        if missing and _match_all(closure, [*missing, *parts.definitions], {}, work):
             return Entailment(True, proofs)
-    except _OutOfTimeError:
-        return Entailment(None, proofs, (), tuple(missing))
-    answers = [(s, None if _is_late(deadline) else _refute(closure, s, parts)) for s in missing]
+    except OutOfBudgetError:
+        return Entailment(None, proofs, (), tuple(missing), is_spent=True)
+    answers = [(s, _refute_within(closure, s, parts, work)) for s in missing]
     wrong = tuple(s for s, answer in answers if answer is False)
     undecided = tuple(s for s, answer in answers if answer is None)
-    return Entailment(False if wrong else None if undecided else True, proofs, wrong, undecided)
+    answer = False if wrong else None if undecided else True
+    return Entailment(answer, proofs, wrong, undecided, is_spent=work.is_spent)
 
 
-def _is_late(deadline: float | None) -> bool:
-    return deadline is not None and time.monotonic() > deadline
+def _refute_within(
+    closure: Closure, statement: Triple, parts: _Conclusion, work: Budget
+) -> bool | None:
+    """Return the answer of :func:`_refute`, or None once the budget is spent."""
+    try:
+        return _refute(closure, statement, parts, work)
+    except OutOfBudgetError:
+        return None
 
 
 def _normalise(closure: Closure, triples: list[Triple], semantics: str) -> _Conclusion:
@@ -208,25 +218,25 @@ def _match_all(
     closure: Closure,
     patterns: list[Triple],
     bound: dict[Term, Term],
-    deadline: float | None = None,
+    work: Budget,
 ) -> bool:
     """Tell whether the patterns hold for some value of their blank nodes."""
     if not patterns:
         return True
-    if _is_late(deadline):
-        raise _OutOfTimeError
 
     def known(term: Term) -> Term | None:
         return bound.get(term) if isinstance(term, BlankNode) else term
 
     best = max(patterns, key=lambda t: sum(known(x) is not None for x in t))
     rest = [t for t in patterns if t is not best]
-    for found in closure.match(*(known(x) for x in best)):
+    rows = closure.match(*(known(x) for x in best))
+    work.spend(1 + len(rows))
+    for found in rows:
         extended = dict(bound)
         for pattern, value in zip(best, found, strict=True):
             if isinstance(pattern, BlankNode):
                 extended[pattern] = value
-        if _match_all(closure, rest, extended, deadline):
+        if _match_all(closure, rest, extended, work):
             return True
     return False
 
@@ -239,7 +249,7 @@ def _new(kind: str = "x") -> NamedNode:
     return NamedNode(f"{FRESH}{kind}{next(_fresh)}")
 
 
-def _refute(closure: Closure, statement: Triple, parts: _Conclusion) -> bool | None:
+def _refute(closure: Closure, statement: Triple, parts: _Conclusion, work: Budget) -> bool | None:
     """Tell whether every negation of a statement gives a contradiction; None if it has none."""
     s, p, o = statement
     if p == _rdfs("range") and isinstance(o, NamedNode) and o.value.startswith(XSD):
@@ -249,6 +259,7 @@ def _refute(closure: Closure, statement: Triple, parts: _Conclusion) -> bool | N
     if not negations:
         return None
     for negation in negations:
+        work.spend(STAGING)
         staged = closure.stage(add=[*parts.definitions, *negation])
         contradicts = bool(staged.contradictions)
         staged.discard()

@@ -7,12 +7,12 @@ of its own (eq-rep), like in the rules as printed.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice, product
-from typing import Any
+from typing import Any, ClassVar, TypeAlias
 
+from reasoner.decisions import Budget, OutOfBudgetError, Refutation, Undecided
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
@@ -59,6 +59,11 @@ class Proof:
     schema: tuple[Triple, ...] = ()
     absent: tuple[str, ...] = ()
     graphs: tuple[str, ...] = ()
+
+    holds: ClassVar[bool] = True
+
+    def __bool__(self) -> bool:
+        return True
 
     @property
     def is_asserted(self) -> bool:
@@ -110,13 +115,18 @@ class Proof:
             yield from premise._lines(rest + "|- ", rest + "   ")
 
 
+Decision: TypeAlias = Proof | Refutation | Undecided
+"""A statement holds, does not hold, or the budget did not decide it."""
+
+
 class Expanded:
-    """Facts as if no term had been rewritten: each holds for every member of an equality class."""
+    """Facts as if no term had been rewritten: each holds for every member of an equality class.
 
-    work: None = None
-    """Proofs are bounded by time."""
+    The rows that rules look at are counted in a budget.
+    """
 
-    def __init__(self, facts: Facts | Layer, equality: Equality) -> None:
+    def __init__(self, facts: Facts | Layer, equality: Equality, budget: Budget) -> None:
+        self.work = budget
         self._facts = facts
         self._equality = equality
 
@@ -152,10 +162,6 @@ class Expanded:
         return self._facts.size(self._equality.find(p))
 
 
-class OutOfBudgetError(Exception):
-    """The search exceeded its budget."""
-
-
 class Prover:
     """Search for proofs in one state of a closure."""
 
@@ -166,31 +172,32 @@ class Prover:
         program: Program,
         asserted: Asserted,
         terms: Dictionary,
-        budget_ms: float,
+        budget: Budget,
         graphs_of: GraphsOf | None = None,
         name: Name = local_name,
     ) -> None:
-        self._view = Expanded(facts, equality) if equality else facts
+        self._view = Expanded(facts, equality, budget)
         self._glossary = Glossary(self._view, terms, name)
         self._equality = equality
         self._program = program
         self._asserted = asserted
         self._terms = terms
-        self._deadline = time.monotonic() + budget_ms / 1000
+        self._budget = budget
         self._graphs_of = graphs_of
         self._proven: dict[Fact, Proof] = {}
         self._refuted: dict[Fact, int] = {}
 
-    def prove(self, fact: Fact) -> Proof | None:
-        """Return a proof of least height, None if there is none within the budget."""
+    def prove(self, fact: Fact) -> Proof | Undecided:
+        """Return a proof of least height, or that the budget did not suffice to find one."""
         try:
             for height in range(MAX_HEIGHT):
                 proof = self._search(fact, height)
                 if proof is not None:
                     return proof
         except OutOfBudgetError:
-            return None
-        return None
+            pass
+        triple, gloss = self._terms.decode_fact(fact), self._glossary.fact(fact)
+        return Undecided(triple, gloss, self._budget.spent, self._budget.limit)
 
     def _search(self, goal: Fact, height: int) -> Proof | None:
         known = self._proven.get(goal)
@@ -198,8 +205,7 @@ class Prover:
             return known if known.height <= height else None
         if self._refuted.get(goal, -1) >= height:
             return None
-        if time.monotonic() > self._deadline:
-            raise OutOfBudgetError
+        self._budget.spend(1)
         proof = self._leaf(goal)
         if proof is None and height > 0:
             proof = next(self._steps(goal, height), None)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoner.decisions import Budget, Refutation, Undecided
 from reasoner.facts import arrays
 from reasoner.facts.arrays import Column
 from reasoner.facts.equality import Equality
@@ -18,6 +19,7 @@ from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
 from reasoner.glosses import Glossary, Name, local_name
 from reasoner.proofs import GraphsOf, Proof, Prover
+from reasoner.refutations import Refuter
 from reasoner.rules.strata import Program
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, Triple
@@ -85,11 +87,11 @@ class Reading:
     def prove(
         self,
         fact: Fact,
-        budget_ms: float,
+        budget: int,
         graphs_of: GraphsOf | None = None,
         name: Name = local_name,
-    ) -> Proof | None:
-        """Return a proof of minimal height; for a virtual fact, its rule alone."""
+    ) -> Proof | Undecided:
+        """Return a proof of minimal height of a fact that holds; for a virtual fact, its rule."""
         held = next(filter(self.holds, self.forms(fact)), None)
         if held is None:
             gloss = Glossary(self.facts, self.terms, name).fact(fact)
@@ -100,10 +102,16 @@ class Reading:
             self.program,
             self.asserted,
             self.terms,
-            budget_ms,
+            Budget(budget),
             graphs_of,
             name,
         ).prove(held)
+
+    def refute(self, fact: Fact, budget: int, name: Name = local_name) -> Refutation:
+        """Return what a fact that does not hold would need to hold."""
+        return Refuter(
+            self.facts, self.equality, self.program, self.terms, Budget(budget), name
+        ).refute(fact)
 
     # Sets of facts.
 

@@ -136,7 +136,7 @@ class RtaskError(Exception):
 
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
-    exit_code: ClassVar[int] = 1
+    exit_code: ClassVar[int] = 3
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -242,7 +242,7 @@ class ParseError(DataError):
 class QuerySyntaxError(DataError):
     """SPARQL text that does not parse; ``line`` and ``column`` where known."""
 
-    status, slug = 400, "query-syntax"
+    status, slug, exit_code = 400, "query-syntax", 2
 
 
 class QueryTooExpensive(DataError):
@@ -294,13 +294,13 @@ class TooMuchFollowsError(TooLargeError):
 class UnknownTermError(DataError):
     """A name or IRI that the graph does not contain; ``did_you_mean`` where one is similar."""
 
-    slug = "unknown-term"
+    slug, exit_code = "unknown-term", 1
 
 
 class FieldError(DataError):
     """A value does not fit a field; see ``field``, ``iri`` and ``expected``."""
 
-    slug = "field"
+    slug, exit_code = "field", 2
 
 
 class AccessError(RtaskError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-from itertools import chain
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -16,13 +15,8 @@ from rtask.errors import RobotError
 from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.agent.decisions import Thresholds
-from simulate.fleet.commands import fetch, requests
-from simulate.fleet.study_commands import attempts, sharing, trust
+from simulate.fleet.commands import fetch
 from simulate.ros.commands import ros, ros_reach
-from simulate.study.clutter.command import piles
-from simulate.study.commands import grasping, judging, learn, table4, table5
-from simulate.study.pushes.command import push_grasps
-from simulate.study.quality.command import grasp_quality
 
 __all__ = ["demo", "simulate"]
 
@@ -155,19 +149,7 @@ def simulate(context: click.Context, /, robots: int | None, **options: Any) -> N
     run_fleet(robots, **options)
 
 
-simulate.add_command(attempts)
 simulate.add_command(fetch)
-simulate.add_command(grasp_quality)
-simulate.add_command(grasping)
-simulate.add_command(judging)
-simulate.add_command(learn)
-simulate.add_command(piles)
-simulate.add_command(push_grasps)
-simulate.add_command(requests)
-simulate.add_command(sharing)
-simulate.add_command(trust)
-simulate.add_command(table4)
-simulate.add_command(table5)
 simulate.add_command(act_test)
 simulate.add_command(act_serve)
 simulate.add_command(ros)
@@ -186,38 +168,6 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
     from simulate.robots import describe, urdf_text
 
     click.echo(urdf_text(describe(robot, **({"legs": legs} if legs else {}))))
-
-
-@simulate.command("grasp-views")
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
-@click.option("--shapes", default=30, show_default=True, help="Shapes per family (of seven).")
-@click.option(
-    "--parts", default=0, show_default=True, help="Machined parts of ten further families, in all."
-)
-@click.option("--seed", default=0, show_default=True, help="Number of the first shape.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def grasp_views(out: Path, gripper: str, shapes: int, parts: int, seed: int, as_json: bool) -> None:
-    """Write labelled grasp candidates from simulated single views to OUT (.npz).
-
-    The input of `rtask grasp train`. A view takes about a tenth of a second.
-    """
-    from grasp.spatial.gripper_files import gripper_named
-    from simulate.study import grasp_samples
-
-    try:
-        hand = gripper_named(gripper)
-    except ValueError as error:
-        raise RobotError(str(error)) from error
-    meshes = chain(grasp_samples.shapes(shapes, seed), grasp_samples.machined(parts, hand))
-    samples = grasp_samples.collect_samples(meshes, hand)
-    samples.save(out)
-    right = int(samples.right.sum())
-    if as_json:
-        about = {"path": str(out), "gripper": samples.gripper}
-        click.echo(json.dumps({**about, "candidates": len(samples), "right": right}))
-        return
-    click.echo(f"{len(samples)} candidates for {samples.gripper}, {right} right: {out}")
 
 
 @simulate.command()

@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-from rtask.cli.options import option
-
 __all__ = [
     "folder",
     "json_flag",
@@ -67,9 +65,8 @@ objects_per_robot = click.option(
 objects_on_table = click.option(
     "--table", "on_table", default=4, show_default=True, help="Objects on the table at once."
 )
-workers = option(
+workers = click.option(
     "--workers",
-    former=["--processes"],
     default=2,
     show_default=True,
     help="Number of processes; does not change the results.",

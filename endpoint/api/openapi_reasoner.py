@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
-from endpoint.api.reasoner import CONTRADICTIONS, ENTAILS, EXPLAIN, RULES, SPARQL_TYPE
+from endpoint.api.reasoner import (
+    BUDGET,
+    CONTRADICTIONS,
+    ENTAILS,
+    EXPLAIN,
+    MAX_BUDGET,
+    RULES,
+    SPARQL_TYPE,
+)
 from endpoint.http.messages import JSON_TYPE
 
 _TEXT: JsonObject = {"type": "string"}
@@ -43,11 +51,18 @@ def reasoner_paths() -> JsonObject:
     labels = parameter("label", "query", "label or IRI of a rule; may be repeated", _TEXT)
     labels["required"] = True
     terms = [
-        parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", _TEXT)
+        parameter(
+            name,
+            "query",
+            f"{meaning}: an IRI, a name or a literal",
+            _TEXT,
+        )
         for name, meaning in (("s", "subject"), ("p", "predicate"), ("o", "object"))
     ]
     for described in terms:
         described["required"] = True
+    steps: JsonObject = {"type": "integer", "minimum": 1, "maximum": MAX_BUDGET, "default": BUDGET}
+    terms.append(parameter("budget", "query", "steps of the reasoner", steps))
     asked = get("Does a statement follow?", (JSON_TYPE,), terms)
     asked["responses"] |= problems((413, 422, 501))
     explained = get("Why does a statement hold?", (JSON_TYPE,), terms)

@@ -6,13 +6,14 @@ import json
 from itertools import islice
 from typing import Any, NamedTuple
 
-from pyoxigraph import NamedNode, RdfFormat
+from pyoxigraph import RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import json_object
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
-from endpoint.http.terms import read_term
+from rtask.asking.decisions import explain
+from rtask.asking.terms import reader_of
 from rtask.errors import AuthenticationError, TooLargeError, UsageError
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import find
@@ -26,8 +27,10 @@ RULES = ADDRESS + "rules"
 SPARQL_TYPE = "application/sparql-query"
 EXPLAIN, ENTAILS = ADDRESS + "explain", ADDRESS + "entails"
 CONTRADICTIONS = ADDRESS + "contradictions"
-BUDGET_MS = 500.0
-"""Writers wait while the reasoner answers, so each answer has a small budget."""
+BUDGET, MAX_BUDGET = 20_000, 200_000
+"""Steps of one answer, and how many a request may ask for: writers wait meanwhile."""
+
+CAUSES_MS = 500.0
 
 MAX_CONCLUSION = 1_000
 MAX_RULES = 1_000
@@ -69,11 +72,11 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
     if address == CONTRADICTIONS:
         return Plan(lambda: _contradictions(kb))
     if address == EXPLAIN:
-        triple = _triple(request)
-        return Plan(lambda: _explain(kb, triple))
+        triple, budget = _triple(kb, request), _budget(request)
+        return Plan(lambda: _json(explain(kb, triple, budget).to_dict()))
     if address == ENTAILS:
-        conclusion = _conclusion(request)
-        return Plan(lambda: _json(kb.entails(conclusion, budget_ms=BUDGET_MS).to_dict()))
+        conclusion, budget = _conclusion(kb, request), _budget(request)
+        return Plan(lambda: _json(kb.entails(conclusion, budget=budget).to_dict()))
     name = address.removeprefix(RULES).removeprefix("/")
     if request.method == "POST":
         _require_author(auth, request, caller)
@@ -133,24 +136,32 @@ def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Calle
     return _json({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
 
 
-def _triple(request: Request) -> TripleKey:
+def _triple(kb: KnowledgeBase, request: Request) -> TripleKey:
     """Return the statement that the parameters s, p and o name."""
-    terms = []
+    texts = []
     for name in "spo":
         given = request.values(name)
         if len(given) != 1 or not given[0].strip():
-            raise UsageError(f"{name} is needed once: an IRI, or a term in N-Triples syntax")
-        terms.append(read_term(given[0].strip(), name))
-    subject, predicate, value = terms
-    if not isinstance(subject, NamedNode) or not isinstance(predicate, NamedNode):
-        raise UsageError("s and p are IRIs")
-    return subject, predicate, value
+            raise UsageError(f"{name} is needed once: an IRI, a prefixed name or another term")
+        texts.append(given[0])
+    return reader_of(kb).statement(*texts)
 
 
-def _conclusion(request: Request) -> list[TripleKey]:
+def _budget(request: Request) -> int:
+    """Return the steps that a request asks for."""
+    given = (request.values("budget") or [str(BUDGET)])[-1]
+    if not (given.isascii() and given.isdecimal()) or not 1 <= int(given[:10]) <= MAX_BUDGET:
+        raise UsageError(
+            f"budget is a whole number of steps from 1 to {MAX_BUDGET}, got {given[:20]!r}; "
+            "`rtask explain --budget` on the folder takes more"
+        )
+    return int(given)
+
+
+def _conclusion(kb: KnowledgeBase, request: Request) -> list[TripleKey]:
     """Return the statements to test: of the parameters, or of an RDF document in the body."""
     if request.method != "POST":
-        return [_triple(request)]
+        return [_triple(kb, request)]
     media_type, _ = request.content_type
     if media_type == JSON_TYPE:
         form, data = RdfFormat.TURTLE, _text_of(request)
@@ -183,25 +194,11 @@ def _text_of(request: Request) -> bytes:
     return sent["text"].encode()
 
 
-def _explain(kb: KnowledgeBase, triple: TripleKey) -> Response:
-    inferred = kb.graphs.inferred
-    found = sorted(str(quad.graph_name) for quad in kb.match(*triple))
-    asserted = [name for name in found if name != str(inferred)]
-    proof = kb.explain(*triple)
-    body = {
-        "holds": proof is not None,
-        "asserted_in": asserted,
-        "proof": None if proof is None else proof.to_dict(),
-        "text": None if proof is None else proof.render(),
-    }
-    return _json(body)
-
-
 def _contradictions(kb: KnowledgeBase) -> Response:
     return _json(
         {
             "contradictions": [found.message for found in kb.contradictions()],
-            "causes": kb.causes(BUDGET_MS),
+            "causes": kb.causes(CAUSES_MS),
         }
     )
 

@@ -63,6 +63,22 @@ _BUILT_IN = {
 }
 
 
+_SECTIONS = {
+    "Run": ("demo", "serve", "worker", "simulate", "study"),
+    "Ask": ("query", "search", "ask", "explain", "entails", "history", "objects"),
+    "Load and change": ("load", "update", "export", "ontology", "rules", "model"),
+    "Teach and recognise": ("teach", "recognise", "segment", "camera"),
+    "Grasp and learn": ("grasp", "learn"),
+    "Judge": ("feedback", "contributors", "episodes"),
+    "Robots and services": ("robot", "ros", "service", "dataset"),
+    "Look after": (
+        "doctor", "stats", "token", "validate", "reason", "quarantine", "verify", "rebuild",
+        "backup", "restore", "promote", "help",
+    ),
+}  # fmt: skip
+"""Sections of the help, by what one wants to do; a command of another package comes last."""
+
+
 def _targets() -> dict[str, str]:
     """Return where each command is defined, as ``module:attribute``."""
     targets = dict(_BUILT_IN)
@@ -99,10 +115,25 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands with the first lines of their docstrings, without importing them."""
-        rows = [(name, short_help(target)) for name, target in sorted(_targets().items())]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+        """List the commands by purpose with first lines of docstrings, importing none."""
+        targets = _targets()
+        grouped = {name for names in _SECTIONS.values() for name in names}
+        others = sorted({*targets, *self.commands} - grouped)
+        for title, names in {**_SECTIONS, "Others": others}.items():
+            rows = [
+                (name, self._summary(name, targets)) for name in names if self._has(name, targets)
+            ]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+    def _has(self, name: str, targets: dict[str, str]) -> bool:
+        return name in targets or name in self.commands
+
+    def _summary(self, name: str, targets: dict[str, str]) -> str:
+        if name in targets:
+            return short_help(targets[name])
+        return (self.commands[name].help or "").partition("\n")[0]
 
 
 def short_help(target: str) -> str:
@@ -142,6 +173,25 @@ def cli(ctx: click.Context, debug: bool, verbose: bool) -> None:
         logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
 
 
+@cli.command("help")
+@click.argument("names", metavar="[COMMAND]...", nargs=-1)
+@click.pass_context
+def _help(ctx: click.Context, names: tuple[str, ...]) -> None:
+    """Show the help of a command, such as `rtask help ontology diff`."""
+    context = ctx.find_root()
+    for name in names:
+        group = context.command
+        if not isinstance(group, click.Group):
+            raise click.UsageError(f"{context.command_path} has no commands of its own")
+        child = group.get_command(context, name)
+        if child is None:
+            near = difflib.get_close_matches(name, group.list_commands(context), n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise click.UsageError(f"{context.command_path} has no command {name!r}.{hint}")
+        context = child.make_context(name, [], parent=context, resilient_parsing=True)
+    click.echo(context.get_help())
+
+
 def _command_name(arguments: Sequence[str]) -> str:
     """Return ``rtask`` with the command that the arguments begin with."""
     return " ".join(["rtask", *(word for word in arguments if not word.startswith("-"))][:2])
@@ -178,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         where = "" if error.filename is None else f"{error.filename}: "
         click.echo(f"rtask: {_printable(f'{where}{error.strerror or error}')}", err=True)
-        sys.exit(2)
+        sys.exit(RtaskError.exit_code)
     sys.exit(done if isinstance(done, int) else 0)
 
 

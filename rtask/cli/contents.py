@@ -15,10 +15,8 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
-    option,
     print_json,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working
 from rtask.errors import UsageError
@@ -91,10 +89,14 @@ def history(
 
     With SUBJECT, only commits about it. Exit code 1 if there are none.
     """
+    from rtask.asking.terms import reader_of
+
     with open_to_read(data) as kb:
-        about = None if subject is None else term(subject, kb.base)
+        reader = reader_of(kb)
+        about = None if subject is None else reader.resource(subject)
+        within = None if graph is None else reader.resource(graph)
         entries = kb.history(
-            about, graph=graph, agent=agent, since=since, upto=upto, start=start, end=end
+            about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
     if as_json:
         print_json([_entry_row(entry, statements) for entry in entries])
@@ -132,11 +134,10 @@ def _entry_row(entry: HistoryEntry, statements: bool) -> dict[str, Any]:
 @data_option
 @server_option
 @click.option("--graph", "-g", "graphs", multiple=True, help="Only this graph; may be repeated.")
-@option(
+@click.option(
     "--format",
     "-F",
     "form",
-    former=["-f"],
     help="Format: turtle, trig, nquads ...  [default: by the extension of TARGET, else trig]",
 )
 @click.option("--inferred", is_flag=True, help="Include inferred statements.")

@@ -10,19 +10,23 @@ import click
 
 from rtask.cli.connection import open_to_read, reasoner_of
 from rtask.cli.options import (
+    budget_option,
     data_option,
     exit_if_empty,
+    exit_undecided,
     json_option,
     print_json,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
+    from rtask.client.reasoner import ReasonerClient
     from rtask.kb.commit.entailment import Entailment
+    from rtask.knowledge_base import KnowledgeBase
 
 _SHOWN = 10
+_STEPS_A_SECOND, _MAX_S = 50_000, 1e6
 _WORDS = {True: "yes", False: "no", None: "cannot be decided"}
 _CONTRADICTORY = "yes: the graph contradicts itself, so everything follows; see `rtask reason`"
 
@@ -31,53 +35,73 @@ _CONTRADICTORY = "yes: the graph contradicts itself, so everything follows; see 
 @click.argument("conclusion", nargs=-1, required=True, metavar="FILE | SUBJECT PREDICATE OBJECT")
 @data_option
 @server_option
-@click.option(
-    "--timeout",
-    type=float,
-    default=30.0,
-    show_default=True,
-    metavar="S",
-    help="Time limit, s; a server has its own.",
-)
+@budget_option
+@click.option("--timeout", type=float, hidden=True)  # the bound of earlier releases
 @json_option
 def entails(
-    conclusion: tuple[str, ...], data: Path, server: str | None, timeout: float, as_json: bool
+    conclusion: tuple[str, ...],
+    data: Path,
+    server: str | None,
+    budget: int | None,
+    timeout: float | None,
+    as_json: bool,
 ) -> None:
     """Tell whether a statement, or every statement of a file, follows from the graph.
 
-    Write terms as in Turtle: <IRI>, prefix:name, "text", 0.3. FILE is an ontology or data in any
-    format that can be loaded. Prints proofs of what follows, or what is missing. Exit code 0 if
-    everything follows, 1 if something does not or cannot be decided.
+    Write terms as any command prints them: <IRI>, prefix:name, kb:name, "a name", "text", 0.3.
+    FILE is an ontology or data in any format that can be loaded. Prints proofs of what follows, or
+    what is missing. Exit code 0 if everything follows, 1 if something does not, 3 if something
+    could not be decided.
     """
     from rtask.errors import UsageError
 
     if len(conclusion) not in (1, 3):
         raise UsageError("give one FILE, or SUBJECT PREDICATE OBJECT")
-    if timeout <= 0:
-        raise UsageError("--timeout is a number of seconds above 0")
-    single = len(conclusion) == 3
+    if timeout is not None:
+        if not timeout > 0:
+            raise UsageError("--timeout is a number of seconds above 0")
+        budget = budget or max(1, int(min(timeout, _MAX_S) * _STEPS_A_SECOND))
     if server:
-        triples = [_triple(conclusion, "")] if single else _read(conclusion[0])
         with Working("waiting for the server"), reasoner_of(server) as client:
-            told = client.entails(triples)
-            lines = list(_lines_told(told, client.explain(triples[0])["text"] if single else None))
+            told, lines = _ask_server(client, conclusion, budget)
     else:
         with announce_compilation(), Working("reasoning"), open_to_read(data) as kb:
-            triples = [_triple(conclusion, kb.base)] if single else _read(conclusion[0])
-            found = kb.entails(triples, budget_ms=1000 * timeout)
-            told, lines = found.to_dict(), list(_lines(found, single))
+            told, lines = _ask_folder(kb, conclusion, budget)
     if as_json:
         print_json(told)
     else:
         for line in lines:
             click.echo(line)
+    exit_undecided(told["entailed"])
     exit_if_empty(told["entailed"])
 
 
-def _triple(parts: tuple[str, ...], base: str) -> tuple[Any, Any, Any]:
-    subject, predicate, value = parts
-    predicate = "rdf:type" if predicate == "a" else predicate
-    return term(subject, base), term(predicate, base), term(value, base)
+def _ask_server(
+    client: ReasonerClient, conclusion: tuple[str, ...], budget: int | None
+) -> tuple[dict[str, Any], list[str]]:
+    if len(conclusion) == 1:
+        told = client.entails(_read(conclusion[0]), budget)
+        return told, list(_lines_told(told, None))
+    subject, predicate, value = conclusion
+    told = client.entails_statement((subject, predicate, value), budget)
+    explained = client.explain((subject, predicate, value), budget)
+    return told, list(_lines_told(told, explained["text"] or explained["reason"]))
+
+
+def _ask_folder(
+    kb: KnowledgeBase, conclusion: tuple[str, ...], steps: int | None
+) -> tuple[dict[str, Any], list[str]]:
+    from rtask.asking.terms import reader_of
+    from rtask.kb.reasoning import ENTAILMENT_BUDGET
+
+    budget = steps or ENTAILMENT_BUDGET
+    if len(conclusion) == 1:
+        found = kb.entails(_read(conclusion[0]), budget=budget)
+        return found.to_dict(), _lines(found, None)
+    triple = reader_of(kb).statement(*conclusion)
+    found = kb.entails([triple], budget=budget)
+    lacks = kb.explain(*triple, budget=budget).render() if found.answer is False else ""
+    return found.to_dict(), _lines(found, lacks)
 
 
 def _read(name: str) -> list[Any]:
@@ -100,13 +124,20 @@ def _lines_told(told: dict[str, Any], proof: str | None) -> Iterator[str]:
             yield f"{what}: {' '.join(triple)}"
         if len(told[what]) > _SHOWN:
             yield f"and {len(told[what]) - _SHOWN} more {what} (--json lists all)"
+    if told["is_spent"]:
+        yield _more(told["budget"])
 
 
-def _lines(found: Entailment, single: bool) -> list[str]:
+def _more(budget: int) -> str:
+    return f"the budget of {budget} steps did not suffice; ask for more with --budget {10 * budget}"
+
+
+def _lines(found: Entailment, single: str | None) -> list[str]:
+    """Return the lines for an answer; for a single statement, with what it lacks."""
     if found.contradictory:
         return [_CONTRADICTORY]
     lines = [_WORDS[found.answer]]
-    proofs = found.proofs if single else [p for p in found.proofs if not p.is_asserted]
+    proofs = found.proofs if single is not None else [p for p in found.proofs if not p.is_asserted]
     lines += [proof.render() for proof in proofs[:_SHOWN]]
     if len(proofs) > _SHOWN:
         lines.append(f"and {len(proofs) - _SHOWN} more proofs (--json lists all)")
@@ -114,4 +145,7 @@ def _lines(found: Entailment, single: bool) -> list[str]:
         lines += [f"{what}: {found.words(triple)}" for triple in triples[:_SHOWN]]
         if len(triples) > _SHOWN:
             lines.append(f"and {len(triples) - _SHOWN} more {what} (--json lists all)")
+    lines += (single or "").splitlines()[1:]
+    if found.is_spent:
+        lines.append(_more(found.budget))
     return lines

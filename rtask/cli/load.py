@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rtask.cli.options import data_option, json_option, option, print_json
+from rtask.cli.options import data_option, json_option, print_json
 from rtask.cli.progress import LoadProgress
 
 
@@ -15,11 +15,10 @@ from rtask.cli.progress import LoadProgress
 @click.argument("sources", nargs=-1)
 @data_option
 @click.option("--graph", "-g", help="IRI of the graph to load into.")
-@option(
+@click.option(
     "--format",
     "-F",
     "form",
-    former=["-f"],
     help="Format: turtle, rdfxml, jsonld, functional ...  [default: by name and content]",
 )
 @click.option("--base", help="Base for relative IRIs.")

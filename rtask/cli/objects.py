@@ -39,7 +39,6 @@ WHERE {
 
 _agent_option = agent_option(
     "Person who makes the change, and whose graph it goes to. A server knows it by the token.",
-    former=["--operator"],
 )
 
 

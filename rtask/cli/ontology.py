@@ -13,6 +13,7 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     print_json,
+    resource,
     server_option,
 )
 from rtask.cli.progress import Working, announce_compilation
@@ -27,7 +28,7 @@ SELECT ?ontology ?version ?statements {
   OPTIONAL { ?ontology owl:versionInfo ?version }
 } ORDER BY ?ontology
 """
-_BREAKING = 3
+_BREAKING = 1
 
 source_option = click.option(
     "--source",
@@ -125,7 +126,7 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
     from rtask.ontology_docs.unloading import unload as run
 
     with announce_compilation(), open_to_change(data) as kb:
-        found = run(kb, iri, force=force, dry_run=dry_run)
+        found = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
     if as_json:
         print_json(found.to_dict())
         return
@@ -164,6 +165,7 @@ def path(iri: str, as_json: bool) -> None:
     from rtask.errors import UnknownTermError
     from rtask.loader.catalogue import OntologyCatalogue
 
+    iri = resource(iri, "")
     found = OntologyCatalogue().find(iri)
     if found is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")
@@ -274,7 +276,7 @@ def diff(old: str, new: str, as_json: bool) -> None:
     """Compare two versions of an ontology: terms and axioms that were added or removed.
 
     OLD and NEW are files, folders, the folder of a knowledge base, or "bundled" (the default of
-    NEW). A knowledge base is compared with the ontologies that it would load. Exit code 3 if data
+    NEW). A knowledge base is compared with the ontologies that it would load. Exit code 1 if data
     or queries written for OLD may not fit NEW.
     """
     from rtask.ontology_docs.difference import comparable, compare

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,53 +12,19 @@ import click
 
 __all__ = [
     "agent_option",
+    "budget_option",
     "data_option",
     "exit_if_empty",
+    "exit_undecided",
     "json_option",
     "limit_option",
-    "option",
     "prefixes",
     "print_json",
     "read_text",
+    "resource",
     "server_option",
     "term",
 ]
-
-
-class RenamedOption(click.Option):
-    """An option that still answers to the names it once had, without showing them in the help.
-
-    Parameters
-    ----------
-    former
-        Names that earlier releases used, dashes included.
-    """
-
-    def __init__(self, *args: Any, former: Iterable[str] = (), **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.former = tuple(former)
-
-    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
-        """Teach the parser the former names as well."""
-        shown = self.opts
-        self.opts = [*shown, *self.former]
-        try:
-            super().add_to_parser(parser, ctx)
-        finally:
-            self.opts = shown
-
-
-def option(
-    *names: str, former: Iterable[str] = (), **settings: Any
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator like :func:`click.option`, for an option that was renamed.
-
-    Parameters
-    ----------
-    former
-        Deprecated names, which keep working and are not shown.
-    """
-    return click.option(*names, cls=RenamedOption, former=former, **settings)
 
 
 data_option = click.option(
@@ -78,17 +44,29 @@ server_option = click.option(
     show_envvar=True,
     help="Ask this server instead of a folder. Its token is read from RTASK_TOKEN.",
 )
+budget_option = click.option(
+    "--budget",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Steps of the reasoner after which the answer is 'not decided'; a server has a limit.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def agent_option(help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+def agent_option(help: str) -> Callable[..., Any]:
     """Return the option ``--agent``, which names a robot or a person."""
-    return option("--agent", metavar="NAME", help=help, former=former)
+    return click.option("--agent", metavar="NAME", help=help)
 
 
-def limit_option(default: int, help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+def limit_option(default: int, help: str) -> Callable[..., Any]:
     """Return the option ``--limit``, which bounds the length of a listing."""
-    return option("--limit", "-n", default=default, show_default=True, help=help, former=former)
+    return click.option("--limit", "-n", default=default, show_default=True, help=help)
+
+
+def exit_undecided(answer: object) -> None:
+    """Exit with code 3 if an answer is None: neither yes nor no."""
+    if answer is None:
+        raise click.exceptions.Exit(3)
 
 
 def exit_if_empty(found: object, said: str | None = None) -> None:
@@ -135,28 +113,26 @@ def prefixes(base: str) -> dict[str, str]:
     return {**ontology.PREFIXES, **({"kb": base} if base else {})}
 
 
+def resource(text: str, base: str) -> str:
+    """Return the IRI of a text in any form that a command prints; see `rtask.asking.terms`.
+
+    >>> resource("kb:robot/panda-1", "urn:lab/"), resource("<urn:x>", "")
+    ('urn:lab/robot/panda-1', 'urn:x')
+    """
+    from rtask.asking.terms import Reader
+
+    return Reader(base).resource(text).value
+
+
 def term(text: str, base: str) -> Any:
-    """Return the RDF term written as ``<iri>``, ``prefix:name``, an IRI, or a Turtle literal.
+    """Return the RDF term of a text in any form that a command prints.
 
     >>> term("rt:Mug", "urn:lab/").value.rpartition("#")[2], term('"3"', "urn:lab/").value
     ('Mug', '3')
     """
-    from pyoxigraph import RdfFormat, parse
+    from rtask.asking.terms import Reader
 
-    from rtask.errors import UsageError
-    from rtask.rdf.terms import iri, prologue
-
-    known = prefixes(base)
-    if text.startswith("urn:") or ("://" in text and text[0] not in "<\"'"):
-        return iri(text)
-    try:
-        document = f"{prologue(known)}<urn:s> <urn:p> {text} .".encode()
-        return next(parse(document, format=RdfFormat.TURTLE)).object
-    except (SyntaxError, ValueError) as error:
-        raise UsageError(
-            f"{text!r} is not an RDF term; write <IRI>, a prefixed name "
-            f"(known prefixes: {', '.join(known)}) or a literal"
-        ) from error
+    return Reader(base).term(text)
 
 
 def print_json(value: Any) -> None:

@@ -14,10 +14,10 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     limit_option,
-    option,
     print_json,
     server_option,
 )
+from rtask.cli.things import known_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -43,14 +43,11 @@ WHERE {
 @click.argument("words", nargs=-1, required=True)
 @data_option
 @server_option
-@agent_option(
-    "Robot whose hand is to hold the object. A server knows it by the token.", former=["--robot"]
-)
+@agent_option("Robot whose hand is to hold the object. A server knows it by the token.")
 @click.option("--gripper", help="Name or IRI of the hand, if the robot has several.")
-@option(
+@click.option(
     "--object",
     "objects",
-    former=["-o"],
     multiple=True,
     metavar="IRI",
     help="An object in view now; may be repeated.",
@@ -81,9 +78,9 @@ def ask(
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
         request["gripper_id"] = gripper
-    if objects:
-        request["objects"] = list(objects)
     with connection(data, server, agent) as client:
+        if objects:
+            request["objects"] = [known_object(client.query, name) for name in objects]
         if not (gripper or agent or server):
             raise UsageError("whose hand is to hold it? --agent ROBOT, or --gripper NAME")
         answer = client.resolve_request(**request)
@@ -120,7 +117,7 @@ def _show(answer: ResolvedRequest) -> None:
 @click.option(
     "--correct", metavar="held=BOOL,reason=CODE", help="What is right instead: either or both."
 )
-@agent_option("Person who judges. A server with tokens knows it by the token.", former=["--by"])
+@agent_option("Person who judges. A server with tokens knows it by the token.")
 @click.option("--comment", help="Remark to keep with the verdict.")
 @limit_option(20, "Largest number of attempts to list.")
 @json_option

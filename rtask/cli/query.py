@@ -17,12 +17,10 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     limit_option,
-    option,
     prefixes,
     print_json,
     read_text,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working
 from rtask.errors import QuerySyntaxError, UsageError
@@ -60,17 +58,15 @@ _EMPTY = {
 @click.argument("text", required=False)
 @data_option
 @server_option
-@option(
+@click.option(
     "--file",
-    former=["-f"],
     type=click.Path(path_type=Path),
     help="Read the query from a file.",
 )
-@option(
+@click.option(
     "--format",
     "-F",
     "form",
-    former=["-o"],
     type=click.Choice(["table", *_MEDIA_TYPES]),
     default="table",
     show_default=True,
@@ -208,9 +204,7 @@ def _short(term: object, known: dict[str, str]) -> str:
 @click.argument("text", required=False)
 @data_option
 @server_option
-@option(
-    "--file", former=["-f"], type=click.Path(path_type=Path), help="Read the update from a file."
-)
+@click.option("--file", type=click.Path(path_type=Path), help="Read the update from a file.")
 @agent_option("Write as this robot or person, into its own graph. A server knows it by the token.")
 @click.option("--note", help="Remark to keep with the provenance.")
 @json_option
@@ -238,10 +232,12 @@ def update(
         click.echo('{"done": true}' if as_json else "done")
         return
     if as_json:
-        names = ("seq", "added", "removed", "derived")
+        names = ("seq", "added", "removed", "derived", *(["remark"] if done.remark else []))
         print_json({name: getattr(done, name) for name in names})
         return
     click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
+    if done.remark:
+        click.echo(done.remark, err=True)
 
 
 @click.command()
@@ -265,10 +261,12 @@ def search(
 
     All words must occur; "cup*" matches any ending. Exit code 1 if nothing is found.
     """
+    from rtask.asking.terms import Reader, reader_of
     from rtask.knowledge_base import KnowledgeBase
 
     with open_graph(data, server) as kb:
-        wanted = None if cls is None else term(cls, base_of(kb))
+        reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(base_of(kb))
+        wanted = None if cls is None else reader.resource(cls)
         if not isinstance(kb, KnowledgeBase):
             rows = _search_server(kb, " ".join(words), wanted, lang, limit)
         else:

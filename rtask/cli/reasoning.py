@@ -11,12 +11,13 @@ import click
 
 from rtask.cli.connection import open_to_read, reasoner_of
 from rtask.cli.options import (
+    budget_option,
     data_option,
     exit_if_empty,
+    exit_undecided,
     json_option,
     print_json,
     server_option,
-    term,
 )
 from rtask.cli.progress import Working, announce_compilation
 
@@ -218,17 +219,25 @@ def _lines(report: dict[str, Any]) -> Iterable[str]:
 @click.argument("value", metavar="OBJECT")
 @data_option
 @server_option
+@budget_option
 @json_option
 def explain(
-    subject: str, predicate: str, value: str, data: Path, server: str | None, as_json: bool
+    subject: str,
+    predicate: str,
+    value: str,
+    data: Path,
+    server: str | None,
+    budget: int | None,
+    as_json: bool,
 ) -> None:
-    """Explain why a statement holds: who asserted it, or what it follows from.
+    """Explain why a statement holds, or what it lacks.
 
-    Write terms as in Turtle: <IRI>, prefix:name, "text", 0.3. Exit code 1 if the statement does
-    not hold.
+    Prints who asserted it, or what it follows from. Write terms as any command prints them: <IRI>,
+    prefix:name, kb:name, "a name", "text", 0.3. Exit code 1 if the statement does not hold, 3 if
+    the budget did not suffice to decide it.
     """
-    parts = (subject, "rdf:type" if predicate == "a" else predicate, value)
-    found = _explained_by(server, parts) if server else _explained(data, parts)
+    parts = (subject, predicate, value)
+    found = _explained_by(server, parts, budget) if server else _explained(data, parts, budget)
     if as_json:
         print_json(found)
     else:
@@ -237,34 +246,33 @@ def explain(
         if found["proof"] is not None:
             click.echo(found["proof"])
         if not found["holds"]:
-            click.echo("does not hold", err=True)
+            click.echo(found["reason"], err=True)
+    exit_undecided(found["holds"])
     exit_if_empty(found["holds"])
 
 
-def _explained(data: Path, parts: tuple[str, str, str]) -> dict[str, Any]:
+def _explained(data: Path, parts: tuple[str, str, str], budget: int | None) -> dict[str, Any]:
     """Return why a statement holds in a folder; a proof only where nobody asserted it."""
+    from rtask.asking.decisions import explain as decide
+    from rtask.asking.terms import reader_of
+    from rtask.kb.reasoning import PROOF_BUDGET
+
     with announce_compilation(), open_to_read(data) as kb:
-        triple = [term(part, kb.base) for part in parts]
-        graphs = [str(quad.graph_name) for quad in kb.match(*triple)]
-        asserted = [name for name in graphs if name != str(kb.graphs.inferred)]
-        proof = None if asserted else kb.explain(*triple)
-        return {
-            "holds": bool(asserted) or proof is not None,
-            "asserted_in": asserted,
-            "proof": None if proof is None else proof.render(),
-            "steps": None if proof is None else proof.to_dict(),
-        }
+        triple = reader_of(kb).statement(*parts)
+        return _shortened(decide(kb, triple, budget or PROOF_BUDGET).to_dict())
 
 
-def _explained_by(server: str, parts: tuple[str, str, str]) -> dict[str, Any]:
-    """Return the same of a server."""
-    subject, predicate, value = (term(part, "") for part in parts)
+def _explained_by(server: str, parts: tuple[str, str, str], budget: int | None) -> dict[str, Any]:
+    """Return the same of a server, which reads the terms."""
     with reasoner_of(server) as client:
-        found = client.explain((subject, predicate, value))
-    asserted = found["asserted_in"]
+        return _shortened(client.explain(parts, budget))
+
+
+def _shortened(found: dict[str, Any]) -> dict[str, Any]:
+    """Return an explanation with its proof as text and as steps, for what nobody asserted."""
+    asserted = bool(found["asserted_in"])
     return {
-        "holds": found["holds"],
-        "asserted_in": asserted,
+        **{name: value for name, value in found.items() if name != "text"},
         "proof": None if asserted else found["text"],
         "steps": None if asserted else found["proof"],
     }

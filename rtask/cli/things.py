@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import ontology
 from rtask.errors import UnknownTermError, UsageError, nearest
+
+if TYPE_CHECKING:
+    from rtask.asking.terms import Reader
 
 __all__ = ["Select", "find_object", "known_object"]
 
+_PREFIXES = {*ontology.PREFIXES, "kb"}
 Select = Callable[[str], Sequence[Mapping[str, Any]]]
 """Answers a SPARQL query, as the clients and graphs do."""
 
@@ -41,8 +46,8 @@ def known_object(select: Select, name: str) -> str:
     Parameters
     ----------
     name
-        Its name, or an IRI; one that is not in the graph is returned as it is, for it may have
-        been the object's before a merge.
+        Its name, also in quotes, or an IRI, also in brackets or with a prefix; one that is not in
+        the graph is returned as it is, for it may have been the object's before a merge.
 
     Raises
     ------
@@ -54,6 +59,8 @@ def known_object(select: Select, name: str) -> str:
     found = find_object(select, name)
     if found is not None:
         return found
+    if name[:1] in "<\"'" or name.partition(":")[0] in _PREFIXES:
+        return _reader(select, name).resource(name).value
     if ":" in name and not any(c.isspace() for c in name):
         return name
     names = sorted({str(row["name"]) for row in _objects(select, "FILTER(BOUND(?name))")})
@@ -61,9 +68,31 @@ def known_object(select: Select, name: str) -> str:
     raise UnknownTermError(f"no object is called {name!r}{hint}")
 
 
-def _objects(select: Select, condition: str) -> Sequence[Mapping[str, Any]]:
+def _reader(select: Select, name: str) -> Reader:
+    """Return what reads the forms of names that need to know the graph."""
+    from rtask.asking.terms import Reader
+
+    def named(called: str) -> list[str]:
+        found = find_object(select, called)
+        return [] if found is None else [found]
+
+    return Reader(_base(select) if name.startswith("kb:") else "", named)
+
+
+def _base(select: Select) -> str:
+    """Return what ``kb:`` stands for: objects are numbered below it."""
+    rows = select(f"""{_prologue()}
+SELECT ?object {{ ?object rt:objectId ?id FILTER(CONTAINS(STR(?object), "/object/")) }} LIMIT 1""")
+    return "".join(str(row["object"]).rpartition("object/")[0] for row in rows)
+
+
+def _prologue() -> str:
     from rtask.rdf.namespaces import PREFIXES
 
-    return select(f"""{PREFIXES}
+    return PREFIXES
+
+
+def _objects(select: Select, condition: str) -> Sequence[Mapping[str, Any]]:
+    return select(f"""{_prologue()}
 SELECT DISTINCT ?object ?name WHERE {{
   ?object rt:objectId ?id . OPTIONAL {{ ?object rt:name ?name }} {condition} }}""")

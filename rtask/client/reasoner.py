@@ -48,20 +48,44 @@ class ReasonerClient(HttpClient):
         made: dict[str, Any] = self._send("DELETE", _ADDRESS, params=named).json()
         return made
 
-    def explain(self, triple: TripleKey) -> dict[str, Any]:
+    def explain(
+        self, statement: TripleKey | tuple[str, str, str], budget: int | None = None
+    ) -> dict[str, Any]:
         """Return whether a statement holds and why.
+
+        Parameters
+        ----------
+        statement
+            Three terms, or three texts that the server reads, so that ``kb:`` and names in quotes
+            are its own.
+        budget
+            Steps of the reasoner; the server has a default and a limit.
 
         Returns
         -------
         dict
-            ``holds``; ``asserted_in``, the graphs that state it; ``proof``, and ``text``, the proof
-            in words; both None where it does not hold.
+            ``holds``, None where the budget did not suffice; ``asserted_in``, the graphs that
+            state it; ``proof``, and ``text``, the proof in words, both None where it does not
+            hold; then ``needs``, what would make it hold, and ``reason``, in words.
         """
-        named = dict(zip("spo", map(written, triple), strict=True))
+        texts = (part if isinstance(part, str) else written(part) for part in statement)
+        named: dict[str, Any] = dict(zip("spo", texts, strict=True))
+        if budget is not None:
+            named["budget"] = budget
         found: dict[str, Any] = self._send("GET", _EXPLAIN, params=named).json()
         return found
 
-    def entails(self, triples: Iterable[TripleKey]) -> dict[str, Any]:
+    def entails_statement(
+        self, statement: tuple[str, str, str], budget: int | None = None
+    ) -> dict[str, Any]:
+        """Return whether a statement in texts that the server reads follows."""
+        named: dict[str, Any] = dict(zip("spo", statement, strict=True))
+        if budget is not None:
+            named["budget"] = budget
+        found: dict[str, Any] = self._send("GET", _ENTAILS, params=named).json()
+        return found
+
+    def entails(self, triples: Iterable[TripleKey], budget: int | None = None) -> dict[str, Any]:
         """Return whether statements follow, as :meth:`Entailment.to_dict` does.
 
         Raises
@@ -71,6 +95,8 @@ class ReasonerClient(HttpClient):
         """
         lines = "".join(f"{' '.join(map(written, triple))} .\n" for triple in triples)
         headers = {"Content-Type": "application/n-triples"}
-        sent = {"content": lines.encode(), "headers": headers}
+        sent: dict[str, Any] = {"content": lines.encode(), "headers": headers}
+        if budget is not None:
+            sent["params"] = {"budget": budget}
         found: dict[str, Any] = self._send("POST", _ENTAILS, **sent).json()
         return found

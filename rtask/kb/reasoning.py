@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import ontology
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import complete, finish_bulk, take_in
@@ -28,7 +29,15 @@ from rtask.rdf.terms import (
     subject_term,
 )
 
-__all__ = ["Reasoning"]
+if TYPE_CHECKING:
+    from reasoner.proofs import Decision
+
+__all__ = ["ENTAILMENT_BUDGET", "PROOF_BUDGET", "Reasoning"]
+
+PROOF_BUDGET = 50_000
+"""Steps of one proof, unless the question says otherwise: about a second; most take a hundred."""
+ENTAILMENT_BUDGET = 2_000_000
+"""Steps of one question whether statements follow, unless it says otherwise."""
 
 
 class Reasoning(Writing):
@@ -57,15 +66,39 @@ class Reasoning(Writing):
             return self._reasoner().causes(budget_ms)
 
     def explain(
-        self, subject: Subject | str, predicate: NamedNode | str, value: Value
-    ) -> Any | None:
-        """Return the proof of a statement, or ``None`` if it does not hold.
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        *,
+        budget: int = PROOF_BUDGET,
+    ) -> Decision:
+        """Return whether a statement holds, with its proof or with what it lacks.
 
-        See :class:`reasoner.proofs.Proof`; the leaves name the graphs that assert them.
+        Parameters
+        ----------
+        subject, predicate
+            Terms, or full IRIs.
+        value
+            A term, a number, a truth value or a time; a text could be either an IRI or a literal.
+        budget
+            Steps of the reasoner: goals, and rows that rules look at.
+
+        Returns
+        -------
+        :class:`reasoner.Proof`, whose leaves name the graphs that assert them;
+        :class:`reasoner.Refutation`, with what would make the statement hold; or
+        :class:`reasoner.Undecided`, where the budget did not suffice. ``holds`` is True, False or
+        None.
+
+        Raises
+        ------
+        UsageError
+            A text stands where a term is needed.
         """
-        triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
+        triple = (_subject(subject), _predicate(predicate), _value(value))
         with self._writer.exclusive():
-            return self._reasoner().explain(triple)
+            return self._reasoner().explain(triple, budget)
 
     def rules(self) -> list[Rule]:
         """Return the rules of the user, sorted by label."""
@@ -147,7 +180,10 @@ class Reasoning(Writing):
         return self._writer.finish(overlay, Request(rights, note=note))
 
     def entails(
-        self, conclusion: Iterable[tuple[Subject, NamedNode, Term]], budget_ms: float = 30_000
+        self,
+        conclusion: Iterable[tuple[Subject, NamedNode, Term]],
+        *,
+        budget: int = ENTAILMENT_BUDGET,
     ) -> Entailment:
         """Return whether statements follow from the asserted graphs.
 
@@ -158,8 +194,8 @@ class Reasoning(Writing):
         ----------
         conclusion
             Triples of terms; a whole ontology, too.
-        budget_ms
-            Leave undecided what is not decided by then.
+        budget
+            Steps of the reasoner; what is not decided within them stays undecided.
 
         Returns
         -------
@@ -174,7 +210,7 @@ class Reasoning(Writing):
         triples = as_triples(conclusion)
         with self._writer.exclusive():
             reasoner = self._reasoner()
-            return Entailment.of(reasoner.entails(triples, budget_ms), reasoner.names())
+            return Entailment.of(reasoner.entails(triples, budget), reasoner.names(), budget)
 
     def quarantined(self) -> list[Quarantined]:
         """Return the contradictory statements in quarantine."""
@@ -241,3 +277,28 @@ class Reasoning(Writing):
     def take_in_lost(self) -> bool:
         """Count statements whose commits were lost when the machine stopped, and derive again."""
         return take_in(self._writer, self._files, self._inference, self.access())
+
+
+def _subject(subject: Subject | str) -> Subject:
+    return subject_term(_full(subject) if isinstance(subject, str) else subject)
+
+
+def _predicate(predicate: NamedNode | str) -> NamedNode:
+    return iri(_full(predicate) if isinstance(predicate, str) else predicate)
+
+
+def _value(value: Value) -> Term:
+    if isinstance(value, str):
+        raise UsageError(
+            f"is {value!r} an IRI or a text? Give the value as rtask.rdf.terms.iri(...) or "
+            "literal(...)"
+        )
+    return stored(object_term(value))
+
+
+def _full(text: str) -> str:
+    """Return a full IRI; a prefixed name would be taken for an IRI that nothing uses."""
+    prefix = text.partition(":")[0]
+    if prefix == "kb" or prefix in ontology.PREFIXES:
+        raise UsageError(f"{text!r} is a prefixed name; give the full IRI, or a term")
+    return text

@@ -10,6 +10,7 @@ from pyoxigraph import Store
 
 from rtask.errors import QuerySyntaxError, RtaskError
 from rtask.sparql.lexer import guard, tokenise
+from rtask.sparql.misspelt import misspelling
 from rtask.sparql.tokens import Token, line_and_column
 from rtask.sparql.update_outline import Update
 
@@ -17,6 +18,8 @@ __all__ = ["check_query", "check_update", "syntax_error"]
 
 _FAILS = "CREATE GRAPH <urn:rtask:twice> ; CREATE GRAPH <urn:rtask:twice> ;\n"
 _POSITION = re.compile(r"error at (\d+):(\d+): ?(.*)", re.S)
+# The parser lists the characters that a name may have, class by class.
+_CHARACTERS = re.compile(r"\[[^]]*\](?:, \[[^]]*\])*", re.S)
 _scratch = threading.local()
 
 
@@ -39,24 +42,25 @@ def syntax_error(
     skipped_lines
         Number of lines prepended to it for the store's parser.
     """
-    unknown = _undeclared_prefix(text)
-    if unknown is not None:
-        name, line, column = unknown
-        message = f"undeclared prefix {name!r}"
+    try:
+        tokens = tokenise(text)
+    except RtaskError:
+        tokens = []
+    fault = _undeclared_prefix(tokens) or (tokens and misspelling(tokens, what == "query"))
+    if fault:
+        message, token = fault
+        line, column = line_and_column(text, token.start)
     else:
         found = _POSITION.search(str(error))
         if found is None or int(found[1]) <= skipped_lines:
             return QuerySyntaxError(f"{what}: {error}")
-        line, column, message = int(found[1]) - skipped_lines, int(found[2]), found[3]
+        line, column = int(found[1]) - skipped_lines, int(found[2])
+        message = _CHARACTERS.sub("a name", found[3])
     return QuerySyntaxError(f"{what} {line}:{column}: {message}", line=line, column=column)
 
 
-def _undeclared_prefix(text: str) -> tuple[str, int, int] | None:
-    """Return the first prefix that is used and not declared, with its line and column."""
-    try:
-        tokens = tokenise(text)
-    except RtaskError:
-        return None
+def _undeclared_prefix(tokens: list[Token]) -> tuple[str, Token] | None:
+    """Return what is wrong with the first prefix that is used and not declared, and its token."""
     declared: set[str] = set()
     for before, token in pairwise([Token("", "", 0, 0), *tokens]):
         if token.kind != "name":
@@ -65,7 +69,7 @@ def _undeclared_prefix(text: str) -> tuple[str, int, int] | None:
         if before.is_word("PREFIX"):
             declared.add(prefix)
         elif prefix not in declared:
-            return (prefix, *line_and_column(text, token.start))
+            return f"undeclared prefix {prefix!r}", token
     return None
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import option
 from rtask.errors import RobotError, UsageError
 from simulate import options
 from simulate.world.quiet import banner_on_stderr
@@ -27,7 +26,7 @@ __all__ = ["act_serve", "act_test", "lay_objects"]
 
 _seed = options.seed("goals and plans")
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-_gui = option("--gui", former=["--view"], is_flag=True, help="Show the simulation in a window.")
+_gui = click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 _n = click.option("--trials", "-n", "n", default=100, show_default=True, help="Random goals.")
 _csv = click.option(
     "--csv",

@@ -11,7 +11,6 @@ from typing import Any, Literal, TextIO
 
 import click
 
-from rtask.cli.options import option
 from simulate import options
 from simulate.study.commands import print_table
 
@@ -98,9 +97,8 @@ def _print_change(words: str, change: Mapping[str, Any] | None) -> None:
     help="Objects on the table.",
 )
 @options.robot
-@option(
+@click.option(
     "--server",
-    former=["--url"],
     metavar="URL",
     default="",
     envvar="RTASK_SERVER",

@@ -1,4 +1,4 @@
-"""Commands of ``rtask simulate`` for studies of many fleets, with whole arms or replayed."""
+"""Commands of ``rtask study`` for studies of many fleets, with whole arms or replayed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def attempts(
 ) -> None:
     """Try many grasps of many products with a hand without an arm.
 
-    The table of attempts in the output folder, attempts.json, is what `rtask simulate sharing
+    The table of attempts in the output folder, attempts.json, is what `rtask study sharing
     --from-attempts` replays fleets from.
     """
     from simulate.study.attempt_table import attempt_study, write_attempts
@@ -76,7 +76,7 @@ def attempts(
 @click.option(
     "--from-attempts",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="Replay fleets of two robots from this table instead; see `rtask simulate attempts`.",
+    help="Replay fleets of two robots from this table instead; see `rtask study attempts`.",
 )
 @options.runs_trials("rtask-sharing")
 def sharing(
@@ -184,7 +184,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     "--from-attempts",
     required=True,
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="Table of attempts to replay from; see `rtask simulate attempts`.",
+    help="Table of attempts to replay from; see `rtask study attempts`.",
 )
 @click.option("--fleets", default=20, show_default=True, help="Fleets, each with its own products.")
 @click.option("--robots", default=10, show_default=True, help="Robots per fleet.")

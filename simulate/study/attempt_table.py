@@ -160,6 +160,6 @@ def read_attempts(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UsageError(
             f"{path} holds no table of attempts ({error}); "
-            "make one with: rtask simulate attempts --out FOLDER"
+            "make one with: rtask study attempts --out FOLDER"
         ) from error
     return data

@@ -1,4 +1,4 @@
-"""Commands of ``rtask simulate`` that measure grasping, learners and the thesis's tables."""
+"""Commands of ``rtask study`` that measure grasping, learners and the thesis's tables."""
 
 from __future__ import annotations
 

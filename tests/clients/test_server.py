@@ -67,13 +67,13 @@ def test_a_query_that_takes_too_long_is_given_up_and_does_not_hold_up_the_end(
 
 
 @pytest.mark.slow
-def test_a_port_in_use_is_one_line_and_exit_1(tmp_path: Path) -> None:
+def test_a_port_in_use_is_one_line_and_exit_3(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
         done = rtask("serve", "--data", str(tmp_path / "store"), "-p", str(port))
-    assert done.returncode == 1
+    assert done.returncode == 3
     (line,) = done.stderr.strip().splitlines()
     assert f"127.0.0.1:{port}" in line
     assert "-p 0" in line
@@ -82,7 +82,7 @@ def test_a_port_in_use_is_one_line_and_exit_1(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_folder_in_use_says_by_whom(server: RunningServer) -> None:
     done = rtask("serve", "--data", str(server.data), "-p", "0")
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert str(server.process.pid) in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 

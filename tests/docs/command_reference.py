@@ -19,7 +19,8 @@ _HEAD = """# Command line
 Generated from the help of the commands; `rtask COMMAND --help` shows the same.
 
 **Errors** are one line on standard error; `rtask --debug COMMAND` shows the traceback.
-**Exit codes**: 0 done; 1 failed, or nothing was found; 2 wrong command line; 130 interrupted.
+**Exit codes**: 0 done; 1 the answer is no, or nothing was found; 2 the call is wrong; 3 failed; 130
+interrupted.
 
 **Where the graph is**: `--data FOLDER` (or `RTASK_DATA`), by default `rtask-data` in the working
 directory. Commands with `--server URL` (or `RTASK_SERVER`) ask a running server instead, with the
@@ -36,30 +37,11 @@ eval "$(_RTASK_COMPLETE=zsh_source rtask)"      # in ~/.zshrc
 _RTASK_COMPLETE=fish_source rtask | source      # in ~/.config/fish/config.fish
 ```
 """
-_FORMER = """## Former names of options
-
-These names still work, but are deprecated.
-
-| command | former | now |
-|---|---|---|
-"""
 
 
 def reference() -> str:
     """Return the page."""
-    former = "".join(_former_names(cli, "rtask", click.Context(cli)))
-    return "\n".join([_HEAD, *_sections(cli, "rtask", None), _FORMER + former]).rstrip() + "\n"
-
-
-def _former_names(command: click.Command, name: str, context: click.Context) -> Iterator[str]:
-    for parameter in command.params:
-        for former in getattr(parameter, "former", ()):
-            yield f"| `{name}` | `{former}` | `{parameter.opts[0]}` |\n"
-    if isinstance(command, click.Group):
-        for child_name in command.list_commands(context):
-            child = command.get_command(context, child_name)
-            if child is not None:
-                yield from _former_names(child, f"{name} {child_name}", context)
+    return "\n".join([_HEAD, *_sections(cli, "rtask", None)]).rstrip() + "\n"
 
 
 def _sections(command: click.Command, name: str, parent: click.Context | None) -> Iterator[str]:

@@ -49,7 +49,7 @@ def failed(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     """Run a command that must fail with one line, and return the line."""
     with pytest.raises(SystemExit) as stopped:
         main([str(a) for a in arguments])
-    assert stopped.value.code in (1, 2)
+    assert stopped.value.code in (2, 3)
     said = capsys.readouterr().err.strip()
     assert "Traceback" not in said
     return said

@@ -108,7 +108,7 @@ def test_a_missing_extra_is_one_line_that_names_it(
     command = arguments[0]
     wanted = f"rtask {command} needs the extra '{extra}': pip install 'rtask-kg[{extra}]'"
     assert done.stderr.splitlines() == [f"rtask: {wanted}"]
-    assert done.returncode == 1
+    assert done.returncode == 3
 
 
 @pytest.mark.slow

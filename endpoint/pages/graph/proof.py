@@ -9,13 +9,15 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
+from endpoint.api.reasoner import BUDGET, MAX_BUDGET
 from endpoint.http.messages import RefusedError
-from endpoint.http.terms import read_term
 from endpoint.pages.graph.naming import names_of
-from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import Model, blueprint, context, current_request, embedded_graph, page
 from endpoint.pages.signin import require_form
-from rtask.errors import UsageError
+from reasoner import Proof, Refutation, Undecided
+from rtask.asking.decisions import Explanation
+from rtask.asking.decisions import explain as explained
+from rtask.asking.terms import reader_of
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode, TripleKey
 
@@ -84,12 +86,11 @@ def explain() -> Model:
     kb = embedded_graph()
     triple = _statement()
     terms = [str(term) for term in triple]
-    proof = kb.explain(*triple)
-    if proof is None:
+    found = explained(kb, triple, _budget())
+    proof = found.decision
+    if not isinstance(proof, Proof):
         named = names_of(kb, [term[1:-1] for term in terms if term.startswith("<")])
-        return {"terms": terms, "names": named, "holds": False, "asserted": [], "proof": None}
-    found = sorted(str(quad.graph_name) for quad in kb.match(*triple))
-    inferred = str(kb.graphs.inferred)
+        return {"terms": terms, "names": named, "asserted": [], "proof": None, **_why_not(found)}
     leaves = {leaf.triple: leaf for leaf in _leaves(proof)}
     said = _who_said(set(leaves))
     step = _step(proof, said, _access())
@@ -97,7 +98,7 @@ def explain() -> Model:
         "terms": terms,
         "names": names_of(kb, sorted(set(_iris(step)))),
         "holds": True,
-        "asserted": [name.strip("<>") for name in found if name != inferred],
+        "asserted": [name.strip("<>") for name in found.asserted_in],
         "proof": step,
     }
 
@@ -109,16 +110,37 @@ def _statement() -> TripleKey:
     ------
     RefusedError
         A part is missing.
-    UsageError
-        A part is no term, or the subject or predicate is no IRI.
+    UsageError, UnknownTermError
+        A part is no term, or the subject or predicate is no IRI or name.
     """
-    given = {name: flask.request.values.get(name, "").strip() for name in "spo"}
-    if not all(given.values()):
+    given = [flask.request.values.get(name, "").strip() for name in "spo"]
+    if not all(given):
         raise RefusedError(400, "usage", f"which statement? {_ADDRESS}?s=<IRI>&p=<IRI>&o=<term>")
-    subject, predicate, value = (read_term(expand(text), name) for name, text in given.items())
-    if not isinstance(subject, NamedNode) or not isinstance(predicate, NamedNode):
-        raise UsageError("s and p are IRIs")
-    return subject, predicate, value
+    return reader_of(embedded_graph()).statement(*given)
+
+
+def _budget() -> int:
+    """Return the steps that the address asks for, within what a request may have."""
+    given = flask.request.args.get("budget", "")
+    return min(max(int(given[:9]), 1), MAX_BUDGET) if given.isdecimal() else BUDGET
+
+
+def _why_not(found: Explanation) -> Model:
+    """Return what a statement lacks, or how to ask for more than the budget that did not decide."""
+    decision = found.decision
+    if isinstance(decision, Undecided):
+        more = min(decision.more, MAX_BUDGET)
+        return {
+            "holds": None,
+            "budget": decision.budget,
+            "more": more if more > decision.budget else None,
+        }
+    assert isinstance(decision, Refutation)
+    return {
+        "holds": False,
+        "needs": [need.to_dict() for need in decision.needs],
+        "unknown": list(decision.unknown),
+    }
 
 
 def _leaves(proof: Any) -> Iterator[Any]:

@@ -2,7 +2,7 @@
 
 Each was trained on simulated views of generated shapes alone, and is made again by
 
-    rtask simulate grasp-views views.npz --gripper HAND --shapes 40 --parts 100
+    rtask study grasp-views views.npz --gripper HAND --shapes 40 --parts 100
     rtask grasp train views.npz --out MODELS/KEY.npz
 
 where a model's file is named after its gripper's key (`gripper_key`), with a hyphen for the space.

@@ -40,11 +40,11 @@ LIFT_G, CARRY_G = 1.0, 2.5
 
 FACTORY = {"lift": ScoreMap(1.4, 1.0), "carry": ScoreMap(2.1, 0.8)}
 """Maps from both scores to chances before a robot has outcomes of its own: from the first grasps of
-171 objects, each carried out four times (``rtask simulate grasp-quality --seed 2027``)."""
+171 objects, each carried out four times (``rtask study grasp-quality --seed 2027``)."""
 
 MARGIN = {"lift": 0.26, "carry": 0.34}
 """How far below these chances the shares lie in which nine of ten new objects hold at least: split
-conformal prediction from 310 objects (``rtask simulate grasp-quality --seed 9021``)."""
+conformal prediction from 310 objects (``rtask study grasp-quality --seed 9021``)."""
 
 _GRAVITY = 9.81
 _SOFT_M = 0.002

@@ -103,7 +103,7 @@ def benchmark(
 )
 @json_option
 def train(views: Path, out: Path, kind: str, seed: int, as_json: bool) -> None:
-    """Train a classifier of grasp candidates on VIEWS, a file of `rtask simulate grasp-views`.
+    """Train a classifier of grasp candidates on VIEWS, a file of `rtask study grasp-views`.
 
     The model estimates the probability that a candidate found in a single view holds the whole
     object. It is calibrated on a quarter of the objects, which are kept out of the training. Needs

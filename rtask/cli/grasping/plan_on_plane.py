@@ -17,7 +17,6 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     limit_option,
-    option,
     print_json,
 )
 from rtask.cli.progress import Working, announce_compilation
@@ -180,17 +179,16 @@ grasp.add_command(batch)
     help="Push: rank by the perturbed parts that have been judged by then.  [default: all]",
 )
 @executor_options("the trials", "Push: ")
-@limit_option(10, "Number of grasps to print, and to store.", former=["--top"])
+@limit_option(10, "Number of grasps to print, and to store.")
 @click.option(
     "--min-confidence",
     default=0.3,
     show_default=True,
     help="Space: below this confidence, advise against grasping.",
 )
-@option(
+@click.option(
     "--save-plots",
     "plots",
-    former=["--plots"],
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder to write drawings to (SVG).",
 )

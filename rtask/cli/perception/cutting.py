@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import click
 
-from rtask.cli.options import option
-
 __all__ = ["segmentation_option"]
 
 _PRESETS = ("auto", "default", "near", "concave", "components", "euclidean")
 
 
-segmentation_option = option(
+segmentation_option = click.option(
     "--segmentation",
     "preset",
-    former=["--preset"],
     type=click.Choice(_PRESETS),
     default="auto",
     show_default=True,

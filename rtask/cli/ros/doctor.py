@@ -9,7 +9,6 @@ from collections.abc import Iterator
 import click
 
 from rtask.cli.doctor import Finding, print_findings
-from rtask.cli.options import option
 from rtask.errors import RtaskError
 
 __all__ = ["doctor"]
@@ -19,10 +18,9 @@ _ADDRESS = "export ROS_IP to the address of this machine that the others can rea
 
 
 @click.command()
-@option(
+@click.option(
     "--server",
     "url",
-    former=["--url"],
     metavar="URL",
     help="Also look whether this server answers.",
 )

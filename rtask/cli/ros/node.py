@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import option
 from rtask.cli.ros.schema import engine_schema
 from rtask.errors import RemoteUnavailableError, UsageError
 
@@ -25,10 +24,9 @@ __all__ = ["end_on_signals", "node"]
 
 @click.command()
 @click.argument("remaps", nargs=-1, metavar="[REMAPS]...")
-@option(
+@click.option(
     "--server",
     "url",
-    former=["--url"],
     metavar="URL",
     help="Server; else ~url, else RTASK_SERVER.",
 )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import json_option, option, print_json, server_option
+from rtask.cli.options import json_option, print_json, server_option
 from rtask.errors import UsageError, nearest
 
 if TYPE_CHECKING:
@@ -124,10 +124,9 @@ def _references(schema: dict[str, Any]) -> Iterator[str]:
 @click.argument("name")
 @click.argument("method")
 @click.argument("arguments", nargs=-1)
-@option(
+@click.option(
     "--dataset",
     "mapping",
-    former=["--data"],
     multiple=True,
     metavar="RESOURCE=NAMESPACE/NAME",
     help="Dataset for a data resource of the service.",

@@ -420,7 +420,7 @@ def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper)
 def proof_lines(kb: GraphCore, subject: NamedNode, predicate: NamedNode, value: Value) -> list[str]:
     """Return the reasoner's proof of a statement, or the graphs in which it is asserted.
 
-    Empty if the statement does not hold.
+    Empty if the statement does not hold; if that was not decided, the line says so.
     """
     graphs = [quad.graph_name for quad in kb.match(subject, predicate, value)]
     asserted = [graph for graph in graphs if graph != kb.graphs.inferred]
@@ -430,4 +430,4 @@ def proof_lines(kb: GraphCore, subject: NamedNode, predicate: NamedNode, value: 
     if not kb.reasons:
         return []
     found = kb.explain(subject, predicate, value)
-    return [] if found is None else found.render().splitlines()
+    return [] if found.holds is False else found.render().splitlines()

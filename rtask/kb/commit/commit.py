@@ -76,6 +76,8 @@ class Commit:
         Violations that validation reported without rejecting the commit.
     withdrawn
         Number of statements that the reasoner removed from the inferred graph.
+    remark
+        Why an update may have had no effect; ``None`` otherwise.
     """
 
     seq: int
@@ -87,6 +89,7 @@ class Commit:
     quarantined: int = 0
     warnings: tuple[Violation, ...] = ()
     withdrawn: int = 0
+    remark: str | None = None
 
 
 @dataclass(frozen=True)

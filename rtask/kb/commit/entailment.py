@@ -32,6 +32,10 @@ class Entailment:
         Whether the graph contradicts itself, so that everything follows.
     name
         Returns the short name of a term.
+    budget
+        Steps that the reasoner was given.
+    is_spent
+        Whether they did not suffice, so that a larger budget may decide more.
     """
 
     answer: bool | None
@@ -40,9 +44,11 @@ class Entailment:
     undecided: tuple[TripleKey, ...]
     contradictory: bool
     name: Callable[[Term], str]
+    budget: int
+    is_spent: bool
 
     @classmethod
-    def of(cls, found: Any, name: Callable[[Term], str]) -> Entailment:
+    def of(cls, found: Any, name: Callable[[Term], str], budget: int) -> Entailment:
         """Return the answer of :func:`reasoner.entails` with names for its terms."""
         return cls(
             found.answer,
@@ -51,6 +57,8 @@ class Entailment:
             found.undecided,
             found.is_inconsistent,
             name,
+            budget,
+            found.is_spent,
         )
 
     def words(self, triple: TripleKey) -> str:
@@ -65,6 +73,8 @@ class Entailment:
             "proofs": [proof.to_dict() for proof in self.proofs],
             "missing": [[written(term) for term in triple] for triple in self.missing],
             "undecided": [[written(term) for term in triple] for triple in self.undecided],
+            "budget": self.budget,
+            "is_spent": self.is_spent,
         }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
 
@@ -22,6 +22,9 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.quads import Derived, InGraph
 from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
+
+if TYPE_CHECKING:
+    from reasoner import Decision
 
 __all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
 
@@ -252,11 +255,24 @@ class Inference:
         """Return the error that lists the contradictions and their causes."""
         return inconsistent(contradictions, causes, self.names(), self.graphs_of)
 
-    def explain(self, triple: TripleKey) -> Any | None:
-        """Return the proof of a triple, or ``None`` if it does not hold."""
-        return self.closure().explain(triple, graphs_of=self.graphs_of, name=self.names())
+    def explain(self, triple: TripleKey, budget: int) -> Decision:
+        """Return whether a triple holds; see :meth:`reasoner.Closure.explain`."""
+        from reasoner import Proof
 
-    def entails(self, conclusion: Iterable[TripleKey], budget_ms: float) -> Any:
+        names = self.names()
+        found: Decision = self.closure().explain(
+            cast("Any", triple), budget, graphs_of=self.graphs_of, name=names
+        )
+        if found.holds is False:
+            # A graph that rules do not read may still assert it.
+            quads = self._store.quads_for_pattern(*triple, None)
+            graphs = sorted(str(quad.graph_name).strip("<>") for quad in quads)
+            if graphs:
+                gloss = " ".join(map(names, triple))
+                return Proof(cast("Any", triple), gloss, "asserted", graphs=tuple(graphs))
+        return found
+
+    def entails(self, conclusion: Iterable[TripleKey], budget: int) -> Any:
         """Return whether a conclusion follows; see :func:`reasoner.entails`."""
         from reasoner import entails
 
@@ -266,7 +282,7 @@ class Inference:
             return closure.explain(triple, graphs_of=self.graphs_of, name=names)
 
         triples = cast("Any", conclusion)  # triple terms are not among them
-        return entails(closure, triples, budget_ms=budget_ms, explain=explain)
+        return entails(closure, triples, budget=budget, explain=explain)
 
     def names(self) -> Names:
         """Return the short names of the terms that the graph holds now."""

@@ -11,10 +11,11 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import XSD, Term, iri
 
-__all__ = ["Names", "prefixed"]
+__all__ = ["MAX_LABEL", "Names", "prefixed"]
 
 _LABELS = (iri(ontology.PREFIXES["rdfs"] + "label"), iri(ontology.NS + "name"))
-_LONGEST_LABEL = 60
+MAX_LABEL = 60
+"""Characters of a label behind a name."""
 _BARE = {XSD + name for name in ("integer", "decimal", "boolean")}
 _LOCAL = re.compile(r"[\w/.\-]+")
 
@@ -90,5 +91,5 @@ class Names:
             ]
             if found:
                 best = min(found, key=_preference)
-                return f'"{best.value[:_LONGEST_LABEL]}"'
+                return f'"{best.value[:MAX_LABEL]}"'
         return ""

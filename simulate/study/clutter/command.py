@@ -1,4 +1,4 @@
-"""The command ``rtask simulate piles``."""
+"""The command ``rtask study piles``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from rtask.cli.options import option
 from simulate import options
 
 __all__ = ["piles"]
@@ -18,7 +17,7 @@ __all__ = ["piles"]
 @click.option("--objects", default=None, type=click.IntRange(1, 20),
               help="Things in each; 6 in a pile, 10 on a table to clear.")  # fmt: skip
 @click.option("--clear", is_flag=True, help="Clear the table instead of picking once.")
-@option("--with-agent", "agent", is_flag=True, former=["--agent"],
+@click.option("--with-agent", "agent", is_flag=True,
               help="Clear by the robot's agent, which asks a graph that starts empty.")  # fmt: skip
 @click.option("--pushes/--no-pushes", default=True,
               help="Whether what cannot be picked is pushed, for comparison.")  # fmt: skip

@@ -1,4 +1,4 @@
-"""The command ``rtask simulate push-grasps``."""
+"""The command ``rtask study push-grasps``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``rtask simulate grasp-quality``."""
+"""The command ``rtask study grasp-quality``."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ The first is small, about two minutes on two idle cores; the others are the full
 each. Half of what a robot meets is met by all, half by it alone. Without ``--prior`` robots cannot
 judge shapes: they try blindly what the graph does not know, which is where sharing shows most. This
 is real processes at real servers, and too few meetings for a narrow interval; many fleets in one
-process are ``rtask simulate sharing``.
+process are ``rtask study sharing``.
 """
 
 from __future__ import annotations

@@ -211,7 +211,11 @@ def test_why_a_statement_holds(vessels: FlaskClient) -> None:
     short = {**asked, "p": "rdf:type"}
     assert vessels.get("/reasoner/explain", query_string=short).json == body
     none = vessels.get("/reasoner/explain", query_string={**asked, "o": "urn:t:Cup"}).json
-    assert (none["holds"], none["proof"]) == (False, None)
+    assert (none["holds"], none["proof"], none["unknown"]) == (False, None, ["<urn:t:Cup>"])
+    bounded = vessels.get("/reasoner/explain", query_string={**asked, "budget": 1}).json
+    assert (bounded["holds"], bounded["verdict"], bounded["budget"]) == (None, "not decided", 1)
+    far = vessels.get("/reasoner/explain", query_string={**asked, "budget": 10**9})
+    assert far.status_code == 400
 
 
 def test_whether_statements_follow(vessels: FlaskClient) -> None:
@@ -235,7 +239,7 @@ def test_questions_that_cannot_be_read_are_refused(vessels: FlaskClient) -> None
     get, post = vessels.get, vessels.post
     assert get("/reasoner/entails?s=urn:a&p=urn:b").status_code == 400
     assert get("/reasoner/explain?s=urn:a&p=urn:b&o=%22x").status_code == 400
-    assert get('/reasoner/explain?s="a"&p=urn:b&o=urn:c').status_code == 400
+    assert get('/reasoner/explain?s="a"&p=urn:b&o=urn:c').status_code == 422
     assert post("/reasoner/entails", data="x").status_code == 415
     turtle = {"Content-Type": "text/turtle"}
     assert post("/reasoner/entails", data="<urn:a> <urn:b>", headers=turtle).status_code == 400

@@ -28,7 +28,7 @@ def part(tmp_path: Path) -> Path:
 
 
 def test_a_part_gives_a_table(part: Path) -> None:
-    done = _run(str(part), "--samples", "20", "--top", "3")
+    done = _run(str(part), "--samples", "20", "--limit", "3")
     assert done.exit_code == 0, done.output
     lines = done.output.splitlines()
     assert lines[0].startswith("4 vertices")
@@ -47,7 +47,7 @@ def test_a_race_finds_the_same_best_with_fewer_evaluations(part: Path) -> None:
 @pytest.mark.slow
 def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drawings"
-    done = _run(str(part), "--samples", "20", "--eliminate", "5,0.8", "--json", "--plots",
+    done = _run(str(part), "--samples", "20", "--eliminate", "5,0.8", "--json", "--save-plots",
                 str(folder))  # fmt: skip
     assert done.exit_code == 0, done.output
     found = json.loads(done.output)
@@ -65,7 +65,7 @@ def test_drawings_show_the_holes_of_a_part(tmp_path: Path) -> None:
     hole = [[0.5, 0.4], [1.0, 0.4], [1.0, 0.6], [0.5, 0.6]]
     path = tmp_path / "plate.json"
     path.write_text(json.dumps({"polygon": [[0, 0], [2, 0], [2, 1], [0, 1]], "holes": [hole]}))
-    done = _run(str(path), "--samples", "20", "--eliminate", "5,0.8", "--plots", str(tmp_path))
+    done = _run(str(path), "--samples", "20", "--eliminate", "5,0.8", "--save-plots", str(tmp_path))
     assert done.exit_code == 0, done.output
     for name in ("whiskers", "best", "eliminated"):
         drawn = ElementTree.parse(tmp_path / f"{name}.svg").getroot()
@@ -103,7 +103,7 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / "box.npy"
     np.save(path, rng.uniform(0, 1, (4000, 3)) * (0.08, 0.04, 0.05))
-    done = _run(str(path), "--samples", "10", "--plots", str(tmp_path / "d"), "--json")
+    done = _run(str(path), "--samples", "10", "--save-plots", str(tmp_path / "d"), "--json")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "d" / "candidates_3d.svg").exists()
 
@@ -215,7 +215,7 @@ def test_planned_grasps_of_an_object_are_stored_recalled_and_offered(tmp_path: P
         thing = stored["objects"][0]["object"]
     unknown = _run("no-such-object", "-d", str(data))
     assert "unknown object" in str(unknown.exception)
-    asked = ["-d", str(data), "--jaw-width", "0.015", "--samples", "20", "--store", "--top", "3",
+    asked = ["-d", str(data), "--jaw-width", "0.015", "--samples", "20", "--store", "--limit", "3",
              "--vertex-std", "0.001", "--com-std", "0.002", "--gripper-type", "nao_hand",
              "--json"]  # fmt: skip
     sparse = _run(thing, *asked, "--max-opening", "0.08")

@@ -231,7 +231,7 @@ def test_the_command_plans_for_a_cup_and_says_what_it_cannot_do(tmp_path: Path) 
     GraspObject("box", (BOX.vertices,), 0.2).write(tmp_path)
     (tmp_path / "part-0.obj").rename(mesh)
     run = CliRunner().invoke
-    done = run(cli, ["grasp", "plan", str(mesh), "--gripper", "suction:0.015", "--top", "2",
+    done = run(cli, ["grasp", "plan", str(mesh), "--gripper", "suction:0.015", "--limit", "2",
                       "--save-plots", str(tmp_path)])  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "lip 30 mm wide, vacuum 42 N" in done.output

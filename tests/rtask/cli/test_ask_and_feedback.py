@@ -52,7 +52,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 def test_a_wish_is_answered_with_the_proof_or_with_reasons(run: Run) -> None:
-    wish = ("ask", "something", "to", "drink", "from", "--robot", "nao-1")
+    wish = ("ask", "something", "to", "drink", "from", "--agent", "nao-1")
     code, out, _ = run(*wish, "--object", "urn:lab/object/1")
     assert code == 0
     assert out.startswith("cola  urn:lab/object/1\ncola is something to drink from")
@@ -71,11 +71,11 @@ def test_a_wish_needs_a_hand(run: Run) -> None:
 def test_people_judge_by_the_command_line(run: Run) -> None:
     assert "counts: held" in run("feedback")[1]
     correct = ("feedback", "urn:task:1", "--correct", "held=false,reason=slip_lift")
-    code, out, _ = run(*correct, "--by", "ann")
+    code, out, _ = run(*correct, "--agent", "ann")
     assert code == 0
     assert "0 say that it held, 1 that it did not: it counts as a failure" in out
     assert "held 0 of 1 times" in out
-    assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--by", "bob")[1]
+    assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--agent", "bob")[1]
     assert "counts: disputed" in run("feedback")[1]
 
 

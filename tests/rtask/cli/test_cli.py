@@ -102,7 +102,7 @@ def test_a_wrong_command_says_what_may_be_meant(shell: Shell) -> None:
 
 def test_an_error_is_one_line_and_debug_shows_the_rest(shell: Shell) -> None:
     done = shell("stats")
-    assert (done.code, done.out) == (1, "")
+    assert (done.code, done.out) == (3, "")
     assert done.err.startswith(f"rtask: {shell.data} is not a knowledge base")
     assert done.err.count("\n") == 1
     with pytest.raises(rtask.errors.StoreFormatError):
@@ -117,7 +117,7 @@ def test_an_error_of_the_system_that_names_no_file_is_one_line_too(
 
     monkeypatch.setattr("rtask.knowledge_base.KnowledgeBase.dump", full)
     done = filled("export", str(tmp_path / "all.trig"))
-    assert (done.code, done.err) == (2, "rtask: No space left on device\n")
+    assert (done.code, done.err) == (3, "rtask: No space left on device\n")
 
 
 def test_an_argument_that_is_not_utf8_is_an_error_of_one_line(filled: Shell) -> None:
@@ -140,7 +140,7 @@ def test_a_term_may_be_a_literal_that_contains_an_address() -> None:
 @pytest.mark.parametrize("written", ["http://a b/", "<http://a b/>", "urn:a b", "\udcff", ""])
 def test_what_is_no_term_is_refused(filled: Shell, written: str) -> None:
     done = filled("explain", written, "rdf:type", "rt:Mug")
-    assert done.code in (1, 2)
+    assert done.code in (2, 3)
     assert done.err.startswith("rtask: ")
     assert done.err.count("\n") == 1
 
@@ -160,7 +160,7 @@ def test_load_then_query(shell: Shell, tmp_path: Path) -> None:
     assert rows.out.splitlines() == ["s", "-----", "urn:m"]
     assert rows.err == "1 row\n"
     assert shell("query", "--no-inferred", "ASK { <urn:m> a rt:Container }").out == "no\n"
-    assert shell("query", "-o", "csv", "SELECT ?s { ?s a rt:Mug }").out == "s\r\nurn:m\r\n"
+    assert shell("query", "-F", "csv", "SELECT ?s { ?s a rt:Mug }").out == "s\r\nurn:m\r\n"
     report = json.loads(shell("load", "--json", "--dry-run", "--replace", str(file)).out)
     assert report[0]["files"][0]["added"] == 0
 
@@ -169,7 +169,7 @@ def test_a_bad_file_is_named_with_its_line(shell: Shell, tmp_path: Path) -> None
     file = tmp_path / "bad.ttl"
     file.write_text("<urn:a> <urn:p> 1 .\n<urn:a> <urn:p")
     done = shell("load", str(file))
-    assert done.code == 1
+    assert done.code == 3
     assert done.err.startswith(f"rtask: {file}:2:")
 
 
@@ -181,7 +181,7 @@ def test_update_writes_as_an_agent(filled: Shell) -> None:
     forbidden = filled(
         "update", "INSERT DATA { GRAPH <urn:g> { <urn:cup> <urn:p> 2 } }", "--agent", "nao-2"
     )
-    assert (forbidden.code, forbidden.out) == (1, "")
+    assert (forbidden.code, forbidden.out) == (3, "")
     assert "may not write <urn:g>" in forbidden.err
 
 
@@ -191,10 +191,10 @@ def test_text_comes_from_a_file_or_standard_input(
     import io
 
     (tmp_path / "q.rq").write_text("ASK { <urn:mug> a rt:Mug }")
-    assert filled("query", "-f", str(tmp_path / "q.rq")).out == "yes\n"
-    assert filled("query", "-f", str(tmp_path / "absent.rq")).code == 2
+    assert filled("query", "--file", str(tmp_path / "q.rq")).out == "yes\n"
+    assert filled("query", "--file", str(tmp_path / "absent.rq")).code == 2
     (tmp_path / "latin.rq").write_bytes("ASK { ?s ?p 'é' }".encode("latin-1"))
-    done = filled("query", "-f", str(tmp_path / "latin.rq"))
+    done = filled("query", "--file", str(tmp_path / "latin.rq"))
     assert done.code == 2
     assert done.err.startswith(f"rtask: {tmp_path / 'latin.rq'} is not text in UTF-8")
     monkeypatch.setattr(sys, "stdin", io.StringIO("ASK {}"))
@@ -210,8 +210,13 @@ def test_explain_names_who_asserts_and_what_follows(filled: Shell) -> None:
     assert proof.code == 0
     assert "asserted: urn:lab/graph/agent/nao-1" in proof.out
     absent = filled("explain", "urn:mug", "a", "rt:Ball")
-    assert (absent.code, absent.err) == (1, "does not hold\n")
+    assert (absent.code, absent.err.splitlines()[0]) == (1, "<urn:mug> a rt:Ball does not hold")
     assert filled("explain", "urn:mug", "a", "x:Ball").code == 2
+    cut = filled("explain", "urn:mug", "a", "rt:Ball rt:Mug")
+    assert (cut.code, cut.err) == (2, "rtask: 'rt:Mug' is left over after the term rt:Ball\n")
+    short = filled("explain", "urn:mug", "a", "rt:Container", "--budget", "1")
+    assert short.code == 3
+    assert "not decided within a budget of 1 steps" in short.err
 
 
 def test_history_lists_commits(filled: Shell) -> None:
@@ -271,7 +276,7 @@ def test_the_place_of_a_syntax_error_is_that_in_the_text_as_given(
 ) -> None:
     given = filled(command, text)
     spelt = filled(command, text.replace("rt:Mug", "<urn:>"))  # as long, and without a prefix
-    assert given.code == spelt.code == 1
+    assert given.code == spelt.code == 2
     assert given.err == spelt.err
 
 
@@ -299,7 +304,7 @@ def test_writing_to_a_folder_in_use_is_refused_in_one_line(filled: Shell) -> Non
     with rtask.open(filled.data) as kb:
         kb.publish(url="http://127.0.0.1:9/sparql")
         done = filled("update", "INSERT DATA { <urn:a> <urn:b> <urn:c> }")
-    assert done.code == 1
+    assert done.code == 3
     assert "use the server at http://127.0.0.1:9/sparql" in done.err
     assert done.err.count("\n") == 1
 

@@ -35,7 +35,7 @@ def _box(path: Path, size: tuple[float, float, float]) -> Path:
 
 def test_a_mesh_gives_a_table_and_a_drawing(tmp_path: Path) -> None:
     mesh = _box(tmp_path / "box.obj", (0.04, 0.12, 0.08))
-    done = _run(str(mesh), "--samples", "30", "--top", "3", "--plots", str(tmp_path / "d"))
+    done = _run(str(mesh), "--samples", "30", "--limit", "3", "--save-plots", str(tmp_path / "d"))
     assert done.exit_code == 0, done.output
     lines = done.output.splitlines()
     assert lines[0] == "12 faces, 40 x 120 x 80 mm"
@@ -87,7 +87,7 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--mass", "nan"], "mass"),
         (["--friction", "nan"], "friction"),
         (["--gripper", "jaw:nan"], "stroke"),
-        (["--top", "-1"], "at least 1"),
+        (["--limit", "-1"], "at least 1"),
         (["--min-confidence", "nan"], "0 to 1"),
         (["--min-confidence", "1.5"], "0 to 1"),
     ],
@@ -205,7 +205,7 @@ def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
     with rtask.open(data) as kb, Engine(kb) as engine:
         stored = engine.call("insert_object", {"objects": [seen]})
         thing = stored["objects"][0]["object"]
-    done = _run(thing, "-d", str(data), "--mode", "space", "--samples", "40", "--store", "--top",
+    done = _run(thing, "-d", str(data), "--mode", "space", "--samples", "40", "--store", "--limit",
                 "12", "--json")  # fmt: skip
     assert done.exit_code == 0, (done.output, done.exception)
     found = json.loads(done.output)

@@ -51,7 +51,7 @@ _OF_FILES = {
 }  # fmt: skip
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
-_WITHOUT_JSON = {"serve", "act-serve", "urdf", "changes", "node", "ros", "run"}
+_WITHOUT_JSON = {"help", "serve", "act-serve", "urdf", "changes", "node", "ros", "run"}
 
 
 def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
@@ -257,17 +257,6 @@ def test_exit_code_is_0_where_something_is_found(run: Run, form: str) -> None:
     assert run("query", "SELECT ?o { <urn:mug> a ?o }", "--format", form)[0] == 0
 
 
-def test_former_names_of_options_work_and_are_not_shown(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "q.rq").write_text("ASK { <urn:mug> a rt:Mug }")
-    assert run("query", "-f", str(tmp_path / "q.rq"))[1] == "yes\n"
-    assert run("query", "-o", "csv", "SELECT ?o { <urn:mug> a ?o }")[1].startswith("o\r\n")
-    undo = run("objects", "undo", "urn:lab/commit/999", "--operator", "ann")
-    assert undo[0] == 1  # no such commit; the option is understood
-    shown = run("feedback", "--help", folder=False)[1]
-    assert "--agent" in shown
-    assert "--by" not in shown
-
-
 def test_a_wrong_option_says_what_may_be_meant(run: Run) -> None:
     code, _, err = run("query", "--tiemout", "3", "ASK {}")
     assert code == 2
@@ -315,7 +304,7 @@ def test_a_command_that_needs_a_graph_does_not_make_one(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
         main([*arguments, "--data", "mispelt"])
-    assert caught.value.code == 1
+    assert caught.value.code == 3
     assert "mispelt is not a knowledge base" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 

@@ -145,7 +145,7 @@ def test_nothing_is_stored_where_one_of_the_photographs_cannot_be_read(taught, t
     ):
         bad = tmp_path / name
         bad.write_bytes(data)
-        said = run(capsys, "teach", "cocoa", photo, bad, "-d", taught, code=1)
+        said = run(capsys, "teach", "cocoa", photo, bad, "-d", taught, code=3)
         assert f"{bad}: " in said
         assert why in said
     assert "cocoa" not in run(capsys, "objects", "list", "-d", taught)
@@ -170,7 +170,7 @@ def test_options_without_effect_are_refused(taught, tmp_path, capsys):
         said = run(capsys, "recognise", photo, option, value, "-d", taught, code=2)
         assert f"{option}: no use here" in said
     blank = save(tmp_path / "blank.png", np.zeros((420, 400, 3), np.uint8))
-    said = run(capsys, "recognise", photo, "--mask", blank, "-d", taught, code=1)
+    said = run(capsys, "recognise", photo, "--mask", blank, "-d", taught, code=3)
     assert "marks no pixel" in said
     folder = tmp_path / "folder"
     folder.mkdir()
@@ -189,7 +189,7 @@ def test_what_cannot_be_taught_says_why(tmp_path, capsys):
     masks.mkdir()
     said = run(capsys, "teach", "x", photo, "--mask", masks, "-d", store, code=2)
     assert "no one.png or one.json" in said
-    said = run(capsys, "teach", "x", photo, "--box", "900", "0", "10", "10", "-d", store, code=1)
+    said = run(capsys, "teach", "x", photo, "--box", "900", "0", "10", "10", "-d", store, code=3)
     assert "outside the image" in said
 
 

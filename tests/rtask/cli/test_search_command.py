@@ -37,5 +37,5 @@ def test_a_query_ends_at_its_deadline(tmp_path: Path) -> None:
     done = CliRunner().invoke(cli, ["query", endless, *options])
     assert "within 0.5 s" in str(done.exception)
     options[-1] = "60"
-    done = CliRunner().invoke(cli, ["query", "ASK { ?s ?p 1 }", "-o", "json", *options])
+    done = CliRunner().invoke(cli, ["query", "ASK { ?s ?p 1 }", "-F", "json", *options])
     assert json.loads(done.output)["boolean"] is True

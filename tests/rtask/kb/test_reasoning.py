@@ -135,7 +135,7 @@ def test_a_proof_names_the_graphs_of_its_leaves(kb: KnowledgeBase) -> None:
     assert proof is not None
     assert list(proof.leaves()) == [(iri("urn:m"), RDF_TYPE, iri("urn:Mug"))]
     assert "asserted: urn:lab/graph/agent/nao-1" in proof.render()
-    assert kb.explain("urn:m", RDF_TYPE, iri("urn:Robot")) is None
+    assert kb.explain("urn:m", RDF_TYPE, iri("urn:Robot")).holds is False
 
 
 def test_without_reasoning_there_is_nothing_to_rebuild() -> None:

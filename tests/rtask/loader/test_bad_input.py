@@ -152,7 +152,7 @@ def test_a_second_process_is_told_who_holds_the_folder(tmp_path: Path) -> None:
             text=True,
             check=False,
         )
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert done.stderr.count("\n") == 1
     assert f"is open for writing by pid {os.getpid()}" in done.stderr
 

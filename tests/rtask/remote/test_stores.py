@@ -237,7 +237,7 @@ def test_readmes_calls_with_reasoning_contradictions_and_quarantine(
         assert tx.commit.derived == 1
         assert kb.query(f"ASK {{ <urn:mug> a <{_RT}Vessel> }}") is True
         assert not kb.query(f"ASK {{ <urn:mug> a <{_RT}Vessel> }}", inferred=False)
-        assert kb.explain("urn:mug", rtask.rdf.terms.RDF_TYPE, iri(_RT + "Vessel")) is not None
+        assert kb.explain("urn:mug", rtask.rdf.terms.RDF_TYPE, iri(_RT + "Vessel")).holds
         with kb.transaction(agent="nao-2") as tx:
             tx.add("urn:mug", rtask.rdf.terms.RDF_TYPE, iri(_RT + "Robot"))
             tx.add("urn:mug", "urn:mass", 0.3)
@@ -270,6 +270,6 @@ def test_the_closure_is_there_after_opening_again(
         with kb.transaction(agent="nao-1") as tx:
             tx.add("urn:m2", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Mug"))
         assert tx.commit.derived == 2
-        assert kb.explain("urn:m1", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing")) is not None
-        assert kb.explain("urn:m0", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing")) is None
+        assert kb.explain("urn:m1", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing")).holds
+        assert not kb.explain("urn:m0", rtask.rdf.terms.RDF_TYPE, iri("urn:t:Thing"))
     assert built == []

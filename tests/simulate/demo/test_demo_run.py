@@ -272,7 +272,7 @@ def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> N
     (robot,) = [pid for pid, line in _children(process.pid).items() if '"index": 0' in line]
     os.kill(robot, signal.SIGKILL)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 1
+    assert process.returncode == 3
     last = said.strip().splitlines()[-1]
     assert "nao-1 disappeared while" in last
     assert "SIGKILL" in last
@@ -285,7 +285,7 @@ def test_an_endpoint_that_goes_away_is_named_and_ends_the_demo(tmp_path: Path) -
     (server,) = [pid for pid, line in _children(process.pid).items() if " serve " in line]
     os.kill(server, signal.SIGKILL)
     _, said = process.communicate(timeout=120)
-    assert process.returncode == 1
+    assert process.returncode == 3
     assert "Traceback" not in said
     assert "nao-1" in said.strip().splitlines()[-1]
 
@@ -296,7 +296,7 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
         taken.listen()
         port = str(taken.getsockname()[1])
         done = _run("--data", str(tmp_path / "run"), "--port", port)
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert port in done.stderr.strip().splitlines()[-1]
     assert "Traceback" not in done.stderr
 
@@ -315,5 +315,5 @@ def test_a_window_without_a_display_is_refused(tmp_path: Path) -> None:
         [*_DEMO, "--gui", "--data", str(tmp_path / "run")],
         capture_output=True, text=True, env=env, timeout=60, check=False,
     )  # fmt: skip
-    assert done.returncode == 1
+    assert done.returncode == 3
     assert "display" in done.stderr

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from rtask.errors import UsageError
-from simulate.commands import simulate
 from simulate.fleet.trust import COLUMNS, replay_trust, trust_rows
+from simulate.studies import study
 from tests.simulate.fleet.tables import table_of
 
 
@@ -61,7 +61,7 @@ def test_the_command_writes_its_report(tmp_path: Path) -> None:
     table = tmp_path / "attempts.json"
     table.write_text(json.dumps(table_of([0, 1, 2])), encoding="utf-8")
     done = CliRunner().invoke(
-        simulate,
+        study,
         [
             "trust", "--from-attempts", str(table), "--fleets", "1", "--robots", "3", "--liars",
             "1", "--table", "2", "--rounds", "1", "--json", "--out", str(tmp_path / "out"),

@@ -14,7 +14,7 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.hand_search.classifier import GraspClassifier, GraspSamples
 from grasp.spatial.hand_search.hand_search import propose_from_cloud
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
-from simulate.commands import simulate
+from simulate.studies import study
 from simulate.study.grasp_samples import collect_samples
 from simulate.study.grasp_shapes import FAMILIES, sample_shape
 from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
@@ -141,7 +141,7 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     from rtask.cli.grasping.plan_on_plane import plan
 
     views, model = tmp_path / "views.npz", tmp_path / "model.npz"
-    made = CliRunner().invoke(simulate, ["grasp-views", str(views), "--shapes", "1"])
+    made = CliRunner().invoke(study, ["grasp-views", str(views), "--shapes", "1"])
     assert made.exit_code == 0, made.output
     assert "panda_hand 80" in made.output
     done = CliRunner().invoke(train, [str(views), "--out", str(model), "--json"])

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from simulate.commands import simulate
+from simulate.studies import study
 
 pytestmark = pytest.mark.slow
 
 
 def _told(*words: str) -> Any:
     """Run a study and return what it prints as JSON, and nothing else."""
-    command = [sys.executable, "-m", "rtask", "simulate", *words, "--json"]
+    command = [sys.executable, "-m", "rtask", "study", *words, "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -60,6 +60,6 @@ def test_a_table_of_the_thesis_prints_json_and_nothing_else(
 def test_a_robot_that_there_is_not_starts_no_trial(tmp_path: Path) -> None:
     folder = tmp_path / "study"
     asked = ["judging", "--robot", "foo", "-n", "3", "--out", str(folder)]
-    done = CliRunner().invoke(simulate, asked)
+    done = CliRunner().invoke(study, asked)
     assert "no robot is called 'foo'" in str(done.exception)
     assert not folder.exists()

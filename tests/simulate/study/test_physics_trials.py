@@ -26,7 +26,7 @@ from simulate.study.outcomes import outcome_trial
 def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_figures(
     tmp_path: Path,
 ) -> None:
-    command = [sys.executable, "-m", "rtask", "simulate", "grasping", "-n", "1", "--seed", "6"]
+    command = [sys.executable, "-m", "rtask", "study", "grasping", "-n", "1", "--seed", "6"]
     command += ["--preset", "fast", "--json", "--out", str(tmp_path / "run")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200)
     summary = json.loads(done.stdout)

@@ -145,8 +145,8 @@ def test_tables_are_resampled_whole():
 def test_wrong_options_are_one_line_before_anything_is_made(args, words, tmp_path, capsys):
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as stopped:
-        main(["simulate", "piles", "-n", "1", "--out", str(out), *args])
-    assert stopped.value.code in (1, 2)
+        main(["study", "piles", "-n", "1", "--out", str(out), *args])
+    assert stopped.value.code in (2, 3)
     said = capsys.readouterr().err.strip().splitlines()
     assert words in said[-1]
     assert sum(not line.startswith(("Usage:", "Try", "\n")) for line in said if line) == 1

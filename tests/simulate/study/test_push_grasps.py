@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from grasp.push.polygon import triangles
-from simulate.commands import simulate
 from simulate.grasping.executor import Workcell
 from simulate.grasping.push_grasping import ArmPush, plan_arm_push
+from simulate.studies import study
 from simulate.study.pushes.plug import ARM, PUBLISHED, chosen, plug, printed
 from simulate.study.pushes.report import push_rows, summarise_pushes
 from simulate.study.pushes.trial import carry_out, lies_flat, planned, push_trial
@@ -108,12 +108,12 @@ def test_trials_repeat_and_the_report_counts_them():
 def test_the_command_writes_report_and_picture(tmp_path):
     out = tmp_path / "out"
     words = ["push-grasps", "-n", "1", "--prints", "0", "--preset", "fast", "--workers", "1"]
-    done = CliRunner().invoke(simulate, [*words, "--out", str(out), "--json"])
+    done = CliRunner().invoke(study, [*words, "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout[done.stdout.index("{") :])
     assert [g["plug"]["held"]["n"] for g in told["grasps"]] == [1, 1, 1]
     assert cv2.imread(str(out / "grasps.png")).shape == (600, 1800, 3)
     assert json.loads((out / "report.json").read_text())["grasps"] == told["grasps"]
-    refused = CliRunner().invoke(simulate, ["push-grasps", "-n", "0"])
+    refused = CliRunner().invoke(study, ["push-grasps", "-n", "0"])
     assert refused.exit_code == 2
     assert "at least 1" in refused.output

@@ -106,7 +106,7 @@ def test_what_is_no_table_of_attempts_is_refused_with_the_command_that_makes_one
     path = tmp_path / "attempts.json"
     for text in ("", "{}", '{"format": 1, "products": []}'):
         path.write_text(text)
-        with pytest.raises(UsageError, match="rtask simulate attempts --out FOLDER"):
+        with pytest.raises(UsageError, match="rtask study attempts --out FOLDER"):
             read_attempts(path)
     with pytest.raises(UsageError, match="at least 2 grasps and 3 tries"):
         attempt_study(4, "hard", "panda", grasps=5, tries=1, seed=0)

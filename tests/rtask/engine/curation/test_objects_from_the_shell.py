@@ -31,7 +31,7 @@ def refused(capsys, *arguments):
     capsys.readouterr()
     with pytest.raises(SystemExit) as end:
         main(list(arguments))
-    assert end.value.code in (1, 2)
+    assert end.value.code in (1, 2, 3)
     return capsys.readouterr().err
 
 

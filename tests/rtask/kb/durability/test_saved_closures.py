@@ -77,7 +77,7 @@ def test_the_first_write_after_opening_goes_on_from_the_saved_closure(
     with _open(folder) as kb:
         monkeypatch.setattr(type(kb._inference), "_build", None)  # building it would fail
         assert kb.update("INSERT DATA { <urn:t:k> a <urn:t:Mug> }").derived == 2
-        assert kb.explain("urn:t:m", _TYPE, _THING) is not None
+        assert kb.explain("urn:t:m", _TYPE, _THING).holds
         monkeypatch.undo()
         _assert_current(kb)
 
@@ -293,7 +293,7 @@ def test_a_full_disk_leaves_the_commit_and_no_saved_closure(
 
 def test_a_folder_open_for_reading_uses_it_and_writes_none(folder: Path) -> None:
     with _open(folder, mode="r") as kb:
-        assert kb.explain("urn:t:m", _TYPE, _THING) is not None
+        assert kb.explain("urn:t:m", _TYPE, _THING).holds
     assert [path.name for path in saved_folders(folder)] == ["closure-2"]
 
 

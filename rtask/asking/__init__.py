@@ -1,0 +1,1 @@
+"""Asking the graph: terms as people write them, checked queries, questions in words."""

@@ -1,0 +1,278 @@
+"""Terms as people paste them: every form that a command, a page or an error prints is read here.
+
+A term is ``<IRI>``, a full IRI, a prefixed name (slashes allowed, ``kb:`` for the base of the
+graph), either of these with the label that is printed behind it, a name in quotes, or a literal as
+in Turtle. What is left over after a term is an error that shows it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+from typing import Literal as Choice
+
+from pyoxigraph import RdfFormat, parse
+
+import ontology
+from rtask.errors import DataError, UnknownTermError, UsageError, nearest
+from rtask.kb.store.naming import MAX_LABEL
+from rtask.rdf.terms import (
+    RDF_TYPE,
+    BlankNode,
+    Literal,
+    NamedNode,
+    Subject,
+    Term,
+    TripleKey,
+    iri,
+    prologue,
+    stored,
+)
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Reader", "Role", "reader_of"]
+
+Role: TypeAlias = Choice["subject", "predicate", "object"]
+_IRI = re.compile(r"<([^\x00-\x20<>\"{}|^`\\]*)>")
+_STRING = re.compile(
+    r'"""(?:[^\\]|\\.)*?"""|\'\'\'(?:[^\\]|\\.)*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'(?:[^\'\\\n]|\\.)*\'',
+    re.S,
+)
+_SUFFIX = re.compile(r"@[A-Za-z]+(?:-[A-Za-z0-9]+)*|\^\^(?:<[^>\s]*>|\S+)")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|true|false")
+_PREFIXED = re.compile(r"([A-Za-z][\w.\-]*|):(\S*)")
+_ESCAPED = re.compile(r"\\([_~.\-!$&'()*+,;=/?#@%])")
+_SCHEMES = ("urn", "mailto", "tag", "file", "data", "did", "info", "doi")
+_LANGUAGES = (None, "en", "de", "fr", "es", "it", "nl")
+_LISTED = 5
+_LABELS = (NamedNode(ontology.NS + "name"), NamedNode(ontology.PREFIXES["rdfs"] + "label"))
+_THING_PROPERTY = NamedNode(ontology.PREFIXES["owl"] + "ObjectProperty")
+
+
+def _nothing_named(_: str) -> Sequence[str]:
+    return ()
+
+
+def _no_labels(_: NamedNode) -> Sequence[str]:
+    return ()
+
+
+def _unknown(_: NamedNode) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Reads terms against one graph, or against the ontology's prefixes alone.
+
+    Parameters
+    ----------
+    base
+        What ``kb:`` stands for; empty where it is not known.
+    named
+        Returns the IRIs of what has a name.
+    labels
+        Returns the names of a thing.
+    names_things
+        Whether the values of a property are things, so that a quoted value is a name.
+    is_used
+        Whether the graph mentions an IRI.
+    """
+
+    base: str = ""
+    named: Callable[[str], Sequence[str]] = _nothing_named
+    labels: Callable[[NamedNode], Sequence[str]] = _no_labels
+    names_things: Callable[[NamedNode], bool] = _unknown
+    is_used: Callable[[NamedNode], bool] = _unknown
+    prefixes: Mapping[str, str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        own = {"kb": self.base} if self.base else {}
+        object.__setattr__(self, "prefixes", {**ontology.PREFIXES, **own})
+
+    def statement(self, subject: str, predicate: str, value: str) -> TripleKey:
+        """Return a statement; a value in quotes is a name where the property relates things.
+
+        Raises
+        ------
+        UsageError
+            A part is no term, or the subject or predicate is no IRI.
+        UnknownTermError
+            Nothing has that name.
+        """
+        said = self.term(predicate, "predicate")
+        if not isinstance(said, NamedNode):
+            raise UsageError(f"the predicate is an IRI, not {predicate!r}")
+        about = self.term(subject, "subject")
+        if not isinstance(about, NamedNode):
+            raise UsageError(f"the subject is an IRI or a name in quotes, not {subject!r}")
+        found = self.term(value)
+        if isinstance(found, Literal) and _is_plain(found) and self._relates_things(said):
+            found = self.thing(found.value)
+        return about, said, stored(found)
+
+    def _relates_things(self, predicate: NamedNode) -> bool:
+        return predicate == RDF_TYPE or self.names_things(predicate)
+
+    def term(self, text: str, role: Role = "object") -> Term:
+        """Return the term of a text.
+
+        Raises
+        ------
+        UsageError
+            The text is no term, or something is left over behind one.
+        UnknownTermError
+            A name in quotes that nothing has, where only a thing can stand.
+
+        Examples
+        --------
+        >>> Reader("urn:lab/").term("kb:robot/panda-1")
+        <NamedNode value=urn:lab/robot/panda-1>
+        >>> Reader().term("rt:Mug extra")
+        Traceback (most recent call last):
+        rtask.errors.UsageError: 'extra' is left over after the term rt:Mug
+        """
+        text = text.strip()
+        if role == "predicate" and text == "a":
+            return RDF_TYPE
+        found, end = self._read(text)
+        rest = text[end:].strip()
+        if rest and not (isinstance(found, NamedNode) and self._is_label(rest, found)):
+            raise UsageError(f"{rest[:100]!r} is left over after the term {text[:end]}")
+        if role != "object" and isinstance(found, Literal) and _is_plain(found):
+            return self.thing(found.value)
+        return found
+
+    def resource(self, text: str) -> NamedNode:
+        """Return the IRI of a thing, class, property or graph, given in any form.
+
+        Raises
+        ------
+        UsageError, UnknownTermError
+            As :meth:`term`, or it is a literal.
+        """
+        found = self.term(text, "subject")
+        if not isinstance(found, NamedNode):
+            raise UsageError(f"expected an IRI, a prefixed name or a name in quotes, not {text!r}")
+        return found
+
+    def thing(self, name: str) -> NamedNode:
+        """Return what has a name.
+
+        Raises
+        ------
+        UnknownTermError
+            Nothing has it.
+        UsageError
+            Several things have it.
+        """
+        found = self.named(name)
+        if not found:
+            raise UnknownTermError(f'nothing is called "{name}"; `rtask search` looks for words')
+        if len(found) > 1:
+            listed = ", ".join(f"<{one}>" for one in found[:_LISTED])
+            more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+            raise UsageError(f'{len(found)} things are called "{name}": {listed}{more}')
+        return iri(found[0])
+
+    def _read(self, text: str) -> tuple[Term, int]:
+        """Return the term at the beginning of a text, and where it ends."""
+        if not text:
+            raise UsageError("an empty text is not an RDF term")
+        if text.startswith(("<<", "[", "(")):
+            return self._turtle(text, text), len(text)
+        if bracketed := _IRI.match(text):
+            return self._iri(bracketed[1], text), bracketed.end()
+        if string := _STRING.match(text):
+            suffix = _SUFFIX.match(text, string.end())
+            end = suffix.end() if suffix else string.end()
+            return self._turtle(text[:end], text), end
+        if text.startswith("_:"):
+            raise UsageError(f"{text!r} is anonymous: it has no name by which it can be given")
+        token = text.split(maxsplit=1)[0]
+        if _NUMBER.fullmatch(token):
+            return self._turtle(token, text), len(token)
+        return self._name(token, text), len(token)
+
+    def _name(self, token: str, text: str) -> NamedNode:
+        """Return the IRI of a prefixed name, or of a full IRI without brackets."""
+        parts = _PREFIXED.fullmatch(token)
+        if parts is None:
+            raise self._no_term(text)
+        prefix, local = parts[1], parts[2]
+        namespace = self.prefixes.get(prefix)
+        if namespace is not None and not local.startswith("//"):
+            return self._iri(namespace + _ESCAPED.sub(r"\1", local), text)
+        whole = self._iri(token, text) if prefix else None
+        is_iri = prefix.lower() in _SCHEMES or local.startswith("//")
+        if whole is None or not (is_iri or self.is_used(whole)):
+            raise self._no_term(text, nearest(prefix, list(self.prefixes)))
+        return whole
+
+    def _iri(self, value: str, text: str) -> NamedNode:
+        try:
+            return iri(value)
+        except DataError as error:
+            raise UsageError(f"{text[:200]!r} is not an RDF term: {error}") from error
+
+    def _turtle(self, piece: str, text: str) -> Term:
+        document = f"{prologue(self.prefixes)}<urn:s> <urn:p> {piece} .".encode()
+        try:
+            (triple,) = parse(document, format=RdfFormat.TURTLE)
+        except (SyntaxError, ValueError) as error:
+            raise self._no_term(text) from error
+        found: Term = triple.object
+        if isinstance(found, BlankNode):
+            raise UsageError(f"{text!r} is anonymous: it has no name by which it can be given")
+        return found
+
+    def _no_term(self, text: str, hint: str = "") -> UsageError:
+        return UsageError(
+            f"{text[:200]!r} is not an RDF term; write <IRI>, a prefixed name "
+            f"(known prefixes: {', '.join(self.prefixes)}), a name in quotes or a literal{hint}"
+        )
+
+    def _is_label(self, rest: str, term: NamedNode) -> bool:
+        """Return whether a text is the label that is printed behind a term."""
+        return rest in {f'"{label[:MAX_LABEL]}"' for label in self.labels(term)}
+
+
+def _is_plain(value: Literal) -> bool:
+    return value.language is None and value.datatype.value.endswith("#string")
+
+
+def reader_of(kb: GraphCore) -> Reader:
+    """Return the reader of terms of a graph."""
+
+    def named(name: str) -> list[str]:
+        subjects: set[Subject] = {
+            quad.subject
+            for label in _LABELS
+            for language in _LANGUAGES
+            for quad in kb.match(None, label, Literal(name, language=language))
+        }
+        return sorted(one.value for one in subjects if isinstance(one, NamedNode))
+
+    def labels(term: NamedNode) -> list[str]:
+        values = (quad.object for label in _LABELS for quad in kb.match(term, label))
+        return [value.value for value in values if isinstance(value, Literal)]
+
+    def names_things(predicate: NamedNode) -> bool:
+        return bool(kb.match(predicate, RDF_TYPE, _THING_PROPERTY))
+
+    def is_used(term: NamedNode) -> bool:
+        quads = kb.store.quads_for_pattern
+        found = (
+            quads(term, None, None, None),
+            quads(None, term, None, None),
+            quads(None, None, term, None),
+        )
+        if any(next(iter(rows), None) is not None for rows in found):
+            return True
+        return term in kb.store.named_graphs()
+
+    return Reader(kb.base, named, labels, names_things, is_used)

@@ -1,0 +1,69 @@
+"""Words of a SPARQL text that the grammar does not have, with the keyword that was probably meant.
+
+The store's parser names the alternative that it tried last: for ``SELEC`` it expects CONSTRUCT.
+"""
+
+from __future__ import annotations
+
+import difflib
+
+from rtask.sparql.lexer import body_start
+from rtask.sparql.tokens import Token
+
+__all__ = ["misspelling"]
+
+_QUERY_FORMS = ("SELECT", "CONSTRUCT", "DESCRIBE", "ASK")
+_UPDATE_FORMS = (
+    "INSERT", "DELETE", "WITH", "LOAD", "CLEAR", "DROP", "CREATE", "ADD", "MOVE", "COPY",
+)  # fmt: skip
+_OTHERS = (
+    "BASE PREFIX VERSION DISTINCT REDUCED AS FROM NAMED WHERE ORDER BY ASC DESC LIMIT OFFSET "
+    "VALUES GROUP HAVING SILENT INTO TO DEFAULT ALL DATA USING GRAPH OPTIONAL SERVICE BIND "
+    "UNDEF MINUS UNION FILTER NOT IN EXISTS LATERAL SEPARATOR TRUE FALSE A STR LANG "
+    "LANGMATCHES LANGDIR HASLANG HASLANGDIR DATATYPE BOUND IRI URI BNODE RAND ABS CEIL FLOOR "
+    "ROUND CONCAT STRLEN UCASE LCASE ENCODE_FOR_URI CONTAINS STRSTARTS STRENDS STRBEFORE "
+    "STRAFTER YEAR MONTH DAY HOURS MINUTES SECONDS TIMEZONE TZ NOW UUID STRUUID MD5 SHA1 "
+    "SHA256 SHA384 SHA512 COALESCE IF STRLANG STRLANGDIR STRDT SAMETERM ISIRI ISURI ISBLANK "
+    "ISLITERAL ISNUMERIC ISTRIPLE TRIPLE SUBJECT PREDICATE OBJECT REGEX SUBSTR REPLACE COUNT "
+    "SUM MIN MAX AVG SAMPLE GROUP_CONCAT ADJUST"
+)
+_KEYWORDS = frozenset((*_QUERY_FORMS, *_UPDATE_FORMS, *_OTHERS.split()))
+_NAMES_OF_FORMS = "SELECT, CONSTRUCT, DESCRIBE or ASK"
+
+
+def misspelling(tokens: list[Token], is_query: bool) -> tuple[str, Token] | None:
+    """Return what is wrong with the first word that the grammar does not have, and its token.
+
+    Parameters
+    ----------
+    tokens
+        As :func:`rtask.sparql.lexer.tokenise` returns them.
+    is_query
+        Whether a query is expected; an update is then named as such.
+
+    Examples
+    --------
+    >>> from rtask.sparql.lexer import tokenise
+    >>> misspelling(tokenise("SELEC * { ?s ?p ?o }"), is_query=True)[0]
+    "'SELEC' is no keyword; did you mean SELECT?"
+    """
+    if is_query:
+        first = tokens[min(body_start(tokens), len(tokens) - 1)]
+        word = first.text.upper()
+        if word in _UPDATE_FORMS:
+            return f"{first.text} begins an update; a query begins with {_NAMES_OF_FORMS}", first
+        if word not in _QUERY_FORMS:
+            near = _hint(word, _QUERY_FORMS)
+            if first.kind == "word" and near:
+                return f"{first.text!r} is no keyword{near}", first
+            got = repr(first.text) if first.text else "the end"
+            return f"a query begins with {_NAMES_OF_FORMS}, got {got}", first
+    for token in tokens:
+        if token.kind == "word" and token.text.upper() not in _KEYWORDS:
+            return f"{token.text!r} is no keyword{_hint(token.text.upper(), _KEYWORDS)}", token
+    return None
+
+
+def _hint(word: str, keywords: tuple[str, ...] | frozenset[str]) -> str:
+    near = difflib.get_close_matches(word, sorted(keywords), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
