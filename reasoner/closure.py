@@ -23,7 +23,7 @@ from reasoner.glosses import Name, local_name
 from reasoner.proofs import Decision, GraphsOf, Proof
 from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
-from reasoner.rules.work import Budget
+from reasoner.rules.work import ChangeBudget
 from reasoner.saved.image import Contents, Image, fingerprint
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, GivenTriple, Term, Triple
@@ -176,7 +176,7 @@ class Closure:
         remove: Iterable[GivenTriple] = (),
         rules: Iterable[str | LabelledRule] | None = None,
         accepted: bool = False,
-        budget: Budget | None = None,
+        budget: ChangeBudget | None = None,
     ) -> Staged:
         """Compute the consequences of a change of the asserted triples, without applying it.
 
@@ -191,7 +191,7 @@ class Closure:
         accepted : bool
             Whether the change was made before, perhaps in many smaller ones, so that
             `Config.max_joins` does not bound the work of rules.
-        budget : Budget, optional
+        budget : ChangeBudget, optional
             Closer bounds for this change, on top of those of the configuration.
 
         Raises
@@ -372,7 +372,7 @@ class Closure:
         size: int,
         rules: tuple[str | LabelledRule, ...],
         bounded: bool = True,
-        budget: Budget | None = None,
+        budget: ChangeBudget | None = None,
     ) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,

@@ -26,7 +26,7 @@ from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import LabelledRule, compile_rule
-from reasoner.rules.work import Budget, Work
+from reasoner.rules.work import ChangeBudget, Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -54,7 +54,7 @@ class Settings:
     bulk_from: int
     keep_ill_typed: bool
     user_rules: tuple[str | LabelledRule, ...]
-    budget: Budget | None = None
+    budget: ChangeBudget | None = None
 
 
 @dataclass

@@ -3,7 +3,7 @@
 A rule whose patterns share no variable tries every pair of facts and may derive nothing, so that a
 bound on facts alone never stops it. What is counted depends on the facts and the rules alone: a
 change is refused on every machine or on none. What depends on the machine (a deadline, memory, a
-request to stop) is looked at by `Budget.watch`, which is called all along.
+request to stop) is looked at by `ChangeBudget.watch`, which is called all along.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from reasoner.rules.rule import Atom, Rule, Step
 from reasoner.terms.dictionary import Fact, Triple
 
-__all__ = ["Budget", "ClosureTooLargeError", "Work"]
+__all__ = ["ChangeBudget", "ClosureTooLargeError", "Work"]
 
 _ROWS_AT_ONCE = 64
 _WATCHED_EVERY = 2_000
@@ -56,7 +56,7 @@ def _never() -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class ChangeBudget:
     """Bounds of what may follow from one change.
 
     Attributes

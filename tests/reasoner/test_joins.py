@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import rtask
-from reasoner import Budget, Closure, ClosureTooLargeError, Config, LabelledRule
+from reasoner import ChangeBudget, Closure, ClosureTooLargeError, Config, LabelledRule
 from reasoner.facts import arrays
 from rtask.errors import TooLargeError
 from rtask.rdf.terms import Literal, NamedNode
@@ -109,7 +109,7 @@ def test_a_commit_that_a_rule_makes_too_much_of_is_refused_whole() -> None:
         assert kb.seq == before + 1
 
 
-SMALL = Budget(derived=2_000, firings=100_000)
+SMALL = ChangeBudget(derived=2_000, firings=100_000)
 CLASSES = " ".join(f":c{i} a owl:Class ; rdfs:subClassOf :c{i // 2} ." for i in range(1, 200))
 MEMBERS = " ".join(f":c{i}" for i in range(2_000))
 CASES = {
@@ -177,7 +177,7 @@ def test_the_watch_can_end_the_work_at_any_time(closure: Closure, name: str) -> 
 
     before = closure.digest()
     with pytest.raises(StopError):
-        closure.stage(add=triples(CASES[name]), budget=Budget(10**6, 10**9, watch))
+        closure.stage(add=triples(CASES[name]), budget=ChangeBudget(10**6, 10**9, watch))
     assert calls == 3
     assert closure.digest() == before
 

@@ -49,9 +49,9 @@ class ReasoningLimits:
 
     def budget(self, statements: int, guard: Guard) -> Any:
         """Return the reasoner's budget for a change of so many statements."""
-        from reasoner import Budget
+        from reasoner import ChangeBudget
 
-        return Budget(
+        return ChangeBudget(
             self.derived + statements * self.derived_each,
             self.firings + statements * self.firings_each,
             guard,

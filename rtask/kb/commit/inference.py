@@ -211,7 +211,7 @@ class Inference:
         cause_ms
             How long to look for the causes of a contradiction.
         budget
-            Bounds of what may follow, a :class:`reasoner.Budget`.
+            Bounds of what may follow, a :class:`reasoner.ChangeBudget`.
 
         Raises
         ------

@@ -72,7 +72,7 @@ def set_aside(
     rules
         All rules of the user from now on, if the change concerns any.
     budget
-        Bounds of what may follow, a :class:`reasoner.Budget`.
+        Bounds of what may follow, a :class:`reasoner.ChangeBudget`.
 
     Returns
     -------
