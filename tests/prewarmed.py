@@ -35,6 +35,9 @@ _IMPORTED = (
 )
 _MESSAGE_BYTES = 1 << 20
 
+spent = {"cpu_s": 0.0}
+"""What processes that have ended took; they are not children of the process of tests."""
+
 
 class ForkedProcess:
     """A child of the prewarmed process, with the methods of :class:`subprocess.Popen` in use.
@@ -59,8 +62,10 @@ class ForkedProcess:
     def poll(self) -> int | None:
         """Return its exit code, or none while it runs."""
         if self.returncode is None:
-            self.returncode = self._owner.ask({"code of": self.pid})["code"]
+            answer = self._owner.ask({"code of": self.pid})
+            self.returncode = answer["code"]
             if self.returncode is not None:
+                spent["cpu_s"] += answer["cpu_s"]
                 os.close(self._descriptor)
         return self.returncode
 
@@ -143,9 +148,10 @@ def _serve(connection: socket.socket) -> dict[str, Any] | None:
             break
         order: dict[str, Any] = json.loads(data)
         if "code of" in order:
-            pid, status = os.waitpid(order["code of"], os.WNOHANG)
+            pid, status, used = os.wait4(order["code of"], os.WNOHANG)
             running.discard(pid)
-            answer = {"code": os.waitstatus_to_exitcode(status) if pid else None}
+            code = os.waitstatus_to_exitcode(status) if pid else None
+            answer = {"code": code, "cpu_s": used.ru_utime + used.ru_stime}
         else:
             pid = os.fork()
             if pid == 0:

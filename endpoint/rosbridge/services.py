@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+from endpoint.rosbridge.calls import Prepared
 from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.commit.access import Access
@@ -82,6 +83,9 @@ class Service:
         Answered by the reader at once: short, and never behind a queue.
     request, answer
         Their declarations, where there are any.
+    prepare
+        Takes arguments, rights and the time for the answer, s, and returns a call that can be
+        ended; used in place of ``handler`` where there is one.
     positional
         Names of the arguments in order, for callers that send a list, where none is declared.
     """
@@ -93,6 +97,7 @@ class Service:
     inline: bool = False
     request: RequestClass | None = None
     answer: AnswerClass | None = None
+    prepare: Callable[[JsonObject, Access, float], Prepared] | None = None
     positional: tuple[str, ...] = ()
 
     @property
