@@ -108,6 +108,8 @@ class ServerContext:
         if following is not None:
             gauges["rtask_follower_commits_behind"] = lambda: following.commits_behind
             gauges["rtask_follower_seconds_behind"] = lambda: following.seconds_behind
+            gauges["rtask_follower_records_waiting"] = lambda: following.records_waiting
+            gauges["rtask_follower_records_dropped_total"] = lambda: following.records_dropped
         return cls(
             kb=kb,
             engine=engine,

@@ -62,6 +62,8 @@ _GAUGE_HELP = {
     "rtask_subscribers": "Followers of changes.",
     "rtask_robots_connected": "Open websocket connections of robots.",
     "rtask_upload_bytes_held": "Bytes of request bodies that are being received.",
+    "rtask_follower_records_waiting": "Records of what robots asked that wait for the writer.",
+    "rtask_follower_records_dropped_total": "Such records that were dropped: too many, or refused.",
     "rtask_log_lines_dropped_total": "Log lines dropped because nobody read them in time.",
 }
 # The creation time of each counter would double the number of samples.
