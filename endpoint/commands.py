@@ -109,6 +109,8 @@ def serve(
         )
         if follower is not None:
             stack.callback(follower.close)
+            if made is not None:
+                made.context.be_copy(follower.record)
             follower.start()
         ended = server.serve(context, listener, ready)
         writer.close()

@@ -26,6 +26,7 @@
     │   ├── VersionConflictError    somebody else wrote first
     │   ├── ConflictError           later data stand in the way
     │   ├── TooLargeError           beyond a stated limit
+    │   │   └── TooMuchFollowsError more follows from a change than it may cause
     │   ├── UnknownTermError        a name or IRI that the graph does not contain
     │   └── FieldError              a value that does not fit a field of an object
     ├── AccessError                 the caller is not allowed to
@@ -99,6 +100,7 @@ __all__ = [
     "StoreFormatError",
     "StoreLockedError",
     "TooLargeError",
+    "TooMuchFollowsError",
     "UnknownTermError",
     "UnsupportedError",
     "UnusableServiceError",
@@ -300,6 +302,16 @@ class TooLargeError(DataError):
     """The request or the data exceed a stated limit."""
 
     status, slug = 413, "too-large"
+
+
+class TooMuchFollowsError(TooLargeError):
+    """More follows from a change than one change may cause, or is too much work to find.
+
+    ``rule``, ``statement`` and ``allowed`` name the rule that was at work, the axiom behind it and
+    the bound. Nothing was stored.
+    """
+
+    status, slug = 422, "too-much-follows"
 
 
 class UnknownTermError(DataError):

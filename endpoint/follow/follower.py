@@ -11,17 +11,19 @@ import sys
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import httpx
 
 from endpoint.access.tokens import TokenStore
-from endpoint.follow.replication import RECORDS, SNAPSHOT
+from endpoint.follow.record_spool import RecordSpool
+from endpoint.follow.replication import ASKED, RECORDS, SNAPSHOT
 from endpoint.follow.versions import minimum_version
 from endpoint.http.messages import RefusedError, Request, Response
 from rtask.errors import MissingBlobError, RemoteUnavailableError, RtaskError, UsageError
+from rtask.kb.commit.access import Access
 from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import Record
 from rtask.kb.feed.outage import Outage
@@ -162,6 +164,9 @@ class Follower:
             threading.Thread(target=target, name=name, daemon=True)
             for target, name in ((self._run, "rtask-follow"), (self._fetch_all, "rtask-blobs"))
         ]
+        assert kb.folder is not None
+        self._dropped = 0
+        self._records = RecordSpool(kb.folder / "asked.db", self._send_records, self._count_dropped)
         kb.follow(self.url)
         kb.blobs.fetch = self._fetch
 
@@ -169,11 +174,13 @@ class Follower:
         """Start following."""
         for thread in self._threads:
             thread.start()
+        self._records.start()
 
     def close(self) -> None:
         """Stop following."""
         self._closed.set()
         self._blobs.put(None)
+        self._records.close()
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout=LOST_S + 5.0)
@@ -300,6 +307,39 @@ class Follower:
 
     # Passing on
 
+    def record(self, record: dict[str, Any], author: Access) -> None:
+        """Keep what a robot asked here until the writer has it."""
+        self._records.put(record, author)
+
+    @property
+    def records_waiting(self) -> int:
+        """Number of records that the writer does not have yet."""
+        return self._records.waiting
+
+    @property
+    def records_dropped(self) -> int:
+        """Number of records that were dropped since the start."""
+        return self._dropped
+
+    def deliver_records(self) -> None:
+        """Wait, for two seconds at most, until the writer has the records that wait."""
+        if self._records.waiting:
+            self._records.wait_until_sent(2.0)
+
+    def _count_dropped(self, reason: str, count: int) -> None:
+        self._dropped += count
+        _log.warning("%d records of what robots asked were dropped: %s", count, reason)
+
+    def _send_records(self, records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """Give records to the writer; return those that it refused."""
+        answer = self._http.post(
+            ASKED, json={"records": list(records)}, headers=authorization(self._token)
+        )
+        if answer.status_code != 200:
+            raise RemoteUnavailableError(_detail(answer))
+        refused: list[dict[str, Any]] = answer.json()["refused"]
+        return refused
+
     def forward(self, request: Request) -> Response:
         """Let the writer answer a request, with the token of the caller.
 
@@ -308,6 +348,7 @@ class Follower:
         RefusedError
             503: the writer does not answer.
         """
+        self.deliver_records()
         target = request.raw_path + (f"?{request.query_string}" if request.query_string else "")
         if not self.forwards:
             return Response(307, b"", "", (("Location", self.url + target),))
