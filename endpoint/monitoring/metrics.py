@@ -48,6 +48,8 @@ _GAUGE_HELP = {
     "rtask_queries_running": "Queries that run or wait.",
     "rtask_service_dropped_total": "Results of services that came after their calls had ended.",
     "rtask_ready": "Whether the server is ready for requests.",
+    "rtask_writers_waiting": "Changes that wait for another one to be stored.",
+    "rtask_writer_wait_seconds": "Time for which the first of these has waited.",
     "rtask_journal_bytes": "Size of the journal.",
     "rtask_disk_free_bytes": "Free disk space for the data folder.",
     "rtask_subscribers": "Followers of changes.",

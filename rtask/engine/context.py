@@ -14,7 +14,7 @@ from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.stored import Models, Recent
-from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, known_reasons
+from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep
 from rtask.engine.view_index import ViewIndex
 from rtask.errors import ForbiddenError
@@ -99,7 +99,7 @@ class Context:
         self.classes = ClassCatalogue(kb)
         self.functions = FunctionCatalogue(kb)
         self.honesty = HonestyCatalogue(kb)
-        self.reasons = known_reasons(kb)
+        self.reasons = failure_reasons(kb)
         self.models = Models(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
         self.decisions: Recent[Decision] = Recent(_DECISIONS)

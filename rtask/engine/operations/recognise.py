@@ -26,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.engine.context import SCOPES
-from rtask.engine.decisions import MIN_TOLD, Decision, Option
+from rtask.engine.decisions import MIN_EVIDENCE, Decision, Option
 from rtask.engine.memory.calibration import score_maps
 from rtask.engine.memory.choice import Scene, choose, options, unaided
 from rtask.engine.memory.question import question_for
@@ -47,7 +47,7 @@ from rtask.engine.records.asked import DecisionRecord, PlaceRecord, RefusalRecor
 from rtask.engine.records.objects import stored_mass
 from rtask.engine.records.places import located
 from rtask.engine.records.refusals import Refusal, refusal_iri
-from rtask.engine.remembered import KnownObject, Memory
+from rtask.engine.remembered import Memory, RememberedObject
 from rtask.engine.terms import find_task
 from rtask.errors import UnknownTermError
 from rtask.wire.message import Message
@@ -56,7 +56,7 @@ from rtask.wire.types import Flag, Iri, Points, Probability, Text, Texts, Whole
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition as Matches
     from rtask.engine.context import Context
-    from rtask.engine.grippers import KnownGripper
+    from rtask.engine.grippers import StoredGripper
     from rtask.kb.commit.access import Access
 
 __all__ = ["Clock", "RecogniseForGrasp", "recognise_for_grasp"]
@@ -200,7 +200,7 @@ def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> flo
     return max(thresholds.identity, FusionParams().min_confidence)
 
 
-def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:
+def _known(tracked: str | None, recognition: Matches, memory: Memory) -> RememberedObject | None:
     """Return the object in question: the tracked one, else the recognised one."""
     if tracked:
         known = memory.objects.get(tracked)
@@ -238,7 +238,7 @@ def _choose(
     maps = score_maps(context, situation.gripper)
     chosen = choose(found, scene, situation.memory, confidence, context.policy, maps=maps)
     alone = None
-    if any(max(one.explanation["graph"]) >= MIN_TOLD for one in chosen):
+    if any(max(one.explanation["graph"]) >= MIN_EVIDENCE for one in chosen):
         alone = unaided(found, scene, situation.memory, context.policy, maps)
     clock.lap("choice_s")
     return chosen, alone
@@ -338,7 +338,7 @@ def _remember_place(
 
 
 def _remember_decision(
-    context: Context, task: str, decision: Decision, gripper: KnownGripper, access: Access
+    context: Context, task: str, decision: Decision, gripper: StoredGripper, access: Access
 ) -> None:
     """Remember a decision for the report of its outcome, also where that is stored."""
     context.decisions.put(task, decision)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
@@ -206,7 +206,7 @@ def state_moved(
     context: Context,
     triples: Triples,
     thing: NamedNode,
-    gripper: KnownGripper,
+    gripper: StoredGripper,
     outcome: Outcome,
     ended: dt.datetime,
     graph: NamedNode,
