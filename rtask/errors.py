@@ -144,7 +144,7 @@ class RtaskError(Exception):
 
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
-    exit_code: ClassVar[int] = 1
+    exit_code: ClassVar[int] = 3
 
     @property
     def is_transient(self) -> bool:
