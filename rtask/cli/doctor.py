@@ -180,6 +180,34 @@ def _store(folder: Path) -> Finding:
         return Finding("store", "broken", str(error), remedy)
 
 
+def examine_clock(folder: Path) -> Finding:
+    """Name the commits between which the clock went back, and those that lie in the future."""
+    from rtask.errors import RtaskError
+    from rtask.kb.durability.journal import JournalFile
+    from rtask.kb.feed.history import clock_jumps
+
+    if not (folder / "journal").is_dir():
+        return Finding("clock", "ok", "no commits yet")
+    journal = JournalFile(folder / "journal")
+    try:
+        jumps = list(clock_jumps(journal))
+    except RtaskError as error:
+        return Finding("clock", "note", f"the times of commits cannot be read: {error}")
+    finally:
+        journal.close()
+    if not jumps:
+        return Finding("clock", "ok", "the times of commits follow their order")
+    shown = [f"{jump.back_s:.0f} s at commit {jump.seq} ({jump.time[:19]})" for jump in jumps[-3:]]
+    more = f", and {len(jumps) - 3} times before" if len(jumps) > 3 else ""
+    return Finding(
+        "clock",
+        "note",
+        f"went back by {', '.join(shown)}{more}; commits are ordered by number, their times are as "
+        "the clock had them",
+        "synchronise the clock: timedatectl set-ntp true",
+    )
+
+
 def examine(data: Path | None, port: int) -> Iterator[Finding]:
     """Look at everything, cheapest first."""
     checks: list[Callable[[], Finding]] = [
@@ -198,6 +226,7 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
             checks.append(partial(_imports, module, mend))
     if data is not None:
         checks.append(lambda: _store(data))
+        checks.append(lambda: examine_clock(data))
     for check in checks:
         yield check()
 

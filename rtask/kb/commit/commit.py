@@ -399,7 +399,8 @@ class Committer:
         }
 
     def _next_record(self, request: Request) -> CommitRecord:
-        ended = max(dt.datetime.now(dt.UTC), self.last_time)
+        # As the clock has it, even if it was set back: commits are ordered by their numbers.
+        ended = dt.datetime.now(dt.UTC)
         started = min(request.started, ended)
         return CommitRecord(
             self.last_seq + 1,
