@@ -119,7 +119,7 @@ class Router:
         if caller.access.reads is not None and not _is_graph_store(address):
             raise limited_refusal(address)
         if address == check.ADDRESS:
-            return check.plan_check(request)
+            return check.plan_check(context.kb, request)
         if address == TICKET:
             return plan_ticket(context.auth, request, caller)
         if request.method not in _SAFE_METHODS:
