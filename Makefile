@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-.PHONY: help setup system pages demo test test-quick check conformance bench docs clean
+.PHONY: help setup system pages demo test test-quick test-deep check conformance bench docs site clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -55,11 +55,14 @@ pages:  ## bundle the libraries of two pages, if npm is installed
 demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes options
 	@$(BIN)/rtask demo $(ARGS)
 
-test: $(READY)  ## run the tests; ARGS="-k name" passes options
+test: $(READY)  ## run the tests but for the deep ones; ARGS="-k name" passes options
 	@$(BIN)/python -m pytest -n 2 --dist loadscope $(ARGS)
 
 test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
-	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -p no:schemathesis -m "not slow and not browser" $(ARGS)
+	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
+
+test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make test` leaves out
+	@$(BIN)/python -m pytest -n 2 --dist loadscope -m deep tests $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .
@@ -67,6 +70,7 @@ check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python -m pytest -q tests/docs
+	@$(MAKE) --no-print-directory site
 
 conformance: $(READY)  ## the standards' own test suites, one line each
 	@$(BIN)/python tests/conformance/report.py
@@ -76,6 +80,9 @@ bench: $(READY)  ## every benchmark, both sides and the ratio
 	  echo "== $$script"; $(BIN)/python $$script || ended="$$ended $$script"; \
 	done; \
 	if [ -n "$$ended" ]; then echo "failed, or lacked their data:$$ended"; exit 1; fi
+
+site: $(READY)  ## build the documentation as a site with search, in site/
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 docs: $(READY)  ## renew the pages that are written from the code
 	@$(BIN)/python -m tests.docs.command_reference > docs/cli.md

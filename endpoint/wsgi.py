@@ -21,6 +21,7 @@ from endpoint.pages.render import current_request, finish_page, problem_page, to
 from endpoint.pages.signin import OPEN
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, RtaskError
+from rtask.extras import missing_extra
 
 _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
 _PROGRAMS = (
@@ -114,6 +115,8 @@ def _on_error(error: Exception) -> flask.Response:
         methods = getattr(error, "valid_methods", None) or ()
         allow = (("Allow", ", ".join(sorted(methods))),) if methods else ()
         error = RefusedError(code, "not-found" if code == 404 else "usage", detail, allow)
+    if isinstance(error, ModuleNotFoundError):
+        error = missing_extra(error, f"the page {flask.request.path}") or error
     response = problem(error)
     if prefers_html(flask.request.headers.get("Accept", "")) and not _is_data_address():
         return problem_page(error if isinstance(error, RtaskError) else None, response)

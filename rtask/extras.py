@@ -8,6 +8,7 @@ into an error that names the extra.
 
 from __future__ import annotations
 
+import importlib.util
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +40,39 @@ EXTRA_OF = {
     "sklearn": "classifier",
     "ray": "ray",
 }
+
+
+def missing_libraries(extra: str) -> list[str]:
+    """Return the libraries of an extra that are not installed, without importing any.
+
+    Parameters
+    ----------
+    extra
+        Name of the extra, such as ``perception``.
+    """
+    return [
+        library
+        for library, brought_by in EXTRA_OF.items()
+        if brought_by == extra and importlib.util.find_spec(library) is None
+    ]
+
+
+def needs_extra(extra: str, subject: str) -> MissingExtraError:
+    """Return the error that something needs an extra.
+
+    Parameters
+    ----------
+    subject
+        What needs it; begins the message.
+
+    Examples
+    --------
+    >>> str(needs_extra("simulate", "this page"))
+    "this page needs the extra 'simulate': pip install 'rtask-kg[simulate]'"
+    """
+    return MissingExtraError(
+        f"{subject} needs the extra {extra!r}: pip install 'rtask-kg[{extra}]'", extra=extra
+    )
 
 
 def missing_extra(error: ImportError, subject: str) -> MissingExtraError | None:

@@ -5,20 +5,25 @@ from __future__ import annotations
 import gc
 import inspect
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import httpx
 import pytest
 
-_MAX_QUICK_S = 10.0
+_MAX_CPU_S = 5.0
 _PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
+_FAILED = pytest.StashKey[Path]()
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Let requests without a time limit of their own wait for a busy machine; httpx waits 5 s."""
     usual = inspect.signature(httpx.Client).parameters["timeout"].default
     usual.connect = usual.read = usual.write = usual.pool = _PATIENCE_S
+    failed = os.environ.pop("RTASK_FAILED_TESTS", None)
+    if failed and not hasattr(config, "workerinput"):
+        config.stash[_FAILED] = Path(failed)
 
 
 def pytest_collection_finish() -> None:
@@ -27,17 +32,52 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Note how much of the processors a test and the processes that it has ended took."""
+    before = _cpu_s()
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("cpu_s", _cpu_s() - before))
+
+
+def _cpu_s() -> float:
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Write the names of the tests that failed where `.ci/run` reads them, if all tests ran.
+
+    Of a module whose set-up failed its own name is written, once for all its tests.
+    """
+    file = session.config.stash.get(_FAILED, None)
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if file is None or reporter is None or exitstatus != pytest.ExitCode.TESTS_FAILED:
+        return
+    names = {
+        report.nodeid.partition("::")[0] if report.when == "setup" else report.nodeid
+        for kind in ("failed", "error")
+        for report in reporter.stats.get(kind, [])
+    }
+    file.write_text("".join(f"{name}\n" for name in sorted(names)), "utf-8")
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """List the tests that took more than ten seconds and are not marked as slow."""
+    """List the tests that exceed the budget of processor time and are not marked as deep."""
     took = {
-        report.nodeid: report.duration
+        report.nodeid: cpu_s
         for reports in terminalreporter.stats.values()
         for report in reports
         if isinstance(report, pytest.TestReport) and report.when == "call"
-        if report.duration > _MAX_QUICK_S and "slow" not in report.keywords
+        if "deep" not in report.keywords
+        for name, cpu_s in report.user_properties
+        if name == "cpu_s" and cpu_s > _MAX_CPU_S
     }
     if took:
-        terminalreporter.section("above ten seconds and not marked slow")
+        title = f"above {_MAX_CPU_S:.0f} s of processor time and not marked deep"
+        terminalreporter.section(title)
         for name, seconds in sorted(took.items(), key=lambda item: -item[1]):
             terminalreporter.line(f"{seconds:6.1f} s  {name}")
 

@@ -279,7 +279,7 @@ def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...
         allowed = origin
     else:
         return ()
-    exposed = "ETag, Location, Retry-After, RTASK-Request-Id, RTASK-Version"
+    exposed = "ETag, Location, Retry-After, RTASK-Remark, RTASK-Request-Id, RTASK-Version"
     return (
         ("Access-Control-Allow-Origin", allowed),
         ("Access-Control-Expose-Headers", exposed),

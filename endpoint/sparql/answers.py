@@ -32,15 +32,6 @@ QUICK_S = 1.0  # until a query that looks quick has answered, or its answer has 
 MAX_QUICK_BYTES = 256 << 10
 _FILE_PIECE = 256 << 10
 LAST_PIECE = 8 << 10  # a reader's first piece is smaller only if it is all there is
-# XML 1.0 has no way to write these; the store writes them raw.
-_CONTROL = bytes(code for code in range(32) if code not in (9, 10, 13))
-_XML_SAFE = bytes.maketrans(_CONTROL, b"?" * len(_CONTROL))
-_XML_TYPES = (negotiation.RESULTS_XML, negotiation.RDF_XML)
-
-
-def xml_safe(data: bytes, media_type: str) -> bytes:
-    """Replace the bytes that XML cannot represent."""
-    return data.translate(_XML_SAFE) if media_type in _XML_TYPES else data
 
 
 class SlowerThanItLooksError(Exception):
@@ -139,7 +130,7 @@ class Answers:
             default_graphs=query.default_graphs or None,
             named_graphs=query.named_graphs or None,
             base_iri=query.base or None,
-            gzip=question.gzip and question.media_type not in _XML_TYPES,
+            gzip=question.gzip,
             max_rows=self._config.max_rows,
             max_bytes=self._config.max_result_bytes,
         )
@@ -147,7 +138,7 @@ class Answers:
     @staticmethod
     def whole(question: Question, answer: Answer) -> Response:
         """Return the response for an answer that came as a whole."""
-        return _response(question, xml_safe(answer.body, question.media_type), None, answer.gzip)
+        return _response(question, answer.body, None, answer.gzip)
 
     def resume(self, question: Question, stream: ReaderStream) -> Response:
         """Return a long answer from a stream that has begun to arrive.
@@ -157,7 +148,7 @@ class Answers:
         SlowerThanItLooksError, QueryTimeout, RtaskError
             As :meth:`open`.
         """
-        pieces = Pieces(stream, None, question.media_type in _XML_TYPES)
+        pieces = Pieces(stream, None)
         question.running.on_stop(stream.close)
         left = question.deadline - time.monotonic()
         try:
@@ -215,7 +206,6 @@ class Answers:
         query, running = question.query, question.running
         if running.stopped:
             raise ClosedError("the query was stopped")
-        is_xml = question.media_type in _XML_TYPES
         stream = self._kb.stream(
             query.text,
             question.media_type,
@@ -224,13 +214,13 @@ class Answers:
             default_graphs=query.default_graphs or None,
             named_graphs=query.named_graphs or None,
             base_iri=query.base or None,
-            gzip=question.gzip and not is_xml,
+            gzip=question.gzip,
             max_rows=self._config.max_rows,
             max_bytes=self._config.max_result_bytes,
             on_start=lambda started: running.on_stop(started.close),
             quick=slot is None,
         )
-        return stream, Pieces(stream, slot, is_xml)
+        return stream, Pieces(stream, slot)
 
 
 def _response(question: Question, body: bytes, chunks: Pieces | None, gzip: bool) -> Response:
@@ -276,24 +266,18 @@ class Pieces(Iterator[bytes]):
         Source of the pieces.
     slot
         Slot to release at the end.
-    is_xml
-        Whether to replace bytes that XML cannot represent.
     """
 
-    def __init__(
-        self, stream: Stream, slot: threading.BoundedSemaphore | None, is_xml: bool
-    ) -> None:
+    def __init__(self, stream: Stream, slot: threading.BoundedSemaphore | None) -> None:
         self._stream = stream
         self._slot = slot
-        self._is_xml = is_xml
         self._lock = threading.Lock()
 
     def __iter__(self) -> Pieces:
         return self
 
     def __next__(self) -> bytes:
-        piece = next(self._stream)
-        return piece.translate(_XML_SAFE) if self._is_xml else piece
+        return next(self._stream)
 
     def take_slot(self, slot: threading.BoundedSemaphore) -> None:
         """Take over a slot, to be released at the end."""

@@ -18,8 +18,9 @@ from pyoxigraph import QueryResultsFormat
 from endpoint.http.messages import Response
 from endpoint.served import ServedGraph
 from endpoint.sparql import negotiation
-from endpoint.sparql.answers import Question, xml_safe
+from endpoint.sparql.answers import Question
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.xml_text import serialize
 
 BUDGET_S = 0.005
 MAX_BYTES = 64 << 10
@@ -87,13 +88,13 @@ class Lookups:
                 if not is_complete:
                     return None
                 answer: Any = self._store.query(text, base_iri=question.query.base)
-            answer.serialize(sink, form)
+            serialize(answer, sink, form)
         except (_EnoughError, SyntaxError, ValueError, RuntimeError, OSError):
             self._remember_slow(text)
             return None
         if time.thread_time() - started > BUDGET_S:
             self._remember_slow(text)
-        body = xml_safe(b"".join(sink.pieces), question.media_type)
+        body = b"".join(sink.pieces)
         content_type = negotiation.content_type(question.media_type)
         return Response(200, body, content_type, question.headers)
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from urllib.parse import quote
 
 from endpoint.access.auth import Caller
 from endpoint.http.compression import wants_gzip
@@ -41,6 +42,7 @@ from rtask.sparql.service import without_services
 from rtask.sparql.tokens import shape
 
 _CACHED_TEXT = 16_384
+_PRINTABLE = "".join(map(chr, range(0x20, 0x7F)))
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
 
 
@@ -240,14 +242,17 @@ def plan_update(
         told = caller.note(request)
         note = f"{update.note} ({told})" if update.note else told
         commit = _commit(kb, update, caller, note, config)
+        remark = commit.remark if commit else None
         if not wants_json:
-            return Response(204)
+            headers = (("RTASK-Remark", quote(remark, safe=_PRINTABLE)),) if remark else ()
+            return Response(204, headers=headers)
         # Another server does not say what it changed.
         counts = {
             "seq": commit.seq if commit else kb.seq,
             "added": commit and commit.added,
             "removed": commit and commit.removed,
             "derived": commit and commit.derived,
+            **({"remark": remark} if remark else {}),
         }
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 

@@ -275,10 +275,12 @@ def update(
         click.echo('{"done": true}' if as_json else "done")
         return
     if as_json:
-        names = ("seq", "added", "removed", "derived")
+        names = ("seq", "added", "removed", "derived", *(["remark"] if done.remark else []))
         print_json({name: getattr(done, name) for name in names})
         return
     click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
+    if done.remark:
+        click.echo(done.remark, err=True)
 
 
 @click.command()

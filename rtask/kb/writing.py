@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from pyoxigraph import Quad
 
@@ -11,6 +12,7 @@ from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset, run_update
 from rtask.kb.commit.transaction import Transaction
+from rtask.kb.commit.untouched import why_untouched
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.updating import UpdateOrder, commit_update, needs_reader
 from rtask.kb.searching import Searching
@@ -83,14 +85,22 @@ class Writing(Searching):
             order = UpdateOrder(
                 text, request.access, dataset, limits, self._ontologies(), self.store.is_view
             )
-            return commit_update(order, request, self.readers, self._writer, lambda: self.seq)
+            done = commit_update(order, request, self.readers, self._writer, lambda: self.seq)
+            return self._with_remark(done, text, request.access, base)
         overlay = self._writer.begin()
         try:
             run_update(overlay, text, request.access, dataset)
         except BaseException:
             self._writer.cancel()
             raise
-        return self._writer.finish(overlay, request)
+        done = self._writer.finish(overlay, request)
+        return self._with_remark(done, text, request.access, base)
+
+    @staticmethod
+    def _with_remark(done: Commit, text: str, access: Access, base: str | None) -> Commit:
+        if done.added or done.removed:
+            return done
+        return replace(done, remark=why_untouched(text, access.home(), base))
 
     def _ontologies(self) -> tuple[str, ...]:
         names = self.store.named_graphs()

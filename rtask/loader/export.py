@@ -13,6 +13,7 @@ import ontology
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.formats import find_format
 from rtask.rdf.terms import XSD, DefaultGraph, GraphName, iri
+from rtask.rdf.xml_text import XmlWriter, writable
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -112,6 +113,15 @@ def _write(quads: Iterable[Quad], out: IO[bytes], rdf: RdfFormat) -> int:
         for quad in quads:
             count += 1
             yield quad if rdf.supports_datasets else quad.triple
+
+    if rdf == RdfFormat.RDF_XML:
+        xml: Any = XmlWriter(out)
+        try:
+            serialize(writable(counted()), xml, format=rdf, prefixes=ontology.PREFIXES)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        xml.finish()
+        return count
 
     prefixes = ontology.PREFIXES if rdf not in (RdfFormat.N_TRIPLES, RdfFormat.N_QUADS) else None
     serialize(counted(), out, format=rdf, prefixes=prefixes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import hashlib
 import io
@@ -239,5 +240,18 @@ class _Limited(io.RawIOBase):
 def _refuse_binary(name: str, head: bytes) -> None:
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise ParseError(f"{name}:1:1: UTF-16; expected UTF-8", line=1, column=1)
-    if b"\0" in head:
+    if b"\0" in head and not _is_text(head):
         raise ParseError(f"{name}: binary data; expected text in UTF-8")
+
+
+def _is_text(head: bytes) -> bool:
+    """Whether a head that holds NUL is UTF-8: literals may hold it (RDF 1.1 N-Triples, 7).
+
+    Formats of files without text are hardly ever valid UTF-8, and every second byte or more is
+    NUL in UTF-16 and UTF-32 without a mark.
+    """
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return False
+    return head[0] != 0 and head.count(0) * 4 < len(head)

@@ -205,7 +205,7 @@ class ServedObjects:
         raise AssertionError("the last attempt returns or raises")
 
 
-def _commit(counts: Mapping[str, int], record: Mapping[str, Any] | None) -> Commit:
+def _commit(counts: Mapping[str, Any], record: Mapping[str, Any] | None) -> Commit:
     """Return a commit as the server tells it; without its record, by this machine's clock."""
     activity = str(record["activity"]) if record else ""
     return Commit(
@@ -215,6 +215,7 @@ def _commit(counts: Mapping[str, int], record: Mapping[str, Any] | None) -> Comm
         counts.get("derived", 0),
         dt.datetime.fromisoformat(record["time"]) if record else dt.datetime.now(dt.UTC),
         NamedNode(activity) if activity else None,
+        remark=counts.get("remark"),
     )
 
 

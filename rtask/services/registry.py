@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 from rtask.errors import UnknownTermError, UsageError
+from rtask.extras import missing_extra
 from rtask.services.brass import named_brass
 from rtask.services.definition import Definition, define, split_name
 from rtask.services.service import Service
@@ -177,6 +178,9 @@ def installed() -> Iterator[ModuleType]:
     for entry in importlib.metadata.entry_points(group=GROUP):
         try:
             yield imported(entry.value)
+        except ModuleNotFoundError as error:
+            lacking = missing_extra(error, f"services of {entry.value}")
+            _log.warning("%s", lacking or f"services of {entry.value} cannot be loaded: {error}")
         except Exception:  # noqa: BLE001 - another package's code; the server starts without it
             _log.warning("services of %s cannot be loaded", entry.value, exc_info=True)
 

@@ -6,9 +6,10 @@ Results are therefore always complete when they leave the knowledge base.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 from pyoxigraph import (
     QueryBoolean,
@@ -23,6 +24,7 @@ from pyoxigraph import (
 
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
+from rtask.rdf.xml_text import XmlWriter, writable
 
 __all__ = ["Row", "Solutions", "Triples", "read_answer"]
 
@@ -135,9 +137,22 @@ class Triples(Sequence[Triple]):
 
     def serialize(self, format: RdfFormat = RdfFormat.TURTLE) -> bytes:
         """Return the triples as bytes of an RDF format."""
+        if format == RdfFormat.RDF_XML:
+            return _rdf_xml(self.triples)
         written = serialize(self.triples, format=format)
         assert written is not None
         return written
+
+
+def _rdf_xml(triples: Iterable[Triple]) -> bytes:
+    sink = io.BytesIO()
+    xml: Any = XmlWriter(sink)
+    try:
+        serialize(writable(triples), xml, format=RdfFormat.RDF_XML)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    xml.finish()
+    return sink.getvalue()
 
 
 def read_answer(kind: str, data: bytes) -> Solutions | bool | Triples:

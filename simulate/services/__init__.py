@@ -5,6 +5,7 @@ The models of the Nao and the Panda are written when they are first asked for.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -103,8 +104,9 @@ def _chain(name: str, joints: list[tuple[str, str, float, float, float]]) -> Map
 
 DATASETS: Mapping[str, Callable[[], Mapping[str, bytes]]] = {
     "robots/NAO": _robot("nao"),
-    "robots/Panda": _robot("panda"),
     "robots/PlanarArm": _planar((0.5, 0.4, 0.2)),
     "robots/Point": _point,
+    # Its model is another package's, which comes with the extra `simulate`.
+    **({"robots/Panda": _robot("panda")} if importlib.util.find_spec("pybullet_data") else {}),
 }
 """Files of the models by the names of the datasets."""

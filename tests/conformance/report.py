@@ -43,9 +43,9 @@ def find_cases() -> Path:
     sys.exit("the cases are not here; name their folder, or set RTASK_SHARED_DATA")
 
 
-def say(profile: str, name: str, passed: int, total: int) -> None:
+def say(profile: str, name: str, passed: int, total: int, remark: str = "") -> None:
     """Write one line."""
-    sys.stdout.write(f"{profile:6} {name:42} {passed} of {total}\n")
+    sys.stdout.write(f"{profile:6} {name:42} {passed} of {total}{remark}\n")
     sys.stdout.flush()
 
 
@@ -81,7 +81,8 @@ def main() -> None:
             for name, counts in protocol(plain.url, cases, groups).items():
                 say("plain", NAMES[name], counts["pass"], sum(counts.values()))
             for name, found in evaluation(plain.url, cases, Path(folder)).items():
-                say("plain", f"SPARQL 1.1 {name}", found["passed"], found["total"])
+                exact = f" by value, {found['as_written']} with literals as written"
+                say("plain", f"SPARQL 1.1 {name}", found["passed"], found["total"], exact)
 
 
 if __name__ == "__main__":

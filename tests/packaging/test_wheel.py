@@ -12,6 +12,7 @@ import httpx
 import pytest
 
 from tests.architecture.imports import PACKAGES, ROOT
+from tests.packaging.crawling import crawl
 from tests.packaging.installation import Installation, build_wheel, install
 from tests.servers import running_server
 
@@ -32,10 +33,9 @@ def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
     return install(wheel, tmp_path_factory.mktemp("base") / "venv")
 
 
-def _readme_example() -> str:
+def _readme_examples() -> str:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.S)
-    return str(example)
+    return "\n".join(re.findall(r"```python\n(.*?)```", text, re.S))
 
 
 def test_the_wheel_holds_every_file_of_the_packages(wheel: Path) -> None:
@@ -58,8 +58,8 @@ def test_every_package_comes_from_the_installation(base: Installation, tmp_path:
     assert all(Path(line).is_relative_to(base.packages) for line in done.stdout.splitlines())
 
 
-def test_the_base_runs_the_example_of_the_readme(base: Installation, tmp_path: Path) -> None:
-    done = base.run("python", "-W", "error", "-c", _readme_example(), folder=tmp_path)
+def test_the_base_runs_the_examples_of_the_readme(base: Installation, tmp_path: Path) -> None:
+    done = base.run("python", "-W", "error", "-c", _readme_examples(), folder=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
@@ -81,6 +81,39 @@ def test_the_base_serves_queries_and_registers_robots(base: Installation, tmp_pa
         assert refused.status_code == 501, refused.text
         assert refused.json()["type"] == "/errors/missing-extra"
         assert "pip install 'rtask-kg[perception]'" in refused.json()["detail"]
+
+
+# The sample names a picture that it does not bring, and operators sign in first.
+_EXPECTED = {("/api/blobs/", 404), ("/admin/", 401)}
+
+
+@pytest.mark.parametrize(("extras", "count"), [((), 150), (("perception",), 150)])
+def test_every_link_of_every_page_leads_somewhere_with_any_extras(
+    wheel: Path, base: Installation, tmp_path: Path, extras: tuple[str, ...], count: int
+) -> None:
+    there = install(wheel, tmp_path / "venv", *extras) if extras else base
+    sample = ROOT / "ontology" / "examples" / "sample.trig"
+    loaded = there.run("rtask", "load", sample, "-d", tmp_path / "store", folder=tmp_path)
+    assert loaded.returncode == 0, loaded.stderr
+    command = [str(there.rtask)]
+    with running_server(
+        tmp_path / "store", command=command, environment=there.environment
+    ) as server:
+        visits = crawl(server.url)
+    lacking = [visit for visit in visits if visit.status == 501]
+    assert not [visit.address for visit in lacking if "pip install" not in visit.text]
+    assert bool(lacking) is not bool(extras)
+    dead = {
+        (visit.address, visit.linked_from, visit.status)
+        for visit in visits
+        if visit.status not in (200, 501)
+        and not any(
+            visit.address.startswith(start) and visit.status == status
+            for start, status in _EXPECTED
+        )
+    }
+    assert not dead
+    assert len(visits) >= count
 
 
 def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import flask
 from werkzeug.datastructures import MultiDict
 
 from endpoint.access.auth import SCOPES, Caller, require_scope
+from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.operations import read_request
 from endpoint.pages.render import Model, blueprint, context, current_request
@@ -17,7 +18,7 @@ from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.services.tools import KINEMATICS, ROBOTS, service_named
 from endpoint.pages.signin import require_form
 from rtask.engine.operations.robots import RegisterRobot
-from rtask.errors import RtaskError, UsageError
+from rtask.errors import MissingExtraError, RtaskError, UsageError
 from rtask.wire.forms import controls_of
 
 __all__: list[str] = []
@@ -71,6 +72,15 @@ def setup_sent() -> str | tuple[str, int]:
         **_code(name, hand, caller),
     }
     return _shown(form, ready=ready)
+
+
+def offers_kinematics() -> bool:
+    """Whether this server can read the model of a robot; that takes the extra ``simulate``."""
+    try:
+        service_named(KINEMATICS)
+    except (MissingExtraError, RefusedError):
+        return False
+    return True
 
 
 def _read(urdf: bytes, caller: Caller) -> Any:
@@ -134,7 +144,7 @@ def _shown(
         grippers=[one for one in parts if one.name.startswith(_GRIPPER)],
         cameras=[one for one in parts if one.name.startswith(_CAMERA)],
         robots=[name for name in readable_datasets() if name.startswith(ROBOTS)],
-        kinematics=service_named(KINEMATICS).name,
+        kinematics=KINEMATICS if offers_kinematics() else "",
         given=values,
         problem=problem or {},
         ready=ready,

@@ -11,13 +11,16 @@ from endpoint.http.messages import RefusedError
 from endpoint.pages.render import Model, context, page
 from endpoint.pages.services.datasets import readable_datasets
 from rtask.errors import UnknownTermError
+from rtask.extras import missing_libraries, needs_extra
 from rtask.services.definition import Definition
 from rtask.wire.forms import controls_of
 
-__all__ = ["KINEMATICS", "ROBOTS", "service_named"]
+__all__ = ["EXTRA_OF_SERVICE", "KINEMATICS", "ROBOTS", "service_named"]
 
 _GRASPING, KINEMATICS, _PLANNING = "example/Grasping", "example/Kinematics", "example/Trajopt"
 ROBOTS = "robots/"
+EXTRA_OF_SERVICE = {KINEMATICS: "simulate", _PLANNING: "simulate"}
+"""Services of an installed package that are not offered where its extra is missing."""
 _SETTINGS = ("link_radius", "seed", "iterations")
 _SCENES: dict[str, Model] = {
     "robots/PlanarArm": {"look": "top", "arm": "arm", "start": [-2.0, 0.0, 0.0],
@@ -37,6 +40,8 @@ _PART_UNIT_M = 0.02
 @page("/tools/grasp", "grasp_editor.html")
 def grasp_editor() -> Model:
     """Return the settings of the planning service and the example parts, in m."""
+    if missing_libraries("perception"):
+        raise needs_extra("perception", "the editor of grasps")
     from grasp.push.parts import BRACKETS, SHAPES, TOLERANCING, stand_in
 
     definition = service_named(_GRASPING)
@@ -78,10 +83,15 @@ def service_named(service: str) -> Definition:
 
     Raises
     ------
+    MissingExtraError
+        It comes with an extra that is not installed.
     RefusedError
         404; it is not offered.
     """
     try:
         return context().services.registry.find(service)
     except UnknownTermError as error:
+        extra = EXTRA_OF_SERVICE.get(service, "")
+        if extra and missing_libraries(extra):
+            raise needs_extra(extra, "this page") from None
         raise RefusedError(404, "not-found", f"this page needs a service: {error}") from None

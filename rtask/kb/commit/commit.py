@@ -74,6 +74,8 @@ class Commit:
         Violations that validation reported without rejecting the commit.
     withdrawn
         Number of statements that the reasoner removed from the inferred graph.
+    remark
+        Why an update may have had no effect; ``None`` otherwise.
     """
 
     seq: int
@@ -85,6 +87,7 @@ class Commit:
     quarantined: int = 0
     warnings: tuple[Violation, ...] = ()
     withdrawn: int = 0
+    remark: str | None = None
 
 
 @dataclass(frozen=True)

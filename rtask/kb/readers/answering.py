@@ -18,6 +18,7 @@ import pyoxigraph as ox
 from rtask.kb.readers.memory import ResidentBytes
 from rtask.kb.readers.messages import HEADER, message
 from rtask.kb.store.merged_graphs import with_merged_graphs
+from rtask.rdf.xml_text import serialize
 
 __all__ = ["PIECES", "answer_query", "refuse", "send_all"]
 
@@ -194,8 +195,7 @@ def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
         result: Any = source.query(text, **dataset)
         kind, media_type, form = _form(_kind(result), options.media_type)
         answer = _Answer(pipe, options, kind, media_type)
-        sink: Any = answer
-        result.serialize(sink, form)
+        serialize(result, answer, form)
         del result
         answer.finish()
     except BrokenPipeError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from rtask.errors import DataError, QuerySyntaxError, UsageError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import GraphName, iri
+from rtask.rdf.xml_text import serialize as write_answer
 from rtask.sparql.lexer import body_start, guard, names_dataset, query_form, tokenise
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.service import without_services
@@ -181,10 +183,11 @@ def serialize(
     if known is None:
         raise UsageError(f"{media_type!r} cannot represent {kind}", media_type=media_type)
     try:
-        written: bytes = answer.serialize(format=known)
+        sink = io.BytesIO()
+        write_answer(answer, sink, known)
     except (RuntimeError, ValueError) as error:
         raise DataError(f"the answer cannot be written as {media_type}: {error}") from error
-    return written
+    return sink.getvalue()
 
 
 def default_media_type(text: str) -> str:

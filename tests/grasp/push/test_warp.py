@@ -26,23 +26,35 @@ def _moved(ring: np.ndarray, tolerance: Tolerance, count: int = 400) -> tuple[np
 
 @pytest.mark.parametrize("length", [0.2, 0.5])
 @pytest.mark.parametrize("ring", [_flange(), _gear()], ids=["flange", "gear"])
-def test_no_warped_outline_crosses_itself(ring: np.ndarray, length: float) -> None:
+def test_hardly_any_warped_outline_crosses_itself(ring: np.ndarray, length: float) -> None:
+    # A warp folds where its slope, of deviation .045 / length, falls below -1: beyond 4.4
+    # deviations, which not every draw avoids. Which do depends on the signs of eigenvectors.
     vx, vy, _ = _moved(ring, Tolerance(0.045, correlation=length))
-    assert valid_outlines(vx, vy).all()
+    assert valid_outlines(vx, vy).mean() >= 0.99
     vx, vy, _ = _moved(ring, Tolerance(0.045))
     assert not valid_outlines(vx, vy).all()
 
 
-@pytest.mark.slow
-def test_near_vertices_move_together_and_far_ones_on_their_own() -> None:
+@pytest.mark.parametrize(
+    ("count", "std_within", "correlation_within"),
+    [
+        # A correlation of n draws has a standard error below 1 / sqrt(n), a deviation one of
+        # 1 / sqrt(2 n); the largest of some 700 stays within five of them.
+        (2_000, 0.08, 0.12),
+        pytest.param(20_000, 0.03, 0.04, marks=pytest.mark.deep),
+    ],
+)
+def test_near_vertices_move_together_and_far_ones_on_their_own(
+    count: int, std_within: float, correlation_within: float
+) -> None:
     ring, length, std = _flange(), 0.4, 0.05
-    vx, _, com = _moved(ring, Tolerance(std, correlation=length), 20_000)
+    vx, _, com = _moved(ring, Tolerance(std, correlation=length), count)
     off = np.column_stack([vx - ring[:, 0], com[:, 0]])
     points = np.vstack([ring, [0, 0]])
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
-    # A correlation of 20,000 draws has a standard error below .008.
-    assert np.allclose(off.std(axis=0), std, rtol=0.03)
-    assert np.allclose(np.corrcoef(off.T), np.exp(-(apart**2) / (2 * length**2)), atol=0.04)
+    expected = np.exp(-(apart**2) / (2 * length**2))
+    assert np.allclose(off.std(axis=0), std, rtol=std_within)
+    assert np.allclose(np.corrcoef(off.T), expected, atol=correlation_within)
 
 
 def test_the_warp_of_a_trial_does_not_depend_on_its_shard() -> None:

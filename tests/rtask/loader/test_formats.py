@@ -121,6 +121,8 @@ def test_a_truncated_document_changes_nothing_and_says_where(
         ("a.rdf", _TURTLE, "a.rdf:1:"),
         ("a.nt", _XML, "it looks like rdfxml"),
         ("a.ttl", b"\x00\x01\x02", "binary data"),
+        ("a.nt", b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary data"),
+        ("a.nt", "<urn:a> <urn:p> <urn:b> .".encode("utf-16-le"), "binary data"),
         ("a.ttl", "<urn:a> <urn:p> 1 .".encode("utf-16"), "UTF-16; expected UTF-8"),
         ("a.ttl", b"<urn:a> <urn:p> '\xff' .", "a.ttl"),
         ("a.rdf", "", "a.rdf:1:"),
@@ -263,3 +265,10 @@ def test_brackets_in_strings_are_not_depth() -> None:
 def test_nested_blank_nodes_of_any_depth_are_read() -> None:
     text = "<urn:a> <urn:p> " + "[ <urn:p> " * 5_000 + "1" + " ]" * 5_000 + " ."
     assert len(read_document(text, "turtle")) == 5_001
+
+
+def test_a_literal_may_hold_any_character_of_unicode_nul_included(
+    tmp_path: Path, kb: KnowledgeBase
+) -> None:
+    kb.load(_file(tmp_path, "a.nt", '<urn:a> <urn:p> "x\x00\x07\\r\ty" .\n'))
+    assert [quad.object.value for quad in kb.match("urn:a", "urn:p")] == ["x\x00\x07\r\ty"]
