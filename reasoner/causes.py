@@ -100,44 +100,44 @@ class Search:
                 return []
             new = [fact for fact in asserted if fact in self.added] or asserted
             old = [fact for fact in asserted if fact not in self.added] if self.added else []
-        found: list[tuple[list[Fact], bool]] = []
+        causes: list[tuple[list[Fact], bool]] = []
         try:
             for cause in self._minimal_sets(old, new, limit):
-                found.append((cause, True))
+                causes.append((cause, True))
         except OutOfTimeError:
-            if not found:
-                found.append((new, False))
-        return [self._described(cause, old, smallest) for cause, smallest in found]
+            if not causes:
+                causes.append((new, False))
+        return [self._described(cause, old, smallest) for cause, smallest in causes]
 
     def _described(self, cause: list[Fact], old: list[Fact], is_smallest: bool) -> Cause:
-        known: list[Fact] = []
+        prior: list[Fact] = []
         try:
-            known = quickxplain(cause, old, self._tested)
+            prior = quickxplain(cause, old, self._tested)
         except OutOfTimeError:
             is_smallest = False
         decode = self.reading.terms.decode_fact
         statements = tuple(map(decode, sorted(cause)))
-        with_known = tuple(map(decode, sorted(known)))
-        example = self.clash([*statements, *(with_known or map(decode, old))])[0]
+        prior_triples = tuple(map(decode, sorted(prior)))
+        example = self.clash([*statements, *(prior_triples or map(decode, old))])[0]
         rules = sorted({name for proof in example.proofs for name in _rules_of(proof)})
-        return Cause(statements, with_known, example, tuple(rules), is_smallest)
+        return Cause(statements, prior_triples, example, tuple(rules), is_smallest)
 
     def _minimal_sets(
         self, background: list[Fact], candidates: list[Fact], limit: int
     ) -> Iterator[list[Fact]]:
         """Yield minimal subsets of the candidates that clash with the background."""
-        known: list[list[Fact]] = []
+        minimal_sets: list[list[Fact]] = []
         queue: deque[frozenset[Fact]] = deque([frozenset()])
         seen: set[frozenset[Fact]] = set()
-        while queue and len(known) < limit:
+        while queue and len(minimal_sets) < limit:
             without = queue.popleft()
-            cause = next((one for one in known if without.isdisjoint(one)), None)
+            cause = next((subset for subset in minimal_sets if without.isdisjoint(subset)), None)
             if cause is None:
                 rest = [fact for fact in candidates if fact not in without]
                 if not self._tested([*background, *rest]):
                     continue
                 cause = quickxplain(background, rest, self._tested)
-                known.append(cause)
+                minimal_sets.append(cause)
                 yield cause
             for fact in cause:
                 child = without | {fact}
@@ -157,19 +157,19 @@ class Search:
 
     def _support(self, findings: Iterable[Inconsistency]) -> list[Fact]:
         """Return asserted facts that lead to the findings, with what they may be mixed up with."""
-        found: dict[Fact, None] = {}
+        leaves: dict[Fact, None] = {}
         for finding in findings:
             for fact in self._goals(finding):
-                found.update(dict.fromkeys(self._leaves(fact)))
-        terms = {x for fact in found for x in fact if RESERVED <= x < LITERAL}
+                leaves.update(dict.fromkeys(self._leaves(fact)))
+        terms = {x for fact in leaves for x in fact if RESERVED <= x < LITERAL}
         for x in sorted(terms):
             for kind in _DECLARATIONS:
                 if (x, TYPE, kind) in self.reading.asserted:
-                    found[x, TYPE, kind] = None
-        schema = {x for fact in found if fact in self.added for x in fact if x < LITERAL}
+                    leaves[x, TYPE, kind] = None
+        schema = {x for fact in leaves if fact in self.added for x in fact if x < LITERAL}
         beside = [f for f in self.added if f[0] in schema and v.is_schema(f[1], f[2])]
-        found.update(dict.fromkeys(sorted(beside)))
-        return list(found)
+        leaves.update(dict.fromkeys(sorted(beside)))
+        return list(leaves)
 
     def _goals(self, finding: Inconsistency) -> Iterator[Fact]:
         premises = [self.reading.asserted_form(fact) for fact in finding.premises]
@@ -252,15 +252,15 @@ def quickxplain(
     if not candidates or is_inconsistent(background):
         return []
 
-    def search(known: list[Fact], has_news: bool, rest: list[Fact]) -> list[Fact]:
-        if has_news and is_inconsistent(known):
+    def search(base: list[Fact], has_news: bool, rest: list[Fact]) -> list[Fact]:
+        if has_news and is_inconsistent(base):
             return []
         if len(rest) == 1:
             return rest
         half = len(rest) // 2
         first, second = rest[:half], rest[half:]
-        of_second = search([*known, *first], True, second)
-        of_first = search([*known, *of_second], bool(of_second), first)
+        of_second = search([*base, *first], True, second)
+        of_first = search([*base, *of_second], bool(of_second), first)
         return [*of_first, *of_second]
 
     return search(list(background), False, list(candidates))

@@ -62,8 +62,8 @@ class Staged:
         self._version = closure._version
         self.inferred_kept: Collection[Triple] | None
         self.inferred_added, self.inferred_removed, self.inferred_kept = closure._difference(draft)
-        known = closure._state.clashes
-        self._news = [clash for key, clash in draft.clashes.items() if key not in known]
+        earlier = closure._state.clashes
+        self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]
         self.contradictions = closure._describe(self._news, draft)
 
     def causes(self, budget_ms: float = 1_000) -> list[Cause]:
@@ -254,10 +254,10 @@ class Closure:
         self, s: Term | None = None, p: Term | None = None, o: Term | None = None
     ) -> list[Triple]:
         """Return the asserted and derived triples that match a pattern; None matches all."""
-        wanted = tuple(None if term is None else self._terms.find(term) for term in (s, p, o))
-        if any(n is None and t is not None for n, t in zip(wanted, (s, p, o), strict=True)):
+        pattern = tuple(None if term is None else self._terms.find(term) for term in (s, p, o))
+        if any(n is None and t is not None for n, t in zip(pattern, (s, p, o), strict=True)):
             return []
-        a, b, c = wanted
+        a, b, c = pattern
         return self._reading().match((a, b, c))
 
     def explain(
@@ -306,7 +306,7 @@ class Closure:
         for fact in self._reading().everything():
             yield decode(fact)
 
-    def compare(self, found: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
+    def compare(self, exported: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
         """Return what the inferred graph in a store lacks and what it has too much.
 
         Parameters
@@ -314,7 +314,7 @@ class Closure:
         found : iterable of Triple
             The content of the store's inferred graph; read once.
         """
-        return missing_and_surplus(self._reading(), found)
+        return missing_and_surplus(self._reading(), exported)
 
     def digest(self) -> Digest:
         """Return the digest of the inferred graph: its number of triples and their hash."""
@@ -373,7 +373,7 @@ class Closure:
 
     def _encode(self, triples: Iterable[GivenTriple]) -> list[Fact]:
         """Encode triples, without triple terms and statements about their reifiers."""
-        reifiers, known, count = self._reifiers, len(self._reifiers), 0
+        reifiers, encoded, count = self._reifiers, len(self._reifiers), 0
         facts: list[Fact] = []
         rest = iter(triples)
         while batch := list(itertools.islice(rest, _BATCH)):
@@ -387,7 +387,7 @@ class Closure:
                 and s not in reifiers
             ]
             facts += self._terms.encode_all(plain)
-        if len(reifiers) > known and count > _BATCH:
+        if len(reifiers) > encoded and count > _BATCH:
             # A batch may be about a reifier that a later one brought.
             skipped = {self._terms.find(term) for term in reifiers}
             facts = [fact for fact in facts if fact[0] not in skipped]
@@ -410,12 +410,12 @@ class Closure:
     ) -> tuple[Collection[Triple], Collection[Triple], Collection[Triple] | None]:
         before, after = self._reading(), self._reading(draft)
         if draft.is_rebuilt:
-            *parts, kept = difference(before, after)
+            *parts, unchanged = difference(before, after)
             added, removed = (p if len(p) > LISTED_TRIPLES else list(p) for p in parts)
-            return added, removed, kept
+            return added, removed, unchanged
         decode = self._terms.decode_fact
-        come, gone = small_difference(before, after, draft.asserted)
-        return [*map(decode, come)], [*map(decode, gone)], None
+        entered, gone = small_difference(before, after, draft.asserted)
+        return [*map(decode, entered)], [*map(decode, gone)], None
 
     def _causes(
         self,

@@ -78,10 +78,10 @@ def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
         facts = [(facts[0][2], SAME, facts[1][2])]
     decode = reading.terms.decode_fact
     facts.sort(key=lambda fact: str(decode(fact)))
-    found = [reading.prove(fact, PROOF_BUDGET) for fact in facts]
-    proofs = tuple(proof for proof in found if isinstance(proof, Proof))
+    attempts = [reading.prove(fact, PROOF_BUDGET) for fact in facts]
+    proofs = tuple(proof for proof in attempts if isinstance(proof, Proof))
     triples = tuple(map(decode, facts))
     axioms = tuple(decode(reading.asserted_form(fact)) for fact in finding.because)
-    said = "; ".join(" ".join(map(str, triple)) for triple in triples)
-    message = f"{MESSAGES.get(finding.rule, 'a clash')} ({finding.rule}): {said}"
+    premises = "; ".join(" ".join(map(str, triple)) for triple in triples)
+    message = f"{MESSAGES.get(finding.rule, 'a clash')} ({finding.rule}): {premises}"
     return Contradiction(finding.rule, triples, axioms, proofs, message)

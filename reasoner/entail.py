@@ -147,10 +147,10 @@ def entails(
     work = Budget(sys.maxsize if budget is None else budget)
     prove = explain or closure.explain
     parts = _normalise(closure, list(conclusion), semantics)
-    missing = [s for s in parts.statements if not _is_found(closure, s)]
+    missing = [s for s in parts.statements if not _is_entailed(closure, s)]
     absent = set(missing)
-    found = [prove(s) for s in parts.statements if s not in absent]
-    proofs = tuple(proof for proof in found if isinstance(proof, Proof))
+    attempts = [prove(s) for s in parts.statements if s not in absent]
+    proofs = tuple(proof for proof in attempts if isinstance(proof, Proof))
     try:
         if missing and _match_all(closure, [*missing, *parts.definitions], {}, work):
             return Entailment(True, proofs)
@@ -198,7 +198,7 @@ def _normalise(closure: Closure, triples: list[Triple], semantics: str) -> _Conc
     return out
 
 
-def _is_found(closure: Closure, statement: Triple) -> bool:
+def _is_entailed(closure: Closure, statement: Triple) -> bool:
     s, p, o = statement
     if isinstance(s, BlankNode) or isinstance(o, BlankNode):
         return False
@@ -224,16 +224,16 @@ def _match_all(
     if not patterns:
         return True
 
-    def known(term: Term) -> Term | None:
+    def bound_term(term: Term) -> Term | None:
         return bound.get(term) if isinstance(term, BlankNode) else term
 
-    best = max(patterns, key=lambda t: sum(known(x) is not None for x in t))
+    best = max(patterns, key=lambda t: sum(bound_term(x) is not None for x in t))
     rest = [t for t in patterns if t is not best]
-    rows = closure.match(*(known(x) for x in best))
+    rows = closure.match(*(bound_term(x) for x in best))
     work.spend(1 + len(rows))
-    for found in rows:
+    for triple in rows:
         extended = dict(bound)
-        for pattern, value in zip(best, found, strict=True):
+        for pattern, value in zip(best, triple, strict=True):
             if isinstance(pattern, BlankNode):
                 extended[pattern] = value
         if _match_all(closure, rest, extended, work):
@@ -334,15 +334,15 @@ def _below_property(p: Term, q: Term) -> Negation:
 
 
 def _inverse(p: Term, q: Term) -> Negation:
-    for one, other in ((p, q), (q, p)):
+    for forward, other in ((p, q), (q, p)):
         x, y = _new(), _new()
-        yield [(x, one, y), *_denied(y, other, x)]
+        yield [(x, forward, y), *_denied(y, other, x)]
 
 
-def _both(one_way: Callable[[Term, Term], Negation]) -> Callable[[Term, Term], Negation]:
+def _both(one_sided: Callable[[Term, Term], Negation]) -> Callable[[Term, Term], Negation]:
     def both_ways(a: Term, b: Term) -> Negation:
-        yield from one_way(a, b)
-        yield from one_way(b, a)
+        yield from one_sided(a, b)
+        yield from one_sided(b, a)
 
     return both_ways
 

@@ -68,12 +68,14 @@ class Triples(Collection[Triple]):
 def difference(before: Reading, after: Reading) -> tuple[Triples, Triples, Triples]:
     """Return the triples that enter, leave and stay in the inferred graph between two states."""
     was, now = before.exported(), after.exported()
-    come, gone = _without(now, was), _without(was, now)
-    stay = _without(now, come)
-    return Triples(come, after.terms), Triples(gone, after.terms), Triples(stay, after.terms)
+    entered, gone = _without(now, was), _without(was, now)
+    stay = _without(now, entered)
+    return Triples(entered, after.terms), Triples(gone, after.terms), Triples(stay, after.terms)
 
 
-def missing_and_surplus(reading: Reading, found: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
+def missing_and_surplus(
+    reading: Reading, stored_triples: Iterable[Triple]
+) -> tuple[Triples, list[Triple]]:
     """Compare the inferred graph with the one in a store.
 
     Parameters
@@ -89,16 +91,16 @@ def missing_and_surplus(reading: Reading, found: Iterable[Triple]) -> tuple[Trip
         Triples in the store that are not inferred.
     """
     terms, exported = reading.terms, reading.exported()
-    known: list[Fact] = []
+    encodable: list[Fact] = []
     surplus: list[Triple] = []
-    for triple in found:
+    for triple in stored_triples:
         s, p, o = map(terms.find, triple)
         if s is None or p is None or o is None:
             surplus.append(triple)
         else:
-            known.append((s, p, o))
+            encodable.append((s, p, o))
     held = Facts()
-    held.replace(known)
+    held.replace(encodable)
     stored = {p: column.keys for p, column in held.columns().items()}
     surplus += Triples(_without(stored, exported), terms)
     return Triples(_without(exported, stored), terms), surplus

@@ -140,16 +140,16 @@ class Expanded:
         same = self._equality
         if p == SAME:
             return set(same.members(s))
-        found = self._facts.objects(same.find(p), same.find(s))
-        return {member for o in tuple(found) for member in same.members(o)}
+        objects = self._facts.objects(same.find(p), same.find(s))
+        return {member for o in tuple(objects) for member in same.members(o)}
 
     def subjects(self, p: int, o: int) -> set[int]:
         """Return all subjects of an object, equal ones too."""
         same = self._equality
         if p == SAME:
             return set(same.members(o))
-        found = self._facts.subjects(same.find(p), same.find(o))
-        return {member for s in tuple(found) for member in same.members(s)}
+        subjects = self._facts.subjects(same.find(p), same.find(o))
+        return {member for s in tuple(subjects) for member in same.members(s)}
 
     def pairs(self, p: int) -> Iterator[tuple[int, int]]:
         """Iterate over all subjects and objects of a property."""
@@ -200,9 +200,9 @@ class Prover:
         return Undecided(triple, gloss, self._budget.spent, self._budget.limit)
 
     def _search(self, goal: Fact, height: int) -> Proof | None:
-        known = self._proven.get(goal)
-        if known is not None:
-            return known if known.height <= height else None
+        proven = self._proven.get(goal)
+        if proven is not None:
+            return proven if proven.height <= height else None
         if self._refuted.get(goal, -1) >= height:
             return None
         self._budget.spend(1)
@@ -262,9 +262,9 @@ class Prover:
         if not bind(rule.head, goal, self._terms, env):
             return set()
         return {
-            (tuple(ground(atom, found) for atom in rule.body), self._absent(rule, found))
-            for found in solve(self._view, self._terms, rule.backward_steps, env)
-            if rule.conclude(found) == goal
+            (tuple(ground(atom, bindings) for atom in rule.body), self._absent(rule, bindings))
+            for bindings in solve(self._view, self._terms, rule.backward_steps, env)
+            if rule.conclude(bindings) == goal
         }
 
     def _equality_steps(self, goal: Fact, height: int) -> Iterator[Proof]:

@@ -116,7 +116,7 @@ class Reading:
     def match(self, pattern: Pattern) -> list[Triple]:
         """Return asserted and derived triples that match ids, in the order of their ids."""
         s, p, o = pattern
-        found = {
+        forms = {
             form
             for fact in self._candidates(s, p, o)
             for form in self.equality.expand(fact)
@@ -125,10 +125,10 @@ class Reading:
         if p in (None, SAME):
             ends = [x for x in (s, o) if x is not None]
             classes = ends or [representative for representative, _ in self.equality.classes()]
-            found.update(self._pairs(classes))
+            forms.update(self._pairs(classes))
         return [
             self.terms.decode_fact(form)
-            for form in sorted(found)
+            for form in sorted(forms)
             if all(want in (None, have) for want, have in zip(pattern, form, strict=True))
         ]
 
@@ -169,7 +169,7 @@ class Reading:
             expanded = Facts()
             expanded.replace(self._expanded())
             return {p: column.keys for p, column in expanded.columns().items()}
-        found: dict[int, arrays.Keys] = {}
+        columns: dict[int, arrays.Keys] = {}
         asserted = self.asserted.columns()
         for p, column in self.facts.columns().items():
             keys = column.keys
@@ -181,8 +181,8 @@ class Reading:
                 shown = [is_exported((s, p, o), self.terms) for s, o in Column(keys)]
                 keys = keys[np.array(shown, bool)]
             # Facts with any other predicate are exported unchanged.
-            found[p] = keys
-        return found
+            columns[p] = keys
+        return columns
 
     def _is_shown_class(self, classes: arrays.Ids) -> NDArray[np.bool_]:
         """Tell for each class of a column whether its members' types are exported."""

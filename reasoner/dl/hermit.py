@@ -103,8 +103,8 @@ def check(
         if code != 0 or "is satisfiable" not in output:
             raise DLError(f"HermiT gave no answer: {reason_in(output)}")
         answer = path.with_name("answer")
-        wanted = ["-c", "-O", "-D", "-I"] if classify else ["-c"]
-        code, output = run_java([*command, *wanted, "-o", str(answer), path.as_uri()], timeout_s)
+        options = ["-c", "-O", "-D", "-I"] if classify else ["-c"]
+        code, output = run_java([*command, *options, "-o", str(answer), path.as_uri()], timeout_s)
         if code != 0 or not answer.exists():
             raise DLError(f"HermiT did not classify: {reason_in(output)}")
         axioms = tuple(_read(answer.read_text(encoding="utf-8")))
@@ -135,8 +135,8 @@ def find_jar(name: str = "hermit/HermiT.jar") -> Path:
     DLUnavailableError
         If owlready2 or the jar is missing.
     """
-    found = importlib.util.find_spec("owlready2")
-    jar = Path(found.origin).parent / name if found and found.origin else None
+    spec = importlib.util.find_spec("owlready2")
+    jar = Path(spec.origin).parent / name if spec and spec.origin else None
     if jar is None or not jar.exists():
         raise DLUnavailableError("OWL 2 DL needs the package owlready2; pip install owlready2")
     return jar
@@ -165,12 +165,12 @@ def _prepare(triples: Iterable[Triple]) -> bytes:
     Statements about statements are left out, both OWL's (``owl:Axiom``) and those of RDF 1.2
     (``rdf:reifies``), because HermiT's parser does not know triple terms.
     """
-    kept = set(triples)
-    reified = {s for s, p, o in kept if p == _REIFIES or (p == _TYPE and o == _AXIOM)}
-    headers = {s for s, p, o in kept if p == _TYPE and o == _ONTOLOGY}
+    unreified = set(triples)
+    reified = {s for s, p, o in unreified if p == _REIFIES or (p == _TYPE and o == _AXIOM)}
+    headers = {s for s, p, o in unreified if p == _TYPE and o == _ONTOLOGY}
     lines = [
         RdfTriple(s, p, o)
-        for s, p, o in kept
+        for s, p, o in unreified
         if p != _IMPORTS
         and s not in reified
         and s not in headers

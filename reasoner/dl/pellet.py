@@ -44,8 +44,8 @@ def check(
     jars = ":".join(map(str, sorted(jar.parent.glob("*.jar"))))
     with ontology_file(triples, "ontology.ttl") as path:
         command = [java, f"-Xmx{memory_mb}M", "-cp", jars, "pellet.Pellet", "classify"]
-        wanted = ["--loader", "OWLAPIv3", "--ignore-imports", path.as_uri()]
-        code, output = run_java([*command, *wanted], timeout_s)
+        options = ["--loader", "OWLAPIv3", "--ignore-imports", path.as_uri()]
+        code, output = run_java([*command, *options], timeout_s)
     if _INCONSISTENT in output:
         return DLReport(is_consistent=False)
     if code != 0 or _THING not in output:

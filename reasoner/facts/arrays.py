@@ -67,8 +67,8 @@ def is_in(keys: Keys, among: Keys) -> NDArray[np.bool_]:
         return np.zeros(len(keys), bool)
     place = np.searchsorted(among, keys)
     place[place == len(among)] = 0
-    found: NDArray[np.bool_] = among[place] == keys
-    return found
+    is_equal: NDArray[np.bool_] = among[place] == keys
+    return is_equal
 
 
 def merge(old: Keys, new: Keys) -> Keys:

@@ -105,8 +105,8 @@ class Layer:
 
     def about(self, number: int) -> list[Fact]:
         """Return the facts that mention an id, after the changes."""
-        found = [fact for fact in self.base.about(number) if fact not in self.removed]
-        return found + self.added.about(number)
+        facts = [fact for fact in self.base.about(number) if fact not in self.removed]
+        return facts + self.added.about(number)
 
     def apply(self) -> None:
         """Write the changes into the base; over an empty one, the additions become the base."""
@@ -177,15 +177,15 @@ def changed_columns(
     base: Facts, added: Mapping[int, Column], removed: Mapping[int, Column]
 ) -> dict[int, Column]:
     """Return columns of facts without those that go and with those that come."""
-    found = base.columns()
+    columns = base.columns()
     for p, column in removed.items():
-        if p in found:
-            keys = found[p].keys
-            found[p] = Column(keys[~arrays.is_in(keys, column.keys)])
+        if p in columns:
+            keys = columns[p].keys
+            columns[p] = Column(keys[~arrays.is_in(keys, column.keys)])
     for p, column in added.items():
-        old = found[p].keys if p in found else arrays.NO_KEYS
-        found[p] = Column(arrays.merge(old, column.keys[~arrays.is_in(column.keys, old)]))
-    return {p: column for p, column in found.items() if len(column)}
+        old = columns[p].keys if p in columns else arrays.NO_KEYS
+        columns[p] = Column(arrays.merge(old, column.keys[~arrays.is_in(column.keys, old)]))
+    return {p: column for p, column in columns.items() if len(column)}
 
 
 def _overlay(base: Ids, added: Ids, removed: Ids) -> Ids:

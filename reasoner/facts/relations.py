@@ -149,13 +149,13 @@ class ArrayRelation:
 
     def objects(self, s: int) -> Ids:
         """Return the objects of a subject."""
-        found = set(self._column.objects(s).tolist())
-        return (found - self._removed.objects(s)) | self._added.objects(s)
+        objects = set(self._column.objects(s).tolist())
+        return (objects - self._removed.objects(s)) | self._added.objects(s)
 
     def subjects(self, o: int) -> Ids:
         """Return the subjects of an object."""
-        found = set(self._column.subjects(o).tolist())
-        return (found - self._removed.subjects(o)) | self._added.subjects(o)
+        subjects = set(self._column.subjects(o).tolist())
+        return (subjects - self._removed.subjects(o)) | self._added.subjects(o)
 
     def add(self, s: int, o: int) -> bool:
         """Add a pair; False if it was there."""
@@ -246,13 +246,13 @@ class Facts:
         if len(facts) < LARGE:
             return {fact for fact in facts if self.has(*fact)}
         own, asked = self.columns(), Facts()
-        found: set[Fact] = set()
+        present: set[Fact] = set()
         asked.replace(facts)
         for p, column in asked.columns().items():
             if p in own:
-                kept = Column(column.keys[arrays.is_in(column.keys, own[p].keys)])
-                found.update((s, p, o) for s, o in kept)
-        return found
+                common = Column(column.keys[arrays.is_in(column.keys, own[p].keys)])
+                present.update((s, p, o) for s, o in common)
+        return present
 
     def objects(self, p: int, s: int) -> Ids:
         """Return the objects of a subject; not to be changed by the caller."""
@@ -278,9 +278,9 @@ class Facts:
 
     def columns(self) -> dict[int, Column]:
         """Return all facts as columns, by property."""
-        found = dict(self._columns)
-        found.update((p, relation.column()) for p, relation in self._relations.items())
-        return {p: column for p, column in found.items() if len(column)}
+        columns = dict(self._columns)
+        columns.update((p, relation.column()) for p, relation in self._relations.items())
+        return {p: column for p, column in columns.items() if len(column)}
 
     def predicates(self) -> tuple[int, ...]:
         """Return the properties that have facts."""
@@ -306,11 +306,11 @@ class Facts:
 
     def about(self, number: int) -> list[Fact]:
         """Return the facts that mention an id as subject, predicate or object."""
-        found: list[Fact] = [(s, number, o) for s, o in self.pairs(number)]
+        facts: list[Fact] = [(s, number, o) for s, o in self.pairs(number)]
         for p, column in tuple(self._columns.items()):  # not worth a relation
-            found += [(number, p, o) for o in column.objects(number).tolist()]
-            found += [(s, p, number) for s in column.subjects(number).tolist() if s != number]
+            facts += [(number, p, o) for o in column.objects(number).tolist()]
+            facts += [(s, p, number) for s in column.subjects(number).tolist() if s != number]
         for p, relation in tuple(self._relations.items()):
-            found += [(number, p, o) for o in relation.objects(number)]
-            found += [(s, p, number) for s in relation.subjects(number) if s != number]
-        return found
+            facts += [(number, p, o) for o in relation.objects(number)]
+            facts += [(s, p, number) for s in relation.subjects(number) if s != number]
+        return facts

@@ -91,21 +91,21 @@ class Bulk:
         for number in itertools.count():
             if not delta:
                 break
-            found: dict[int, list[Keys]] = defaultdict(list)
+            pending: dict[int, list[Keys]] = defaultdict(list)
             if TYPE in delta:
-                found[TYPE].append(hierarchy.above(delta[TYPE].keys))
+                pending[TYPE].append(hierarchy.above(delta[TYPE].keys))
             if number == LONG_PATHS:
                 paths = {p for rule in others if (p := transitive_property(rule)) is not None}
                 others = [rule for rule in others if transitive_property(rule) is None]
             if number >= LONG_PATHS:
                 for p in paths & delta.keys():
                     pairs = reachable(self.columns[p], self._max_facts, self._terms, p)
-                    found[p].append(_proper(p, pairs))
+                    pending[p].append(_proper(p, pairs))
             tables = self._changed(others, delta) if number else self._all(others)
             for rule, table in tables:
-                self._conclude(rule, table, found)
-            delta = self._absorb(found)
-            united = self._unite(np.concatenate(found.get(SAME, [NO_KEYS])))
+                self._conclude(rule, table, pending)
+            delta = self._absorb(pending)
+            united = self._unite(np.concatenate(pending.get(SAME, [NO_KEYS])))
             if united:
                 self.touched_schema |= not united.isdisjoint(constants)
                 delta = self._rewrite(delta)
@@ -226,11 +226,11 @@ class Bulk:
         if s is not None and o is not None:
             return _rows(table, arrays.is_in(arrays.pack(s, o), column.keys))
         if s is not None:
-            index, found = arrays.expand(column.keys, s)
-            return {**_rows(table, index), step.o: found}
+            index, targets = arrays.expand(column.keys, s)
+            return {**_rows(table, index), step.o: targets}
         assert o is not None
-        index, found = arrays.expand(column.inverse, o)
-        return {**_rows(table, index), step.s: found}
+        index, targets = arrays.expand(column.inverse, o)
+        return {**_rows(table, index), step.s: targets}
 
     def _test(self, condition: Condition, table: Table) -> NDArray[np.bool_]:
         if isinstance(condition, Differ):
@@ -250,7 +250,7 @@ class Bulk:
 
     # Heads.
 
-    def _conclude(self, rule: Rule, table: Table, found: dict[int, list[Keys]]) -> None:
+    def _conclude(self, rule: Rule, table: Table, pending: dict[int, list[Keys]]) -> None:
         head = rule.head
         assert head is not None
         length = len(next(iter(table.values()), ()))
@@ -263,12 +263,12 @@ class Bulk:
         if head.p == SAME:
             keep &= o < _LITERAL
         p = self._equality.find(head.p)
-        found[p].append(arrays.distinct(self._represent(arrays.pack(s[keep], o[keep]))))
+        pending[p].append(arrays.distinct(self._represent(arrays.pack(s[keep], o[keep]))))
 
-    def _absorb(self, found: dict[int, list[Keys]]) -> dict[int, Column]:
+    def _absorb(self, pending: dict[int, list[Keys]]) -> dict[int, Column]:
         """Merge candidates into the columns; return what is new."""
         delta: dict[int, Column] = {}
-        for p, candidates in found.items():
+        for p, candidates in pending.items():
             if p == SAME:
                 continue
             old = self.columns[p].keys if p in self.columns else NO_KEYS
@@ -310,8 +310,8 @@ class Bulk:
             place = np.searchsorted(self._merged, ids)
             place[place == len(self._merged)] = 0
             out: Ids = np.array(ids)
-            known = np.equal(self._merged[place], ids)
-            out[known] = self._representatives[place][known]
+            is_merged = np.equal(self._merged[place], ids)
+            out[is_merged] = self._representatives[place][is_merged]
             return out
 
         return arrays.pack(replaced(arrays.upper(keys)), replaced(arrays.lower(keys)))
@@ -338,8 +338,8 @@ class Bulk:
         changed = {p: arrays.distinct(np.concatenate(keys)) for p, keys in fresh.items()}
         for p, keys in changed.items():
             changed[p] = keys = _proper(p, keys)
-            kept = self.columns[p].keys if p in self.columns else NO_KEYS
-            self.columns[p] = Column(arrays.merge(kept, keys[~arrays.is_in(keys, kept)]))
+            current = self.columns[p].keys if p in self.columns else NO_KEYS
+            self.columns[p] = Column(arrays.merge(current, keys[~arrays.is_in(keys, current)]))
             self._note_schema(p, keys)
         return {p: Column(keys) for p, keys in changed.items() if len(keys)}
 

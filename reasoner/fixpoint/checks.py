@@ -92,11 +92,11 @@ def _instances(rule: Rule, view: View, terms: Dictionary) -> Iterator[Inconsiste
         for s in {s for s, _ in view.pairs(first.p)}:
             if len(view.objects(first.p, s)) > 1:
                 env[~first.s] = s
-                for found in solve(view, terms, rule.steps, env):
-                    yield _finding(rule, found)
+                for bindings in solve(view, terms, rule.steps, env):
+                    yield _finding(rule, bindings)
         return
-    for found in solve(view, terms, rule.steps, env):
-        yield _finding(rule, found)
+    for bindings in solve(view, terms, rule.steps, env):
+        yield _finding(rule, bindings)
 
 
 def _is_single_valued(rule: Rule) -> bool:

@@ -153,8 +153,8 @@ class Retraction:
             assert rule.head is not None
             env = rule.environment()
             if bind(rule.head, fact, self._terms, env) and any(
-                rule.conclude(found) == fact
-                for found in solve(self._layer, self._terms, rule.backward_steps, env)
+                rule.conclude(bindings) == fact
+                for bindings in solve(self._layer, self._terms, rule.backward_steps, env)
             ):
                 return True
         return False

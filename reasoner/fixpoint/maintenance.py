@@ -237,10 +237,10 @@ class Maintainer:
         while True:
             derivation.schema_changed = False
             program, problems = self.compile(draft.layer, draft.equality)
-            known = frozenset(draft.program.rules)
+            earlier_rules = frozenset(draft.program.rules)
             draft.program, draft.problems = program, problems
             derivation.use(program)
-            fresh = [rule for rule in program.strata[0].rules if rule not in known]
+            fresh = [rule for rule in program.strata[0].rules if rule not in earlier_rules]
             derivation.evaluate(fresh)
             derivation.run(program.strata[0])
             if not derivation.schema_changed:
@@ -287,7 +287,7 @@ class _Revision:
         self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
         self.derivation.use(state.program)
         self.derivation.budget = WORTH_A_REBUILD + len(state.asserted)
-        self.come_back: dict[int, list[Fact]] = defaultdict(list)
+        self.restored: dict[int, list[Fact]] = defaultdict(list)
         self.was_split = False
 
     def run(self, has_new_rules: bool = False) -> Draft:
@@ -316,8 +316,8 @@ class _Revision:
         if retraction.split:
             self.take_apart(retraction.split)
         for fact in deleted:
-            self.come_back[program.level(fact)].append(fact)
-        for fact in self.come_back.pop(level, ()):
+            self.restored[program.level(fact)].append(fact)
+        for fact in self.restored.pop(level, ()):
             for form in before.forms(fact) if self.was_split else (fact,):
                 form = self.equality.rewrite(form)
                 if not self.layer.has(*form) and retraction.is_derivable(form):
@@ -351,8 +351,8 @@ class _Revision:
         self.layer.absences = {}
         self.derivation.trigger(stratum, below)
         for env, rule in list(candidates(stratum, self.layer, self.terms)):
-            for found in list(solve(self.layer, self.terms, rule.steps, env)):
-                self.derivation.insert(rule.conclude(found))
+            for bindings in list(solve(self.layer, self.terms, rule.steps, env)):
+                self.derivation.insert(rule.conclude(bindings))
         self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
         self.derivation.run(stratum)
         self.layer.absences = None

@@ -21,15 +21,15 @@ def transitive_property(rule: Rule) -> int | None:
     """Return the property that a rule makes transitive, None if it does something else."""
     if len(rule.body) != 2 or rule.head is None:
         return None
-    one, two = rule.body
-    if one.s == two.o:
-        one, two = two, one
+    first, two = rule.body
+    if first.s == two.o:
+        first, two = two, first
     if rule.conditions and (
-        rule.conditions != (Differ(one.s, two.o),) or rule.head.p not in REFLEXIVE_PREDICATES
+        rule.conditions != (Differ(first.s, two.o),) or rule.head.p not in REFLEXIVE_PREDICATES
     ):
         return None
-    is_path = one.p == two.p == rule.head.p and one.o == two.s
-    ends = (one.s, one.o, two.o)
+    is_path = first.p == two.p == rule.head.p and first.o == two.s
+    ends = (first.s, first.o, two.o)
     is_open = max(ends) < 0 and len(set(ends)) == 3 and (rule.head.s, rule.head.o) == ends[::2]
     return rule.head.p if is_path and is_open else None
 
@@ -64,20 +64,20 @@ def reachable(column: Column, most: int, terms: Dictionary, p: int) -> Keys:
     for number, members in enumerate(_components(after)):
         for member in members:
             component[member] = number
-        found: set[int] = set(members) if len(members) > 1 else set()
+        pairs: set[int] = set(members) if len(members) > 1 else set()
         onward = {o for member in members for o in after.get(member, ())}
-        found |= onward
+        pairs |= onward
         # The nearest come first: what they reach need not be followed again.
         covered: set[int] = set()
         for near in sorted(onward, key=component.__getitem__, reverse=True):
             if component[near] != number and near not in covered:
                 covered |= reach[component[near]]
-        found |= covered
-        reach.append(found)
-        total += len(found) * len(members)
+        pairs |= covered
+        reach.append(pairs)
+        total += len(pairs) * len(members)
         if total > most:
             raise too_large(most, terms, p)
-        ids = np.fromiter(found, np.uint64, len(found))
+        ids = np.fromiter(pairs, np.uint64, len(pairs))
         for member in members:
             subjects.append(np.full(len(ids), member, np.uint64))
             objects.append(ids)

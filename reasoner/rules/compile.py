@@ -78,7 +78,7 @@ class _Compiler:
         for family in families:
             self.out.rules += family()
         self.all_different()
-        self.out.rules += self.everything_is_a_thing()
+        self.out.rules += self.types_as_owl_thing()
         return self.out
 
     def members(self, axiom: int, p: int) -> Iterator[tuple[tuple[int, ...], tuple[Fact, ...]]]:
@@ -327,7 +327,7 @@ class _Compiler:
                     items = tuple(fact for fact in because if fact[1] == v.FIRST)
                     self.out.distinct.append(Distinct(name, items, because))
 
-    def everything_is_a_thing(self) -> Iterator[Rule]:
+    def types_as_owl_thing(self) -> Iterator[Rule]:
         """Types as owl:Thing, only where an axiom asks for them (cls-thing, scm-cls)."""
         thing = _type(v.THING, _X)
         if not any(thing.key == atom.key for rule in self.out.rules for atom in rule.body):

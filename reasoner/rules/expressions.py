@@ -181,8 +181,8 @@ def evaluate(expression: Expression, terms: Dictionary, env: Bindings) -> Result
     if operator in COMPARISONS:
         return _truth(_related(operator, values[0], values[1], terms))
     if operator in ("IN", "NOT IN"):
-        found = any(_related("=", values[0], other, terms) for other in values[1:])
-        return _truth(found is (operator == "IN"))
+        is_member = any(_related("=", values[0], other, terms) for other in values[1:])
+        return _truth(is_member is (operator == "IN"))
     if operator == "!":
         return _truth(not is_true(values[0], terms))
     if operator == "STR":

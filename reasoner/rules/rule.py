@@ -176,13 +176,13 @@ class Absent:
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Return whether the group has no solution."""
-        known: dict[tuple[int | None, ...], bool] | None = getattr(view, "absences", None)
-        if known is None:
+        answers: dict[tuple[int | None, ...], bool] | None = getattr(view, "absences", None)
+        if answers is None:
             return self._is_absent(view, terms, env)
         question = (id(self), *(env[~v] for v in self._ordered_outer))
-        answer = known.get(question)
+        answer = answers.get(question)
         if answer is None:
-            answer = known[question] = self._is_absent(view, terms, env)
+            answer = answers[question] = self._is_absent(view, terms, env)
         return answer
 
     def _is_absent(self, view: View, terms: Dictionary, env: Bindings) -> bool:
@@ -309,7 +309,7 @@ def arrange(
     >>> [atom.p for atom in arrange(flagged, (), frozenset({-1}))]
     [301, 300]
     """
-    left, waiting, known = list(atoms), list(conditions), set(bound)
+    left, waiting, settled = list(atoms), list(conditions), set(bound)
     steps: list[Step] = []
 
     def place_conditions() -> None:
@@ -317,18 +317,18 @@ def arrange(
         while progress:
             progress = False
             for condition in list(waiting):
-                if condition.needs <= known:
+                if condition.needs <= settled:
                     steps.append(condition)
-                    known.update(condition.gives)
+                    settled.update(condition.gives)
                     waiting.remove(condition)
                     progress = True
 
     place_conditions()
     while left:
-        best = max(left, key=lambda atom: _selectivity(atom, known))
+        best = max(left, key=lambda atom: _selectivity(atom, settled))
         left.remove(best)
         steps.append(best)
-        known |= best.variables
+        settled |= best.variables
         place_conditions()
     if waiting:
         # SPARQL: a filter on an unbound variable is an error, hence false.
@@ -336,12 +336,12 @@ def arrange(
     return tuple(steps)
 
 
-def _selectivity(atom: Atom, known: set[int]) -> tuple[int, int, bool]:
-    is_known = [x in known for x in (atom.s, atom.o)]
-    is_bound = [x >= 0 or there for x, there in zip((atom.s, atom.o), is_known, strict=True)]
+def _selectivity(atom: Atom, bound: set[int]) -> tuple[int, int, bool]:
+    has_bound = [x in bound for x in (atom.s, atom.o)]
+    is_bound = [x >= 0 or there for x, there in zip((atom.s, atom.o), has_bound, strict=True)]
     if atom.p == TYPE and atom.s < 0 and not is_bound[0] and atom.o >= 0:
         return 0, 0, True  # a whole class is seldom a good start
-    return sum(is_bound), sum(is_known), is_bound[0]
+    return sum(is_bound), sum(has_bound), is_bound[0]
 
 
 def bind(atom: Atom, fact: Fact, terms: Dictionary, env: Bindings) -> bool:

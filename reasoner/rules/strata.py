@@ -114,11 +114,11 @@ class AbsenceTrigger:
             return
         before, after = self.steps_to_head
         seen = set()
-        for found in solve(view, terms, before, env):
-            conclusion = self.rule.conclude(found)
+        for bindings in solve(view, terms, before, env):
+            conclusion = self.rule.conclude(bindings)
             if conclusion in seen or not base.has(*conclusion):
                 continue
-            if next(solve(view, terms, after, list(found)), None) is not None:
+            if next(solve(view, terms, after, list(bindings)), None) is not None:
                 seen.add(conclusion)
                 yield conclusion
 
@@ -129,8 +129,8 @@ class AbsenceTrigger:
             return
         variables = {v for atom in self.rule.body for v in atom.variables}
         seen = set()
-        for found in solve(view, terms, self.steps, env):
-            outer = tuple(x if ~i in variables else None for i, x in enumerate(found))
+        for bindings in solve(view, terms, self.steps, env):
+            outer = tuple(x if ~i in variables else None for i, x in enumerate(bindings))
             if outer not in seen:
                 seen.add(outer)
                 yield list(outer)

@@ -165,9 +165,9 @@ class _Translator:
             raise RuleError("the template is empty", *self.place("CONSTRUCT"))
         for branch, (s, p, o) in itertools.product(branches, template):
             head = Atom(self.head(s, scope), self.predicate(p), self.head(o, scope))
-            known = {v for atom in branch.atoms for v in atom.variables}
-            known |= {v for c in branch.conditions for v in c.gives}
-            if not head.variables <= known:
+            bound = {v for atom in branch.atoms for v in atom.variables}
+            bound |= {v for c in branch.conditions for v in c.gives}
+            if not head.variables <= bound:
                 continue  # SPARQL leaves out template triples with an unbound variable
             local_name = re.split(r"[#/:]", str(o if head.p == TYPE else p))[-1]
             name = f"rule:{self.label or local_name}"
@@ -349,9 +349,9 @@ class _Translator:
             return None, None
         for number, line in enumerate(self.text.splitlines(), 1):
             code = re.sub(r"<[^>]*>", lambda iri: "<" + " " * (len(iri[0]) - 2) + ">", line)
-            found = re.search(pattern, re.sub(r"#.*", "", code), re.IGNORECASE)
-            if found:
-                return number, found.start() + 1
+            match = re.search(pattern, re.sub(r"#.*", "", code), re.IGNORECASE)
+            if match:
+                return number, match.start() + 1
         return None, None
 
 

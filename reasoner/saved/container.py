@@ -103,16 +103,16 @@ def read_head(folder: Path) -> dict[str, Any]:
     """
     try:
         text, line, *rest = (folder / HEAD).read_bytes().split(b"\n")
-        found: dict[str, Any] = json.loads(text)
+        head: dict[str, Any] = json.loads(text)
         if json.loads(line) != {"crc32": zlib.crc32(text)} or rest != [b""]:
             raise DamagedFolderError(f"the checksum of {HEAD} does not match")
-        if found["format"] != FORMAT:
-            raise DamagedFolderError(f"format {found['format']}, this version reads {FORMAT}")
+        if head["format"] != FORMAT:
+            raise DamagedFolderError(f"format {head['format']}, this version reads {FORMAT}")
     except DamagedFolderError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DamagedFolderError(f"{HEAD} cannot be read: {error}") from error
-    return found
+    return head
 
 
 def read_folder(folder: Path, head: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -146,11 +146,11 @@ def require_whole(folder: Path, head: Mapping[str, Any]) -> None:
     """
     for name, (size, checksum) in head["files"].items():
         try:
-            found = _measure(folder / name)
+            measured = _measure(folder / name)
         except OSError as error:
             raise DamagedFolderError(f"{name} cannot be read: {error.strerror}") from error
-        if found != (size, checksum):
-            what = "size" if found[0] != size else "checksum"
+        if measured != (size, checksum):
+            what = "size" if measured[0] != size else "checksum"
             raise DamagedFolderError(f"the {what} of {name} does not match")
 
 

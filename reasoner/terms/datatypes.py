@@ -99,8 +99,8 @@ def value_of(lexical: str, datatype: str, language: str | None = None) -> Value:
     name = datatype[len(XSD) :]
     value = _read(lexical, name)
     if value is None:
-        known = datatype in BITS
-        return Value(("opaque", lexical, datatype), 0, None, datatype, well_typed=not known)
+        is_supported = datatype in BITS
+        return Value(("opaque", lexical, datatype), 0, None, datatype, well_typed=not is_supported)
     if datatype in BITS and not value.mask & BITS[datatype]:
         return Value(("opaque", lexical, datatype), 0, None, datatype, well_typed=False)
     return value
@@ -178,16 +178,16 @@ def _binary(lexical: str, name: str) -> Value | None:
 
 
 def _date_time(lexical: str) -> Value | None:
-    found = _DATE_TIME.fullmatch(lexical)
-    if not found:
+    match = _DATE_TIME.fullmatch(lexical)
+    if not match:
         return None
-    year, month, day, hour, minute = (int(part) for part in found.groups()[:5])
-    second = Fraction(found[6]) if "." in found[6] else int(found[6])
+    year, month, day, hour, minute = (int(part) for part in match.groups()[:5])
+    second = Fraction(match[6]) if "." in match[6] else int(match[6])
     if not (1 <= month <= 12 and 1 <= day <= _days_of(year, month) and minute < 60 and second < 60):
         return None
     if hour > 24 or (hour == 24 and (minute or second)):
         return None
-    zone = found[7]
+    zone = match[7]
     offset = 0
     if zone and zone != "Z":
         offset = (int(zone[1:3]) * 60 + int(zone[4:])) * (-1 if zone[0] == "-" else 1)
@@ -242,19 +242,19 @@ def is_within(ranges: Iterable[str], datatype: str) -> bool:
     >>> is_within([XSD + "short"], XSD + "unsignedByte")
     False
     """
-    known = [r for r in ranges if r in BITS]
-    names = {name for r in known for name in _chain(r.removeprefix(XSD))}
-    wanted = datatype.removeprefix(XSD)
-    if wanted in names:
+    numeric = [r for r in ranges if r in BITS]
+    names = {name for r in numeric for name in _chain(r.removeprefix(XSD))}
+    target = datatype.removeprefix(XSD)
+    if target in names:
         return True
     bounds = [_RANGES[name] for name in names if name in _RANGES]
-    if wanted not in _RANGES or not bounds:
+    if target not in _RANGES or not bounds:
         return False
     low = max((a for a, _ in bounds if a is not None), default=None)
     high = min((b for _, b in bounds if b is not None), default=None)
     if low is not None and high is not None and low > high:
         return True
-    floor, ceiling = _RANGES[wanted]
+    floor, ceiling = _RANGES[target]
     return (floor is None or (low is not None and low >= floor)) and (
         ceiling is None or (high is not None and high <= ceiling)
     )

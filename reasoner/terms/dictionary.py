@@ -62,13 +62,13 @@ class Dictionary:
 
     def encode(self, term: Term) -> int:
         """Return the id of a term, a new one if it was never seen."""
-        found = self._ids.get(term)
-        return self._new(term) if found is None else found
+        number = self._ids.get(term)
+        return self._new(term) if number is None else number
 
     def find(self, term: Term) -> int | None:
         """Return the id of a term, None if it was never seen."""
-        found = self._ids.get(term)
-        return self._in_table(term) if found is None else found
+        number = self._ids.get(term)
+        return self._in_table(term) if number is None else number
 
     def _in_table(self, term: Term) -> int | None:
         """Look a term up among those that had ids from the start, and remember it."""
@@ -90,20 +90,20 @@ class Dictionary:
 
     def find_equal(self, term: Term) -> int | None:
         """Return the id of a term, or of a literal of the same value; None if there is neither."""
-        found = self.find(term)
-        if found is None and isinstance(term, Literal):
+        number = self.find(term)
+        if number is None and isinstance(term, Literal):
             return self._first(value_of(term.value, term.datatype.value, term.language))
-        return found
+        return number
 
     def _first(self, value: Value) -> int | None:
         """Return the first literal with a value, None if there is none."""
-        found = self._by_value.get(value.key)
-        if found is None and self._table is not None:
+        number = self._by_value.get(value.key)
+        if number is None and self._table is not None:
             for position in self._table.values.candidates(value_hash(value.key)):
                 if self.value(LITERAL + position).key == value.key:
-                    found = self._by_value[value.key] = LITERAL + position
+                    number = self._by_value[value.key] = LITERAL + position
                     break
-        return found
+        return number
 
     def encode_all(self, triples: Iterable[Triple]) -> list[Fact]:
         """Encode many triples at once."""
@@ -122,9 +122,9 @@ class Dictionary:
 
     def _new(self, term: Term) -> int:
         # A triple may contain the same new term twice, hence the second look-up.
-        found = self.find(term)
-        if found is not None:
-            return found
+        existing = self.find(term)
+        if existing is not None:
+            return existing
         if isinstance(term, Literal):
             number = self._new_literal(term)
         elif isinstance(term, NamedNode | BlankNode):
@@ -156,18 +156,18 @@ class Dictionary:
         return self._resource(number)
 
     def _resource(self, position: int) -> NamedNode | BlankNode:
-        found = self._resources[position]
-        if found is None:
+        resource = self._resources[position]
+        if resource is None:
             assert self._table is not None
-            found = self._resources[position] = self._table.resource(position)
-        return found
+            resource = self._resources[position] = self._table.resource(position)
+        return resource
 
     def _literal(self, position: int) -> Literal:
-        found = self._literals[position]
-        if found is None:
+        literal = self._literals[position]
+        if literal is None:
             assert self._table is not None
-            found = self._literals[position] = self._table.literal(position)
-        return found
+            literal = self._literals[position] = self._table.literal(position)
+        return literal
 
     def decode_fact(self, fact: Fact) -> Triple:
         """Return the terms of a fact."""
@@ -207,12 +207,12 @@ class Dictionary:
 
     def value(self, number: int) -> Value:
         """Return the value of a literal's id."""
-        found = self._values[number - LITERAL]
-        if found is None:
+        cached = self._values[number - LITERAL]
+        if cached is None:
             literal = self._literal(number - LITERAL)
-            found = value_of(literal.value, literal.datatype.value, literal.language)
-            self._values[number - LITERAL] = found
-        return found
+            cached = value_of(literal.value, literal.datatype.value, literal.language)
+            self._values[number - LITERAL] = cached
+        return cached
 
     def variants(self, number: int) -> tuple[int, ...]:
         """Return the ids of all known literals with the value of this one, itself included."""
@@ -235,15 +235,15 @@ class Dictionary:
     def table(self) -> TermTable:
         """Return all terms as a table; what an earlier table holds is not encoded again."""
         before = self._saved
-        known, known_literals = (
+        resource_count, literal_count = (
             (0, 0) if before is None else (len(before.resources), len(before.literals))
         )
-        resources = TextTable.of(self._resources[known:], known)
-        literals = TextTable.of(self._literals[known_literals:], known_literals)
+        resources = TextTable.of(self._resources[resource_count:], resource_count)
+        literals = TextTable.of(self._literals[literal_count:], literal_count)
         fresh = [
             (key, number - LITERAL)
             for key, number in self._by_value.items()
-            if number - LITERAL >= known_literals
+            if number - LITERAL >= literal_count
         ]
         values = HashIndex.of([value_hash(key) for key, _ in fresh], [at for _, at in fresh])
         if before is not None:

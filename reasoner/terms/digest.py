@@ -68,12 +68,12 @@ class Digest:
         return first, second
 
     def _hash_term(self, term: object) -> tuple[int, int]:
-        known = self._hashes.get(term)
-        if known is None:
+        digests = self._hashes.get(term)
+        if digests is None:
             raw = hashlib.blake2b(str(term).encode(), digest_size=16).digest()
-            known = int.from_bytes(raw[:8], "little"), int.from_bytes(raw[8:], "little")
-            self._hashes[term] = known
-        return known
+            digests = int.from_bytes(raw[:8], "little"), int.from_bytes(raw[8:], "little")
+            self._hashes[term] = digests
+        return digests
 
 
 def _mix(x: int) -> int:

@@ -50,11 +50,11 @@ class HashIndex:
             np.concatenate((self.positions, other.positions)),
         )._in_order()
 
-    def candidates(self, wanted: int) -> Iterator[int]:
+    def candidates(self, target_hash: int) -> Iterator[int]:
         """Yield the positions with a hash."""
         hashes = self.hashes
-        at = int(hashes.searchsorted(np.uint64(wanted)))
-        while at < len(hashes) and int(hashes[at]) == wanted:
+        at = int(hashes.searchsorted(np.uint64(target_hash)))
+        while at < len(hashes) and int(hashes[at]) == target_hash:
             yield int(self.positions[at])
             at += 1
 
@@ -136,18 +136,18 @@ class TermTable:
         """Return a literal."""
         line = b"<urn:s> <urn:p> " + self.literals.text(position) + b" ."
         [quad] = pyoxigraph.parse(line, format=RdfFormat.N_TRIPLES)
-        found = quad.object
-        assert isinstance(found, Literal)
-        return found
+        literal = quad.object
+        assert isinstance(literal, Literal)
+        return literal
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays by name; see :func:`TermTable.of_arrays`."""
-        found: dict[str, Array] = {}
+        arrays: dict[str, Array] = {}
         for name, table in (("r", self.resources), ("l", self.literals)):
-            found[f"{name}_bin"], found[f"{name}_off"] = table.data, table.ends
-            found[f"{name}_hash"], found[f"{name}_id"] = table.index.hashes, table.index.positions
-        found["v_hash"], found["v_id"] = self.values.hashes, self.values.positions
-        return found
+            arrays[f"{name}_bin"], arrays[f"{name}_off"] = table.data, table.ends
+            arrays[f"{name}_hash"], arrays[f"{name}_id"] = table.index.hashes, table.index.positions
+        arrays["v_hash"], arrays["v_id"] = self.values.hashes, self.values.positions
+        return arrays
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array], variants: Iterable[Iterable[int]]) -> TermTable:
