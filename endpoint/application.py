@@ -89,7 +89,8 @@ class Application:
                 try:
                     response = work.result(job.plan.timeout_s)
                 except TimeoutError:
-                    response = self.give_up(work, job)
+                    found = self.give_up(work, job)
+                    response = work.result() if found is None else found
         except BaseException:
             self.end(job)
             raise
@@ -262,14 +263,15 @@ class Application:
             job.plan.keep(response)
         return self._finish(response, job)
 
-    def give_up(self, work: Future[Response], job: Job) -> Response:
-        """Answer for work that exceeded its time limit."""
+    def give_up(self, work: Future[Response], job: Job) -> Response | None:
+        """Answer for work that exceeded its time limit; None if the work itself answers now."""
         elsewhere = job.plan.elsewhere
         if elsewhere is not None:
-            elsewhere.stop()
             if elsewhere.late is None:
+                elsewhere.stop()
                 return self.run(job)
-            return self._finish(problem(elsewhere.late(), job.request.id), job)
+            elsewhere.late()
+            return None
         self.context.queries.abandon(work)
         self.context.metrics.count("rtask_query_aborted_total", reason="timeout")
         config, running = self.context.config, job.plan.running

@@ -75,6 +75,7 @@ class AsgiApplication:
         self.changes = Changes(self._context)
         self._context.gauges["rtask_subscribers"] = lambda: len(self.changes)
         self._context.gauges["rtask_robots_connected"] = lambda: len(self.connections)
+        self._context.gauges["rtask_service_dropped_total"] = lambda: self._context.services.dropped
         self._context.gauges["rtask_upload_bytes_held"] = lambda: self._held
         # a2wsgi declares types of its own for the same interfaces.
         self._pages: Any = WSGIMiddleware(cast(Any, pages.wsgi_app), workers=PAGE_THREADS)
@@ -249,8 +250,9 @@ class AsgiApplication:
                 answer.set_result(work.result())
 
         def expire() -> None:
-            if not answer.done():
-                answer.set_result(application.give_up(work, job))
+            found = None if answer.done() else application.give_up(work, job)
+            if found is not None and not answer.done():
+                answer.set_result(found)
 
         work.add_done_callback(lambda _: call_soon(loop, deliver))
         timers = []

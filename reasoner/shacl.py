@@ -52,6 +52,10 @@ class ShaclReport:
     findings: tuple[Finding, ...] = ()
 
 
+class ShapesError(ValueError):
+    """Shapes break the rules of SHACL, so that they cannot be applied."""
+
+
 def validate(
     data: Iterable[Triple], shapes: Iterable[Triple], focus: Iterable[Term] | None = None
 ) -> ShaclReport:
@@ -69,21 +73,33 @@ def validate(
     -------
     ShaclReport
         Findings in a fixed order.
+
+    Raises
+    ------
+    ShapesError
+        The shapes break the rules of SHACL.
     """
     import pyshacl
+    from pyshacl.errors import ReportableRuntimeError, ValidationFailure
 
     focus_nodes = None if focus is None else [_to_rdflib(node) for node in focus]
     if focus_nodes == []:
         return ShaclReport(conforms=True)
-    conforms, report, _ = pyshacl.validate(
-        _graph(data, _prepared_queries()),
-        shacl_graph=_graph(shapes),
-        inference="none",
-        advanced=True,
-        allow_warnings=True,
-        inplace=True,
-        focus_nodes=focus_nodes,
-    )
+    try:
+        conforms, report, _ = pyshacl.validate(
+            _graph(data, _prepared_queries()),
+            shacl_graph=_graph(shapes),
+            inference="none",
+            advanced=True,
+            allow_warnings=True,
+            inplace=True,
+            focus_nodes=focus_nodes,
+        )
+    except (ReportableRuntimeError, ValidationFailure) as error:
+        reason = str(getattr(error, "message", "") or error)
+        raise ShapesError(reason.partition("\nFor reference")[0]) from error
+    if isinstance(report, Exception):
+        raise ShapesError(str(getattr(report, "message", "") or report)) from report
     return ShaclReport(bool(conforms), tuple(sorted(_findings(report), key=str)))
 
 
@@ -132,7 +148,10 @@ def _findings(report: Any) -> Iterable[Finding]:
     from rdflib import RDF, Namespace
 
     sh = Namespace(SHACL)
+    details = set(report.objects(None, sh.detail))  # of results, not results themselves (3.6.2)
     for result in report.subjects(RDF.type, sh.ValidationResult):
+        if result in details:
+            continue
         path, value = report.value(result, sh.resultPath), report.value(result, sh.value)
         message = report.value(result, sh.resultMessage)
         severity = str(report.value(result, sh.resultSeverity)).removeprefix(SHACL)

@@ -13,7 +13,7 @@ from rtask.graph import Graph
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Committer
 from rtask.kb.commit.inference import Inference
-from rtask.kb.commit.validation import Validator, policy
+from rtask.kb.commit.validation import Validator, policy, shape_files
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import (
     Files,
@@ -55,6 +55,7 @@ class _Options:
     ontologies: bool
     quarantines: bool
     validate: str
+    shapes: tuple[Path, ...]
     rules: Sequence[Rule]
 
 
@@ -68,6 +69,7 @@ def open_knowledge_base(
     union: str | None = None,
     reason: bool = True,
     validate: bool | str = False,
+    shapes: Path | str | Iterable[Path | str] = (),
     on_inconsistency: str = "error",
     ontologies: bool = True,
     rules: Source | Iterable[Source] = (),
@@ -104,6 +106,9 @@ def open_knowledge_base(
     validate
         Hold what a commit touches against the SHACL shapes: ``True`` or ``"refuse"`` refuses
         violations, ``"warn"`` reports them in the commit. A millisecond for each shape concerned.
+        The shapes are those of the ontology that comes with RTASK and those of loaded graphs.
+    shapes
+        Files of further shapes for ``validate``.
     on_inconsistency
         What becomes of a commit that contradicts the ontology or what is known: ``"error"``
         refuses it, ``"quarantine"`` keeps the statements to blame aside and stores the rest.
@@ -143,6 +148,10 @@ def open_knowledge_base(
         raise UsageError(
             f"unknown policy on_inconsistency={on_inconsistency!r}; one of error, quarantine"
         )
+    if shapes and policy(validate) == "off":
+        raise UsageError(
+            "shapes= takes effect with validate=True or 'warn'; kb.validate(shapes) checks once"
+        )
     text = str(target)
     quarantines = on_inconsistency == "quarantine"
     found = read_rules(rules)
@@ -151,7 +160,14 @@ def open_knowledge_base(
             f"rules cannot be added to {'a plain dataset' if plain else 'what is open for reading'}"
         )
     options = _Options(
-        mode, flush == "commit", reason, ontologies, quarantines, policy(validate), found
+        mode,
+        flush == "commit",
+        reason,
+        ontologies,
+        quarantines,
+        policy(validate),
+        shape_files(shapes),
+        found,
     )
     if text.startswith(("http://", "https://", "sparql+http")):
         place = Place(text, None if folder is None else Path(folder))
@@ -232,7 +248,7 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         catalogue,
         inference,
         files.journal,
-        _validator(files, graphs, options.validate),
+        _validator(files, graphs, options),
         last_seq=max(catalogue.seq, files.last_seq),
         last_time=catalogue.last_time() or LONG_AGO,
         quarantines=options.quarantines,
@@ -256,10 +272,10 @@ def _late_notes(files: Files, graphs: Graphs, options: _Options) -> LateNotes | 
     return LateNotes(files.store, graphs.meta, graphs.provenance)
 
 
-def _validator(files: Files, graphs: Graphs, validate: str) -> Validator | None:
-    if validate == "off" or files.settings.plain:
+def _validator(files: Files, graphs: Graphs, options: _Options) -> Validator | None:
+    if options.validate == "off" or files.settings.plain:
         return None
-    return Validator(files.store, graphs, refuse=validate == "refuse")
+    return Validator(files.store, graphs, options.validate == "refuse", options.shapes)
 
 
 def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> None:

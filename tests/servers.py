@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import functools
 import os
 import queue
 import signal
@@ -20,7 +22,9 @@ from endpoint.context import ServerContext
 from endpoint.rosbridge.services import Engine
 from endpoint.settings import Config
 from rtask.knowledge_base import KnowledgeBase
+from tests.prewarmed import ForkedProcess, Prewarmed
 
+RTASK = (sys.executable, "-m", "rtask")
 READY_S = 90.0
 STOP_S = 60.0
 
@@ -44,7 +48,7 @@ class RunningServer:
     """
 
     url: str
-    process: subprocess.Popen[str]
+    process: subprocess.Popen[str] | ForkedProcess
     data: Path | None
 
     @property
@@ -64,11 +68,19 @@ class RunningServer:
         return self.process.wait(STOP_S)
 
 
+@functools.cache
+def _prewarmed() -> Prewarmed:
+    """Return the process that forks servers; it is started with the first of them."""
+    made = Prewarmed()
+    atexit.register(made.close)
+    return made
+
+
 @contextlib.contextmanager
 def running_server(
     data: Path | None,
     *options: str,
-    command: Sequence[str] = (sys.executable, "-m", "rtask"),
+    command: Sequence[str] = RTASK,
     environment: Mapping[str, str] = os.environ,
 ) -> Iterator[RunningServer]:
     """Run ``rtask serve`` on a free port for the duration of the block.
@@ -80,7 +92,7 @@ def running_server(
     *options
         Further options of the command.
     command
-        How ``rtask`` is run.
+        How ``rtask`` is run; by default in a fork of a process that has imported it already.
     environment
         Of the process.
 
@@ -90,13 +102,18 @@ def running_server(
         It ended or stayed silent; the message holds its output.
     """
     where = ["--data", str(data)] if data else ["--temp"]
-    process = subprocess.Popen(
-        [*command, "serve", *where, "-p", "0", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**environment, "PYTHONUNBUFFERED": "1"},
-    )
+    arguments = ["serve", *where, "-p", "0", *options]
+    process: subprocess.Popen[str] | ForkedProcess
+    if command == RTASK and Prewarmed.is_possible():
+        process = _prewarmed().start(arguments, environment)
+    else:
+        process = subprocess.Popen(
+            [*command, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**environment, "PYTHONUNBUFFERED": "1"},
+        )
     assert process.stdout is not None
     assert process.stderr is not None
     errors: list[str] = []

@@ -119,6 +119,7 @@ def _operation(name: str, operation: Operation) -> JsonObject:
         "summary": operation.summary,
         "description": f"Needs the scope `{operation.scope}`.",
         "tags": ["engine"],
+        "x-effect": operation.effect,
         "requestBody": {
             "required": True,
             "content": {JSON_TYPE: {"schema": wanted}},
@@ -131,7 +132,7 @@ def _operation(name: str, operation: Operation) -> JsonObject:
             **problems(_OPERATION_PROBLEMS),
         },
     }
-    if operation.scope == "write" or name in ("teach_object", "curate_object"):
+    if operation.effect == "writes":
         described["parameters"] = [_IDEMPOTENCY_KEY]
     return described
 

@@ -149,6 +149,7 @@ def _operation(definition: Definition, method: Method, schemas: JsonObject) -> J
         "summary": method.summary,
         "description": f"{method.description}\n\nNeeds the scope `{method.scope}`.".strip(),
         "tags": [definition.name],
+        "x-effect": method.effect,
         "parameters": [prefer, *([data] if definition.resources else [])],
         "requestBody": {"required": True, "content": {JSON_TYPE: {"schema": request}}},
         "responses": {

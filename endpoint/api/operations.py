@@ -14,6 +14,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, UsageError
+from rtask.wire.message import Answer
 
 ADDRESS = "/engine/"
 _HALF_PAIR = re.compile(rb"\\u[dD][89A-Fa-f]")
@@ -47,15 +48,19 @@ def plan_operation(
         return Plan.ready(Response(303, headers=(("Location", f"/operations/{name}"),)))
     require_method(request, ("POST",))
     authorise(auth, request, caller, operation.scope, name)
-    args = keys.read(request, name, caller.name, json_object(request))
-
-    def run() -> Response:
-        answer = keys.once(
-            request, name, caller.name, lambda: engine.call(name, args, caller.access)
+    args = json_object(request)
+    if operation.effect != "writes":
+        return Plan(lambda: _answered(engine.call(name, args, caller.access)))
+    keyed = keys.read(request, name, caller.name, args)
+    return Plan(
+        lambda: _answered(
+            keys.once(request, name, caller.name, lambda: engine.call(name, keyed, caller.access))
         )
-        return Response(200, answer.to_json(), JSON_TYPE)
+    )
 
-    return Plan(run)
+
+def _answered(answer: Answer) -> Response:
+    return Response(200, answer.to_json(), JSON_TYPE)
 
 
 def authorise(auth: Authenticator, request: Request, caller: Caller, scope: str, name: str) -> None:

@@ -48,6 +48,7 @@ JOBS = "/jobs"
 DATA = "$data"
 MAX_WAIT_S = 60.0
 _MAX_DIGITS = 15
+_STORED_S = 5.0
 
 
 def is_service_address(address: str) -> bool:
@@ -123,7 +124,7 @@ def _plan_call(
     return Plan(
         lambda: _answer(task, CBOR_TYPE in request.header("accept")),
         timeout_s=task.call.timeout_s,
-        elsewhere=Elsewhere(start, task.call.late, task.cancel),
+        elsewhere=Elsewhere(start, task.expire, task.cancel),
     )
 
 
@@ -213,6 +214,7 @@ def _nothing() -> None:
 
 def _cancelled(job: Job) -> Response:
     job.cancel()
+    job.wait(_STORED_S)  # one that is being stored at this moment ends by itself
     return _job(job)
 
 

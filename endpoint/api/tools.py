@@ -18,7 +18,7 @@ from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask import __version__
 from rtask.engine.context import SCOPES
-from rtask.errors import CancelledError, RtaskError
+from rtask.errors import RtaskError
 from rtask.services import ServiceHost
 from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
@@ -126,7 +126,7 @@ def _tool(definition: Definition, method: Method) -> dict[str, Any]:
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
         "inputSchema": {"type": "object", **wanted},
-        "annotations": {"readOnlyHint": definition.only_reads(method)},
+        "annotations": {"readOnlyHint": method.effect == "reads"},
     }
 
 
@@ -158,13 +158,13 @@ def _plan_call(
         try:
             host.start(task)
         except RtaskError as error:  # such as a full queue
-            task.done.set_exception(error)
+            task.fail(error)
         return task.done
 
     return Plan(
         lambda: _reply(message, _result(task)),
         timeout_s=task.call.timeout_s,
-        elsewhere=Elsewhere(start, None, task.cancel),
+        elsewhere=Elsewhere(start, task.expire, task.cancel),
     )
 
 
@@ -172,8 +172,6 @@ def _result(task: Task) -> dict[str, Any]:
     """Return what a call that has ended, or whose time is up, brought."""
     try:
         text = task.result().to_json().decode()
-    except CancelledError:  # nobody but the deadline cancels a call whose agent still listens
-        return _refused(task.call.late())
     except RtaskError as error:
         return _refused(error)
     content = [{"type": "text", "text": text}]

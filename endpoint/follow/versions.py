@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from endpoint.http.following import Following
 from endpoint.http.messages import RefusedError, Request, Response
-from endpoint.rosbridge.services import Engine, only_reads
+from endpoint.rosbridge.services import Engine
 from endpoint.served import ServedGraph
 
 __all__ = ["minimum_version", "staleness_headers", "writes"]
@@ -28,7 +28,8 @@ def writes(request: Request, address: str, engine: Engine) -> bool:
             return False
         return media_type == "application/sparql-update" or _has_update(request.body)
     if address.startswith(_ENGINE):
-        return not only_reads(engine, address.removeprefix(_ENGINE))
+        operation = engine.operations.get(address.removeprefix(_ENGINE))
+        return operation is None or operation.effect == "writes"
     return True
 
 

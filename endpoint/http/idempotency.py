@@ -1,8 +1,8 @@
 """Idempotency keys: requests that may be repeated (draft-ietf-httpapi-idempotency-key-header).
 
 The key of a report becomes its ``task_id`` in the graph and so survives a restart: the engine
-stores each id of an agent once and answers a repetition with what the first request stored. Changes
-by people have no such id. This process remembers their answers; after a restart a repetition is
+stores each id of an agent once and answers a repetition with what the first request stored. Other
+changes have no such id. This process remembers their answers; after a restart a repetition is
 refused, because what it would move is no longer there. A key reused with another body is noticed as
 long as this process remembers the first.
 """
@@ -25,7 +25,6 @@ HEADER = "idempotency-key"
 KEPT = 10_000
 _KEY = re.compile(r"[A-Za-z0-9._:-]{1,200}")
 _TOLD = ("insert_object", "report_outcome", "teach_object")
-_CHANGED = ("curate_object",)
 
 
 class IdempotencyKeys:
@@ -40,12 +39,12 @@ class IdempotencyKeys:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._bodies: OrderedDict[tuple[str, str, str], bytes] = OrderedDict()
-        self._answers: OrderedDict[tuple[str, str], Future[Answer]] = OrderedDict()
+        self._answers: OrderedDict[tuple[str, str, str], Future[Answer]] = OrderedDict()
 
     def read(
         self, request: Request, operation: str, agent: str, args: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the arguments, with the request's key if it has one.
+        """Return the arguments of an operation that writes, with the request's key if it has one.
 
         Raises
         ------
@@ -55,7 +54,7 @@ class IdempotencyKeys:
             422 if the key was used with another body before.
         """
         key = request.headers.get(HEADER)
-        if key is None or operation not in (*_TOLD, *_CHANGED):
+        if key is None:
             return args
         key = key.strip().strip('"')
         if not _KEY.fullmatch(key):
@@ -79,10 +78,10 @@ class IdempotencyKeys:
         A repetition waits while the first request is still being carried out.
         """
         key = request.headers.get(HEADER)
-        if key is None or operation not in _CHANGED:
+        if key is None or operation in _TOLD:
             return run()
         mine: Future[Answer] = Future()
-        name = (agent, key.strip().strip('"'))
+        name = (agent, operation, key.strip().strip('"'))
         with self._lock:
             first = self._answers.setdefault(name, mine)
             while len(self._answers) > KEPT:

@@ -80,14 +80,15 @@ class Elsewhere:
     start
         Starts the work without waiting; may raise any error of :mod:`rtask.errors`.
     late
-        Returns the error for work that did not end in time; none to answer as it is then.
+        Called when the time is up: ends the work as late, unless it is being stored, in which case
+        it ends by itself at once. None to leave the work alone and answer as it is then.
     stop
         Called when nobody waits for the answer any more.
     """
 
     start: Callable[[], Future[Any]]
-    late: Callable[[], Exception] | None
-    stop: Callable[[], None]
+    late: Callable[[], object] | None
+    stop: Callable[[], object]
 
 
 @dataclass(slots=True)

@@ -35,9 +35,9 @@ class Wire:
     receive: Receive
     transmit: Transmit
     _watcher: asyncio.Task[None] | None = None
-    _when_gone: list[Callable[[], None]] = field(default_factory=list)
+    _when_gone: list[Callable[[], object]] = field(default_factory=list)
 
-    def watch(self, when_gone: Callable[[], None]) -> None:
+    def watch(self, when_gone: Callable[[], object]) -> None:
         """Call back when the client disconnects; the body must have been read."""
         self._when_gone.append(when_gone)
         if self._watcher is None:

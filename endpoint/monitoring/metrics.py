@@ -53,6 +53,7 @@ _GAUGE_HELP = {
     "rtask_store_seq": "Number of the last commit.",
     "rtask_quads": "Statements in the store, counted at most once a minute.",
     "rtask_queries_running": "Queries that run or wait.",
+    "rtask_service_dropped_total": "Results of services that came after their calls had ended.",
     "rtask_ready": "Whether the server is ready for requests.",
     "rtask_journal_bytes": "Size of the journal.",
     "rtask_disk_free_bytes": "Free disk space for the data folder.",

@@ -51,7 +51,7 @@ def operation_sent(name: str) -> str | tuple[str, int]:
         answer = context().engine.call(name, args, caller.access)
     except RtaskError as error:
         return _shown(name, operation, given, problem=str(error)), details_of(error)["status"]
-    if operation.scope != "read":
+    if operation.effect != "reads":
         context().audit.event(name, by=caller.name)
     text = json.dumps(answer.as_json(), indent=2, ensure_ascii=False)
     return _shown(name, operation, given, answer=text)

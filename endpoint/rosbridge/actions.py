@@ -23,7 +23,7 @@ from endpoint.rosbridge.messages import (
 )
 from endpoint.rosbridge.providers import Peer, Provider, Providers
 from endpoint.rosbridge.services import Engine
-from rtask.errors import RtaskError, UnknownTermError, UsageError
+from rtask.errors import CancelledError, RtaskError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 
 SUCCEEDED, CANCELLED, ABORTED = 4, 5, 6
@@ -45,7 +45,7 @@ class Progress:
         self._tell = tell
         self._furthest = 0.0
         self._cancelled = threading.Event()
-        self._stop: Callable[[], None] | None = None
+        self._stop: Callable[[], object] | None = None
 
     @property
     def is_cancelled(self) -> bool:
@@ -57,14 +57,22 @@ class Progress:
         self._furthest = max(self._furthest, min(progress, 1.0))
         self._tell({"progress": self._furthest, "phase": phase, **members})
 
-    def cancel(self) -> None:
-        """Ask the handler to stop."""
-        self._cancelled.set()
-        if self._stop is not None:
-            self._stop()
+    def cancel(self) -> bool:
+        """Ask the handler to stop; return whether the goal is cancelled by that.
 
-    def on_cancel(self, stop: Callable[[], None]) -> None:
-        """Call back when the handler is asked to stop; at once if it was."""
+        It is not where what the handler did is being stored, or has been: its result follows.
+        """
+        self._cancelled.set()
+        return self._stop is None or self._stop() is not False
+
+    def on_cancel(self, stop: Callable[[], object]) -> None:
+        """Call back when the handler is asked to stop; at once if it was.
+
+        Parameters
+        ----------
+        stop
+            Returns False where it is too late for that.
+        """
         self._stop = stop
         if self.is_cancelled:
             stop()
@@ -95,6 +103,8 @@ class Goal:
     last_feedback: float = float("-inf")
     held: Any = None
     done: bool = False
+    stopped: tuple[int, Any] = (CANCELLED, {})
+    """Status and values of the result if the handler is stopped."""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def feedback(self, values: Any) -> None:
@@ -188,7 +198,7 @@ class Actions:
             raise UnknownTermError(f"Action {goal.action} does not exist; known: {known}")
         require_scope(access, "call" if own is None else own.scope)
         goal.late = self._deadlines.after(
-            GOAL_S, lambda: self._end(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
+            GOAL_S, lambda: self._stop(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
         )
         if own is not None:
             progress = goal.progress = Progress(goal.feedback)
@@ -210,6 +220,8 @@ class Actions:
                     "feedback": goal.wants_feedback,
                 }
             )
+            if self.providers.find(goal.action) is None:  # it was withdrawn a moment ago
+                self._end(key, goal, ABORTED, f"{provider.peer.identity} no longer offers it")
 
     def _work(
         self, key: str, goal: Goal, action: Action, args: JsonObject, access: Access,
@@ -220,6 +232,9 @@ class Actions:
         try:
             values = action.handler(args, access, progress)
             encode(values)  # numbers that JSON has no words for fail the goal, not the session
+        except CancelledError:
+            self._end(key, goal, *goal.stopped)
+            return
         except Exception as error:  # noqa: BLE001 - a failed goal has a result
             self._end(key, goal, ABORTED, failure_text(error))
             return
@@ -235,7 +250,7 @@ class Actions:
             ]
         for key, goal in found:
             if goal.provider is None:
-                self._end(key, goal, CANCELLED, {})
+                self._stop(key, goal, CANCELLED, {})
             else:
                 goal.provider.peer.emit(
                     {"op": "cancel_action_goal", "id": key, "action": goal.action}
@@ -268,6 +283,27 @@ class Actions:
             status = ABORTED
         self._end(id_, goal, status, "" if values is None else values)
 
+    def unadvertise(self, peer: Peer, name: str) -> bool:
+        """Withdraw an action of a robot and end the goals that it was sent.
+
+        Returns
+        -------
+        Whether it was this session's.
+        """
+        if not self.providers.unadvertise(peer, name):
+            return False
+        with self._lock:
+            goals = [
+                (key, goal)
+                for key, goal in self._goals.items()
+                if goal.provider is not None and goal.provider.peer is peer and goal.action == name
+            ]
+        for key, goal in goals:
+            peer.emit({"op": "cancel_action_goal", "id": key, "action": name})
+            reason = f"{peer.identity} withdrew {name} before it was done"
+            self._end(key, goal, ABORTED, reason)
+        return True
+
     def leave(self, peer: Peer) -> None:
         """Cancel the goals of a session, and end those that were sent to it."""
         with self._lock:
@@ -278,10 +314,16 @@ class Actions:
                     goal.provider.peer.emit(
                         {"op": "cancel_action_goal", "id": key, "action": goal.action}
                     )
-                self._end(key, goal, CANCELLED, {})
+                self._stop(key, goal, CANCELLED, {})
             elif goal.provider is not None and goal.provider.peer is peer:
                 self._end(key, goal, ABORTED, f"{peer.identity} left before it was done")
         self.providers.leave(peer)
+
+    def _stop(self, key: str, goal: Goal, status: int, values: Any) -> None:
+        """End a goal before its handler has, unless what that did is being stored."""
+        goal.stopped = (status, values)
+        if goal.progress is None or goal.progress.cancel():
+            self._end(key, goal, status, values)
 
     def _end(self, key: str, goal: Goal, status: int, values: Any) -> None:
         with self._lock:

@@ -14,6 +14,9 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Protocol
+
+from endpoint.rosbridge.messages import JsonObject
 
 Job = Callable[[], None]
 
@@ -112,6 +115,63 @@ class Once:
         with self._lock:
             first, self._done = not self._done, True
         return first
+
+
+class Prepared(Protocol):
+    """A call of a service, with an end that is settled once."""
+
+    def result(self) -> JsonObject:
+        """Carry it out and return its answer."""
+
+    def expire(self) -> object:
+        """End it as late, unless it is being stored."""
+
+    def cancel(self) -> object:
+        """End it as cancelled, unless it is being stored."""
+
+
+class OwnCall:
+    """A call that the server carries out, and whether its caller may still be told that it ended.
+
+    Parameters
+    ----------
+    may_be_left
+        Whether it changes nothing, so that its answer may be dropped while it runs. What writes
+        is waited for, because its caller would write twice.
+    """
+
+    def __init__(self, *, may_be_left: bool) -> None:
+        self._may_be_left = may_be_left
+        self._lock = threading.Lock()
+        self._is_left = self._has_begun = False
+        self._prepared: Prepared | None = None
+
+    def begin(self, prepared: Prepared | None) -> bool:
+        """Begin to carry the call out, and return whether somebody still waits for it."""
+        with self._lock:
+            self._has_begun, self._prepared = not self._is_left, prepared
+            return self._has_begun
+
+    def leave(self, *, is_late: bool) -> bool:
+        """Stop waiting; return whether the caller is to be told now rather than by the call.
+
+        Parameters
+        ----------
+        is_late
+            Whether its time is up; otherwise its caller has gone.
+        """
+        with self._lock:
+            prepared = self._prepared
+            if not self._has_begun:
+                self._is_left = True
+                return True
+        if prepared is None:
+            return self._may_be_left
+        if is_late:
+            prepared.expire()
+        else:
+            prepared.cancel()
+        return False
 
 
 class Deadline:

@@ -16,6 +16,7 @@ from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import ros_service, ros_type
 from rtask.services.host import MAX_TIMEOUT_S
+from rtask.services.task import Task
 
 _DATA = "$data"
 
@@ -30,12 +31,31 @@ def hosted_services(host: ServiceHost | None) -> list[Service]:
 def hosted_service(host: ServiceHost, definition: Definition, method: Method) -> Service:
     """Return a method as a service of rosbridge."""
 
-    def handler(args: JsonObject, access: Access) -> JsonObject:
+    def prepare(args: JsonObject, access: Access, timeout_s: float) -> HostedCall:
         given, data = _split(args)
-        return host.call(definition.name, method.name, given, access, data).as_json()
+        asked = Invocation(definition.name, method.name, given, access, data, timeout_s)
+        return HostedCall(host, host.prepare(asked))
 
-    name, type_ = ros_service(definition.name, method.name), ros_type(definition, method)
-    return Service(name, type_, method.scope, handler, request=method.request, answer=method.answer)
+    def handler(args: JsonObject, access: Access) -> JsonObject:
+        return prepare(args, access, definition.timeout_s).result()
+
+    return Service(
+        ros_service(definition.name, method.name), ros_type(definition, method), method.scope,
+        handler, request=method.request, answer=method.answer, prepare=prepare,
+    )  # fmt: skip
+
+
+class HostedCall:
+    """A call of a method, whose end the host settles once."""
+
+    def __init__(self, host: ServiceHost, task: Task) -> None:
+        self._host, self._task = host, task
+        self.expire, self.cancel = task.expire, task.cancel
+
+    def result(self) -> JsonObject:
+        """Carry the call out and return its answer; errors as :meth:`ServiceHost.call`."""
+        self._host.start(self._task)
+        return self._task.result().as_json()
 
 
 def hosted_actions(host: ServiceHost | None) -> list[Action]:

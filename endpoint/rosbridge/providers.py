@@ -1,7 +1,7 @@
 """Services that robots provide: caller, server, provider, and back (rosbridge protocol 2, 3.4).
 
 No thread waits for a provider. A call ends with the provider's answer, at its deadline, or when the
-provider disconnects, whichever comes first; later answers are dropped.
+provider withdraws the service or disconnects, whichever comes first; later answers are dropped.
 """
 
 from __future__ import annotations
@@ -103,13 +103,25 @@ class Providers:
             self._providers[name] = Provider(name, type_, peer)
 
     def unadvertise(self, peer: Peer, name: str) -> bool:
-        """Withdraw an advertisement; tell whether it was this session's."""
+        """Withdraw an advertisement and fail the calls that wait for it.
+
+        Returns
+        -------
+        Whether it was this session's.
+        """
         with self._lock:
             found = self._providers.get(name)
             if found is None or found.peer.number != peer.number:
                 return False
             del self._providers[name]
-            return True
+            waiting = [
+                call.id
+                for call in self._calls.values()
+                if call.provider.peer is peer and call.provider.name == name
+            ]
+        for id_ in waiting:
+            self._end(id_, False, f"{peer.identity} withdrew {name} before it answered")
+        return True
 
     def find(self, name: str) -> Provider | None:
         """Return the provider of a service; none if nobody provides it."""
@@ -133,7 +145,7 @@ class Providers:
             {"op": "call_service", "id": call.id, "service": provider.name, "args": args}
         )
         if self._providers.get(provider.name) is not provider:  # it left a moment ago
-            self._end(call.id, False, f"{provider.peer.identity} left")
+            self._end(call.id, False, f"{provider.peer.identity} no longer offers it")
 
     def answer(self, peer: Peer, message: JsonObject) -> None:
         """Accept a provider's answer; one that comes too late is dropped.

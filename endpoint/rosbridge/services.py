@@ -7,9 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+from endpoint.rosbridge.calls import Prepared
 from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.commit.access import Access
+from rtask.wire.effect import Effect
 from rtask.wire.message import Answer, Message
 from rtask.wire.ros import camel_case
 
@@ -18,16 +20,16 @@ RequestClass = type[Message]
 AnswerClass = type[Answer]
 
 
-_WRITES_IN_PART = frozenset(("teach_object",))
-"""Operations whose requests need different rights; some of them write."""
-
-
 class Operation(Protocol):
     """The part of an operation that rosbridge uses."""
 
     @property
     def scope(self) -> str:
         """Right that a caller needs."""
+
+    @property
+    def effect(self) -> Effect:
+        """Its effect on the graph."""
 
     @property
     def summary(self) -> str:
@@ -81,6 +83,9 @@ class Service:
         Answered by the reader at once: short, and never behind a queue.
     request, answer
         Their declarations, where there are any.
+    prepare
+        Takes arguments, rights and the time for the answer, s, and returns a call that can be
+        ended; used in place of ``handler`` where there is one.
     positional
         Names of the arguments in order, for callers that send a list, where none is declared.
     """
@@ -92,6 +97,7 @@ class Service:
     inline: bool = False
     request: RequestClass | None = None
     answer: AnswerClass | None = None
+    prepare: Callable[[JsonObject, Access, float], Prepared] | None = None
     positional: tuple[str, ...] = ()
 
     @property
@@ -156,12 +162,6 @@ def ros_type(operation: str) -> str:
     'rtask/RecogniseForGrasp'
     """
     return f"rtask/{camel_case(operation)}"
-
-
-def only_reads(engine: Engine, operation: str) -> bool:
-    """Whether an operation, whatever its request, leaves the graph as it is."""
-    found = engine.operations.get(operation)
-    return found is not None and found.scope == "read" and operation not in _WRITES_IN_PART
 
 
 def engine_services(engine: Engine) -> list[Service]:

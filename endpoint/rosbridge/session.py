@@ -19,6 +19,7 @@ from endpoint.rosbridge.calls import (
     CallQueue,
     Deadlines,
     Once,
+    OwnCall,
 )
 from endpoint.rosbridge.hosted import hosted_actions, hosted_services
 from endpoint.rosbridge.messages import (
@@ -127,6 +128,7 @@ class Session:
         self._closed = False
         self._fragments = Fragments()
         self._packings: dict[str, Packing] = {}
+        self._own_calls: set[OwnCall] = set()
         self._worker = WorkerSeat(bridge.workers, self)
         self._ops: dict[str, Callable[[JsonObject], None]] = {
             "call_service": self._call_service,
@@ -191,6 +193,8 @@ class Session:
         if bridge.sessions.pop(self.number, None) is not None:
             bridge.activity.left(self.identity)
         bridge.calls.forget(self.number)
+        for call in list(self._own_calls):
+            call.leave(is_late=False)
         bridge.topics.leave(self.number)
         bridge.actions.leave(self)
         bridge.providers.leave(self)
@@ -266,16 +270,22 @@ class Session:
             self._run(message, packing, service, args, once)
             return
         seconds = timeout_of(message, CALL_S)
-        late = self.bridge.deadlines.after(
-            seconds,
-            lambda: self._finish(
-                message, packing, False, f"no answer within {seconds:g} s", once, 504
-            ),
-        )
+        call = OwnCall(may_be_left=service.scope in ("read", "call"))
+
+        def expire() -> None:
+            if call.leave(is_late=True):
+                words = f"no answer within {seconds:g} s"
+                self._finish(message, packing, False, words, once, 504)
+
+        late = self.bridge.deadlines.after(seconds, expire)
 
         def job() -> None:
-            self._run(message, packing, service, args, once)
-            late.cancel()
+            self._own_calls.add(call)
+            try:
+                self._run(message, packing, service, args, once, call, seconds)
+            finally:
+                self._own_calls.discard(call)
+                late.cancel()
 
         if not self.bridge.calls.submit(self.number, job):
             late.cancel()
@@ -283,10 +293,14 @@ class Session:
 
     def _run(
         self, message: JsonObject, packing: Packing, service: Service, args: JsonObject,
-        once: Once,
+        once: Once, call: OwnCall | None = None, seconds: float = CALL_S,
     ) -> None:  # fmt: skip
         try:
-            values = service.handler(args, self.access)
+            prepare = service.prepare
+            prepared = prepare(args, self.access, seconds) if prepare else None
+            if call is not None and (self._closed or not call.begin(prepared)):
+                return  # its caller was told that its time is up, or has gone
+            values = prepared.result() if prepared else service.handler(args, self.access)
             text = encode(service_response(message, True, values))
             if len(text) > MAX_ANSWER_BYTES:
                 raise UsageError(f"answer of {len(text) >> 20} MB is too large: use HTTP")
@@ -343,8 +357,10 @@ class Session:
     def _unadvertise_service(self, message: JsonObject) -> None:
         name = name_of(message, "service")
         if name.startswith(SERVICES):
-            self._worker.unadvertise(name.removeprefix(SERVICES))
-        elif not self.bridge.providers.unadvertise(self, name):
+            was_there = self._worker.unadvertise(name.removeprefix(SERVICES))
+        else:
+            was_there = self.bridge.providers.unadvertise(self, name)
+        if not was_there:
             self._status("warning", f"{name} was not advertised here", message)
 
     def _service_response(self, message: JsonObject) -> None:
@@ -362,7 +378,7 @@ class Session:
 
     def _unadvertise_action(self, message: JsonObject) -> None:
         name = name_of(message, "action")
-        if not self.bridge.actions.providers.unadvertise(self, name):
+        if not self.bridge.actions.unadvertise(self, name):
             self._status("warning", f"{name} was not advertised here", message)
 
     def _send_action_goal(self, message: JsonObject) -> None:

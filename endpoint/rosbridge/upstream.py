@@ -19,7 +19,7 @@ from endpoint.http.messages import Request
 from endpoint.http.websocket import SERVICE_RESTART
 from endpoint.rosbridge.messages import JsonObject, encode, parse, service_response, with_id
 from endpoint.rosbridge.packing import Frame
-from endpoint.rosbridge.services import Engine, only_reads
+from endpoint.rosbridge.services import Engine
 from rtask.errors import UsageError
 
 __all__ = ["Upstream"]
@@ -56,7 +56,9 @@ class Upstream:
         end: Callable[[int, str], Awaitable[None]],
     ) -> None:
         self._following = following
-        self._reads = {f"rtask/{name}" for name in engine.operations if only_reads(engine, name)}
+        self._here = {
+            f"rtask/{name}" for name, one in engine.operations.items() if one.effect != "writes"
+        }
         token = request.headers.get("authorization")
         self._headers = {} if token is None else {"Authorization": token}
         self._deliver = deliver
@@ -97,7 +99,7 @@ class Upstream:
         op = message.get("op")
         if op != "call_service":
             return not isinstance(op, str) or op in _HERE
-        return str(message.get("service")).lstrip("/") in self._reads
+        return str(message.get("service")).lstrip("/") in self._here
 
     async def _run(self) -> None:
         """Connect, and pass frames both ways until one side leaves."""

@@ -120,10 +120,15 @@ class WorkerSeat:
         self._session.emit({**said, "id": message.get("id")})
         self._workers.look()
 
-    def unadvertise(self, exact: str) -> None:
-        """Take one version of a service from the worker; its calls in progress end."""
-        if self._is_worker and self._workers.host is not None:
-            self._workers.host.outward.leave(self, exact)
+    def unadvertise(self, name: str) -> bool:
+        """Take a service from the worker, one version or all; its calls in progress end.
+
+        Returns
+        -------
+        Whether the worker offered it.
+        """
+        host = self._workers.host if self._is_worker else None
+        return host is not None and host.outward.withdraw(self, name)
 
     def drain(self, _: JsonObject) -> None:
         """Give the worker no further calls."""

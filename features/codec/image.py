@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 import cv2
@@ -10,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.container import CODEC_JPEG, CODEC_PNG, Section
-from features.codec.limits import CloudFormatError, Limits, UnknownFormatError
+from features.codec.image_header import image_size
+from features.codec.limits import CloudFormatError, Limits
 
-__all__ = ["decode_image", "image_size", "jpeg", "png"]
+__all__ = ["decode_image", "jpeg", "png"]
 
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-_IHDR = struct.Struct(">II")
-_SOF_MARKERS = frozenset({0xC0, 0xC1, 0xC2})
-_STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
-
+_MAGIC = {CODEC_PNG: b"\x89PNG", CODEC_JPEG: b"\xff\xd8"}
 
 _SMALL_PX = 100_000
 _FAST = [
@@ -53,44 +49,14 @@ def _section(codec: int, suffix: str, image: NDArray[Any], options: list[int]) -
     return Section(codec, stored.tobytes(), image.nbytes)
 
 
-def image_size(data: bytes) -> tuple[int, int]:
-    """Return (width, height) px of a PNG or JPEG, from its header.
-
-    Raises
-    ------
-    CloudFormatError
-        When it is neither, or cut off before the size.
-    """
-    if data.startswith(_PNG_MAGIC):
-        if len(data) < 33 or data[12:16] != b"IHDR":
-            raise CloudFormatError("PNG cut off within its header")
-        width, height = _IHDR.unpack_from(data, 16)
-        return int(width), int(height)
-    if data.startswith(b"\xff\xd8"):
-        return _jpeg_size(data)
-    raise UnknownFormatError(f"neither PNG nor JPEG: starts with {data[:8].hex(' ')}")
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """Walk the markers up to the start of frame (ITU T.81, B.2)."""
-    offset = 2
-    while offset + 9 <= len(data):
-        if data[offset] != 0xFF:
-            raise CloudFormatError(f"JPEG: no marker at offset {offset}")
-        marker = data[offset + 1]
-        if marker in _SOF_MARKERS:
-            height, width = struct.unpack_from(">HH", data, offset + 5)
-            return int(width), int(height)
-        offset += 2 if marker in _STANDALONE else 2 + struct.unpack_from(">H", data, offset + 2)[0]
-    raise CloudFormatError("JPEG cut off before its size")
-
-
 def decode_image(
     section: Section, shape: tuple[int, int], name: str, limits: Limits
 ) -> NDArray[Any]:
     """Decode a section that must be an image of ``shape`` (h, w); colour comes back as RGB."""
     if section.codec not in (CODEC_PNG, CODEC_JPEG):
         raise CloudFormatError(f"{name}: unknown codec {section.codec}")
+    if not section.stored.startswith(_MAGIC[section.codec]):
+        raise CloudFormatError(f"{name}: the section is not what its codec says")
     width, height = image_size(section.stored)
     limits.check_image(width, height)
     if (height, width) != shape:

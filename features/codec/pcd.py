@@ -6,20 +6,44 @@ import struct
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 
-__all__ = ["read_pcd", "split_colour", "write_pcd"]
+__all__ = ["is_pcd", "read_pcd", "split_colour", "write_pcd"]
 
 _MAX_HEADER = 65_536
 _FRAME = "#frame_id"
+_FIRST = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT")
+_AT_ORIGIN = (0, 0, 0, 1, 0, 0, 0)
 _KINDS = {"F": "f", "U": "u", "I": "i"}
+
+
+def is_pcd(data: bytes) -> bool:
+    """Whether bytes begin like a PCD file: comments and blank lines, then a line of its header.
+
+    Examples
+    --------
+    >>> is_pcd(b"# made by hand\\n\\nFIELDS x y z\\n"), is_pcd(b"a poem\\n")
+    (True, False)
+    """
+    if data.startswith(b"# .PCD"):
+        return True
+    for line in data[:_MAX_HEADER].split(b"\n"):
+        words = line.split()
+        if words and not words[0].startswith(b"#"):
+            return words[0].decode("ascii", "replace") in _FIRST
+    return False
 
 
 def read_pcd(data: bytes, limits: Limits) -> Cloud:
     """Return the points of a PCD file; an organised one keeps its rows.
+
+    VIEWPOINT is the pose of the sensor from which the points were measured: they are returned in
+    the frame in which that pose is given. It is mostly the identity.
 
     Raises
     ------
@@ -41,7 +65,29 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
         raise CloudFormatError(f"PCD: unknown DATA {kind!r}")
     split_colour(table)
     cloud = cloud_from_fields(table, ("r", "g", "b"), "PCD", _shape(header, count))
-    return replace(cloud, frame_id=" ".join(header.get(_FRAME, [])))
+    positions = _from_viewpoint(header, cloud.positions)
+    return replace(cloud, positions=positions, frame_id=" ".join(header.get(_FRAME, [])))
+
+
+def _from_viewpoint(
+    header: dict[str, list[str]], positions: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Apply VIEWPOINT (tx ty tz qw qx qy qz) to positions (n, 3), m."""
+    words = header.get("VIEWPOINT", [])
+    if not words:
+        return positions
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not np.any(numbers[3:]):
+        raise CloudFormatError(
+            f"PCD: VIEWPOINT must be seven numbers, got {' '.join(words)[:80]!r}"
+        )
+    if np.array_equal(numbers, _AT_ORIGIN):
+        return positions
+    turned = Rotation.from_quat(numbers[[4, 5, 6, 3]]).as_matrix()
+    return np.asarray(positions @ turned.T + numbers[:3], np.float32)
 
 
 def _shape(header: dict[str, list[str]], count: int) -> tuple[int, ...]:
@@ -115,7 +161,8 @@ def _whole(header: dict[str, list[str]], key: str) -> int:
 
 def _layout(header: dict[str, list[str]]) -> list[tuple[str, str]]:
     """Return the fields as (name, numpy type), counts above one spread out."""
-    names, sizes, kinds = (header.get(key, []) for key in ("FIELDS", "SIZE", "TYPE"))
+    names = header.get("FIELDS", header.get("COLUMNS", []))
+    sizes, kinds = header.get("SIZE", []), header.get("TYPE", [])
     counts = header.get("COUNT", ["1"] * len(names))
     if not names or not len(names) == len(sizes) == len(kinds) == len(counts):
         raise CloudFormatError("PCD: FIELDS, SIZE, TYPE and COUNT differ in length")

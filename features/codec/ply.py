@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.table import cloud_from_fields, read_text_rows
+from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 
 __all__ = ["read_ply"]
@@ -19,6 +19,11 @@ _TYPES = {
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
+_COLOURS = (
+    ("red", "green", "blue"),
+    ("r", "g", "b"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+)
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
 
@@ -26,6 +31,7 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     """Return the vertices of a PLY file.
 
     A range grid (Turk 1994) or the camera of the Point Cloud Library makes an organised cloud.
+    Colours are 8-bit numbers, or shares of one as floats; lists within a vertex are skipped.
 
     Raises
     ------
@@ -37,21 +43,12 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     if end < 0 or body == 0:
         raise CloudFormatError("PLY: the header has no end")
     header = _read_header(data[:end].decode("ascii", "replace"))
-    count, fields = header.count, header.fields
-    limits.check_points(count)
-    if header.order == "":
-        lines = data[body:].split(b"\n", count)
-        table = read_text_rows(data[body:], count, fields, "PLY")
-        rest = lines[count] if len(lines) > count else b""
-    else:
-        layout = np.dtype([(name, header.order + kind) for name, kind in fields])
-        if len(data) - body < count * layout.itemsize:
-            raise CloudFormatError(f"PLY: cut off; the header promises {count} vertices")
-        packed: NDArray[np.void] = np.frombuffer(data, layout, count, body)
-        table = {name: packed[name] for name, _ in fields}
-        rest = data[body + count * layout.itemsize :]
+    limits.check_points(header.count)
+    rows = data[_start_of_vertices(header, data, body, limits) :]
+    table, rest = _vertices(header, rows)
+    channels = _eight_bits(table)
     shape, places = _organisation(header, rest, limits)
-    channels = ("red", "green", "blue")
+    count = header.count
     if places is None:
         return cloud_from_fields(table, channels, "PLY", shape)
     cloud = cloud_from_fields(table, channels, "PLY")
@@ -62,6 +59,102 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     if (of < 0).any():
         raise CloudFormatError("PLY: a vertex has no place in the range grid")
     return replace(cloud, shape=shape, places=of)
+
+
+def _vertices(header: _Header, rows: bytes) -> tuple[Table, bytes]:
+    """Return the columns of the vertices, and the bytes after the last one."""
+    count, rest = header.count, b""
+    fields = [(name, kind) for name, kind in header.fields if kind]
+    if header.order == "":
+        lines = rows.split(b"\n", count)
+        if header.lists:
+            rows = b"\n".join(_without_lists(line, header) for line in lines[:count]) + b"\n"
+        rest = lines[count] if len(lines) > count else b""
+        return read_text_rows(rows, count, fields, "PLY"), rest
+    if header.lists:
+        rows, rest = _rows_without_lists(header, rows)
+    layout = np.dtype([(name, header.order + kind) for name, kind in fields])
+    if len(rows) < count * layout.itemsize:
+        raise CloudFormatError(f"PLY: cut off; the header promises {count} vertices")
+    packed: NDArray[np.void] = np.frombuffer(rows, layout, count)
+    table: Table = {name: packed[name] for name, _ in fields}
+    return table, rest or rows[count * layout.itemsize :]
+
+
+def _without_lists(line: bytes, header: _Header) -> bytes:
+    words, plain, at = line.split(), [], 0
+    for name, kind in header.fields:
+        if at >= len(words):
+            raise CloudFormatError(f"PLY: the vertex {line[:60]!r} lacks {name}")
+        if kind:
+            plain.append(words[at])
+            at += 1
+        else:
+            at += 1 + (int(words[at]) if words[at].isdigit() else len(words))
+    return b" ".join(plain)
+
+
+def _rows_without_lists(header: _Header, rows: bytes) -> tuple[bytes, bytes]:
+    """Return the fixed parts of the vertices joined, and the bytes after the last one."""
+    out, at = bytearray(), 0
+    for _ in range(header.count):
+        for name, kind in header.fields:
+            start = at
+            if kind:
+                at += np.dtype(kind).itemsize
+                out += rows[start:at]
+            else:
+                at = _end_of_list(header.order, header.lists[name], rows, at)
+        if at > len(rows):
+            raise CloudFormatError(f"PLY: cut off; the header promises {header.count} vertices")
+    return bytes(out), rows[at:]
+
+
+def _end_of_list(order: str, kinds: tuple[str, str], rows: bytes, at: int) -> int:
+    """Return where a list ends that begins at an offset: its length, then so many items."""
+    counts, items = np.dtype(order + kinds[0]), np.dtype(order + kinds[1])
+    if at + counts.itemsize > len(rows):
+        raise CloudFormatError("PLY: cut off within a list")
+    length = int(np.frombuffer(rows, counts, 1, at)[0])
+    if length < 0:
+        raise CloudFormatError("PLY: a list of a negative length")
+    return at + counts.itemsize + length * items.itemsize
+
+
+def _start_of_vertices(header: _Header, data: bytes, body: int, limits: Limits) -> int:
+    """Return the offset of the first vertex, behind the elements that come before."""
+    at = body
+    for count, properties in header.before:
+        limits.check_points(count)
+        has_lists = any(kinds[0] for kinds in properties)
+        if header.order and not has_lists:
+            at += count * sum(np.dtype(kinds[1]).itemsize for kinds in properties)
+            continue
+        for _ in range(count):
+            if header.order == "":
+                at = data.find(b"\n", at) + 1 or len(data) + 1
+                continue
+            for kinds in properties:
+                at = (
+                    _end_of_list(header.order, kinds, data, at)
+                    if kinds[0]
+                    else at + np.dtype(kinds[1]).itemsize
+                )
+    if at > len(data):
+        raise CloudFormatError("PLY: cut off before the vertices")
+    return at
+
+
+def _eight_bits(table: Table) -> tuple[str, str, str]:
+    """Make the colours of a table 8-bit numbers, and return the names of their columns."""
+    for names in _COLOURS:
+        if all(name in table for name in names):
+            for name in names:
+                if table[name].dtype.kind == "f":
+                    shares = np.nan_to_num(table[name].astype(np.float64))
+                    table[name] = np.rint(np.clip(shares, 0, 1) * 255).astype(np.uint8)
+            return names
+    return _COLOURS[0]
 
 
 def _organisation(
@@ -127,11 +220,17 @@ def _range_grid(header: _Header, rest: bytes, cells: int) -> NDArray[np.int64]:
 
 @dataclass
 class _Header:
-    """Byte order ('' = text), number and fields of vertices, grid, and the element after them."""
+    """Byte order ('' = text), number and fields of vertices, grid, and the elements around them.
+
+    A field without a type is a list, with its types in ``lists``. ``before`` has the elements
+    before the vertices: how many, and the types of their properties.
+    """
 
     order: str = "?"
     count: int = -1
     fields: list[tuple[str, str]] = field(default_factory=list)
+    lists: dict[str, tuple[str, str]] = field(default_factory=dict)
+    before: list[tuple[int, list[tuple[str, str]]]] = field(default_factory=list)
     columns: int = 0
     rows: int = 0
     after: str = ""
@@ -152,17 +251,23 @@ def _read_header(text: str) -> _Header:
         if words[0] == "format" and len(words) == 3 and words[1] in _ORDERS:
             header.order = _ORDERS[words[1]]
         elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
-            if element == "" and words[1] != "vertex":
-                raise CloudFormatError("PLY: the first element must be the vertices")
+            if header.count < 0 and words[1] != "vertex":
+                header.before.append((int(words[2]), []))
             if words[1] == "vertex":
                 header.count = int(words[2])
             elif element == "vertex":
                 header.after = words[1]
             element = words[1]
-        elif words[0] == "property" and element == "vertex":
-            if len(words) != 3 or words[1] not in _TYPES:
+        elif words[0] == "property" and (element == "vertex" or header.count < 0):
+            kinds = _property(words)
+            if kinds is None or element == "":
                 raise CloudFormatError(f"PLY: cannot read {line.strip()!r}")
-            header.fields.append((words[2], _TYPES[words[1]]))
+            if element != "vertex":
+                header.before[-1][1].append(kinds)
+                continue
+            header.fields.append((words[-1], "" if kinds[0] else kinds[1]))
+            if kinds[0]:
+                header.lists[words[-1]] = kinds
         elif words[0] == "property" and element == header.after and len(words) == 3:
             header.after_fields.append((words[2], _TYPES.get(words[1], "i4")))
         elif words[0] not in ("property", "element"):
@@ -171,3 +276,12 @@ def _read_header(text: str) -> _Header:
     if header.order == "?" or header.count < 0 or len(names) != len(header.fields):
         raise CloudFormatError("PLY: the header names no format, no vertices, or a field twice")
     return header
+
+
+def _property(words: list[str]) -> tuple[str, str] | None:
+    """Return the types of a property's count and items; the first is empty where it is no list."""
+    if len(words) == 3 and words[1] in _TYPES:
+        return "", _TYPES[words[1]]
+    if len(words) == 5 and words[1] == "list" and {words[2], words[3]} <= _TYPES.keys():
+        return _TYPES[words[2]], _TYPES[words[3]]
+    return None

@@ -15,13 +15,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from features.codec.compressed_depth import decode_compressed_depth, is_compressed_depth
 from features.codec.limits import CloudFormatError, Limits
 from features.codec.pcd import write_pcd
 from features.geometry import finite_depth
 
-__all__ = ["image_bytes", "is_image", "is_point_cloud", "pcd_from_point_cloud", "pixels_of_image"]
+__all__ = [
+    "image_bytes",
+    "is_image",
+    "is_point_cloud",
+    "pcd_from_point_cloud",
+    "pixels_of_image",
+    "raw_data",
+]
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+# Encodings that OpenCV turns into RGB (sensor_msgs/image_encodings.h); a Bayer pattern is named by
+# its first row in ROS, by its second in OpenCV.
+_CONVERTED = {
+    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY), "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2), "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "bayer_rggb8": (1, cv2.COLOR_BayerBG2RGB), "bayer_bggr8": (1, cv2.COLOR_BayerRG2RGB),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2RGB), "bayer_grbg8": (1, cv2.COLOR_BayerGB2RGB),
+}  # fmt: skip
 _ENCODINGS = {
     "rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4),
     "mono8": ("u1", 1), "8UC1": ("u1", 1), "8UC3": ("u1", 3), "mono16": ("u2", 1),
@@ -53,7 +69,7 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
     height, width = _whole(message, "height"), _whole(message, "width")
     step, row = _whole(message, "point_step"), _whole(message, "row_step", 0)
     limits.check_points(height * width)
-    data = _data(message, limits)
+    data = raw_data(message, limits)
     row = row or width * step
     if step < 1 or row < width * step or len(data) < (height - 1) * row + width * step:
         raise CloudFormatError(
@@ -68,6 +84,9 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
     if missing:
         raise CloudFormatError(f"PointCloud2: no field {', '.join(missing)}")
     table: dict[str, NDArray[Any]] = {axis: rows[axis].astype("<f4") for axis in "xyz"}
+    if all(channel in (layout.names or ()) for channel in "rgb"):
+        red, green, blue = (_colour_channel(rows[channel]) for channel in "rgb")
+        table["rgb"] = (red << 16 | green << 8 | blue).astype("<u4")
     for name in ("rgb", "rgba"):
         if name in (layout.names or ()) and layout[name].itemsize == 4:
             column = np.ascontiguousarray(rows[name])
@@ -76,6 +95,13 @@ def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = Non
     header = message.get("header")
     frame_id = header.get("frame_id", "") if isinstance(header, Mapping) else ""
     return write_pcd(table, (height, width), str(frame_id))
+
+
+def _colour_channel(values: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return a channel of colour as 0 to 255: whole numbers are that, others shares of one."""
+    if values.dtype.kind == "f":
+        values = np.rint(np.clip(np.nan_to_num(values), 0.0, 1.0) * 255)
+    return np.asarray(np.clip(values, 0, 255), np.uint32)
 
 
 def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
@@ -92,7 +118,7 @@ def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
             raise CloudFormatError(f"PointCloud2: unknown field {one!r:.80}")
         if offset < 0 or offset + int(kind[1]) > step:
             raise CloudFormatError(f"PointCloud2: field {one['name']} lies outside the point")
-        if str(one["name"]) in ("x", "y", "z", "rgb", "rgba"):
+        if str(one["name"]) in ("x", "y", "z", "rgb", "rgba", "r", "g", "b"):
             names.append(str(one["name"]))
             formats.append(order + kind)
             offsets.append(offset)
@@ -112,7 +138,9 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
     """
     limits = limits or Limits()
     if "encoding" not in message:
-        data = _data(message, limits)
+        data = raw_data(message, limits)
+        if is_compressed_depth(message):
+            return _png(_millimetres(decode_compressed_depth(str(message["format"]), data, limits)))
         # Transports put a header before the picture of compressedDepth.
         at = data.find(_PNG, 0, 64)
         found = data if data.startswith(_JPEG) or at < 0 else data[at:]
@@ -123,12 +151,19 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
         return found
     pixels = pixels_of_image(message, limits)
     if pixels.dtype == np.float32:
-        pixels = np.rint(np.clip(finite_depth(pixels) * 1000, 0, 65_535)).astype(np.uint16)
-    flipped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
-    done, data_png = cv2.imencode(".png", np.ascontiguousarray(flipped))
+        pixels = _millimetres(finite_depth(pixels))
+    return _png(pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+
+
+def _millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
+    return np.rint(np.clip(depth_m * 1000, 0, 65_535)).astype(np.uint16)
+
+
+def _png(pixels: NDArray[Any]) -> bytes:
+    done, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
     if not done:
         raise CloudFormatError("Image: cannot be written as PNG")
-    return data_png.tobytes()
+    return data.tobytes()
 
 
 def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) -> NDArray[Any]:
@@ -143,29 +178,42 @@ def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) ->
     """
     limits = limits or Limits()
     encoding = str(message.get("encoding"))
-    if encoding not in _ENCODINGS:
-        raise CloudFormatError(
-            f"Image: encoding {encoding!r} is not known; one of {', '.join(_ENCODINGS)}"
-        )
-    code, channels = _ENCODINGS[encoding]
+    if encoding not in _ENCODINGS and encoding not in _CONVERTED:
+        readable = ", ".join((*_ENCODINGS, *_CONVERTED))
+        raise CloudFormatError(f"Image: encoding {encoding!r} is not known; one of {readable}")
+    conversion = _CONVERTED.get(encoding)
+    code, channels = ("u1", conversion[0]) if conversion else _ENCODINGS[encoding]
     height, width = _whole(message, "height"), _whole(message, "width")
     limits.check_image(width, height)
     kind = np.dtype((">" if message.get("is_bigendian") else "<") + code)
     used = width * channels * kind.itemsize
     step = _whole(message, "step", 0) or used
-    data = _data(message, limits)
+    data = raw_data(message, limits)
     if step < used or height < 1 or width < 1 or len(data) < (height - 1) * step + used:
         raise CloudFormatError(f"Image: {len(data)} bytes are not {width}x{height} of {encoding}")
     rows = np.frombuffer(data.ljust(height * step, b"\0"), np.uint8, height * step)
     pixels = rows.reshape(height, step)[:, :used].copy().view(kind)
     pixels = pixels.astype(kind.newbyteorder("="))
+    if conversion is not None:
+        if width % 2 or (channels == 1 and height % 2):
+            raise CloudFormatError(f"Image: {encoding} of {width}x{height} px; sides must be even")
+        raw = pixels.reshape(height, width, channels)
+        return np.asarray(cv2.cvtColor(raw, conversion[1]), dtype=np.uint8)
     if channels == 1:
         return pixels
     pixels = pixels.reshape(height, width, channels)[..., :3]
     return pixels[..., ::-1].copy() if encoding[0] in "b8" else pixels.copy()
 
 
-def _data(message: Mapping[str, Any], limits: Limits) -> bytes:
+def raw_data(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
+    """Return the member ``data`` of a message: bytes, or base64 text or a list of numbers of JSON.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is none of these, or larger than the limits allow.
+    """
+    limits = limits or Limits()
     data = message["data"]
     if isinstance(data, str):
         try:

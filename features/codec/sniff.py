@@ -9,9 +9,10 @@ import zstandard
 from features.codec.cloud import read_cloud
 from features.codec.container import KIND_FRAME, KIND_OCTREE, MAGIC, unpack
 from features.codec.frame import read_frame
+from features.codec.image_header import is_image
 from features.codec.limits import CloudFormatError, Limits, UnknownFormatError
 from features.codec.octree import read_octree
-from features.codec.pcd import read_pcd
+from features.codec.pcd import is_pcd, read_pcd
 from features.codec.ply import read_ply
 from features.codec.types import Cloud
 from features.geometry import Frame
@@ -19,7 +20,6 @@ from features.geometry import Frame
 __all__ = ["decode"]
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_IMAGES = (b"\x89PNG", b"\xff\xd8\xff")
 
 
 def decode(data: bytes, limits: Limits | None = None) -> Frame | Cloud:
@@ -53,9 +53,9 @@ def _read(data: bytes, limits: Limits) -> Frame | Cloud:
         return read_cloud(container, limits)
     if data.startswith((b"ply\n", b"ply\r")):
         return read_ply(data, limits)
-    if data.startswith((b"# .PCD", b"VERSION")):
+    if is_pcd(data):
         return read_pcd(data, limits)
-    if data.startswith(_IMAGES):
+    if is_image(data):
         raise CloudFormatError("an image, not a cloud: send it as `image`, the cloud as `data`")
     if data.startswith(b"DRACO"):
         raise CloudFormatError("Draco: its decoder knows no limits; send RTKC, PLY or PCD")

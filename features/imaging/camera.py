@@ -38,6 +38,8 @@ __all__ = [
 _MAX_GRID_ERROR_PX = 0.75
 _MIN_GRID_POINTS = 50
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+FISHEYE = "equidistant"
+"""Distortion model of a fisheye lens, as ROS names it (Kannala and Brandt 2006, k1 to k4)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,9 @@ class Lens:
         Of the image as it comes from the camera.
     distortion
         k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tx, ty]]]] as OpenCV and ROS
-        (``plumb_bob``, ``rational_polynomial``) order them; empty = none.
+        (``plumb_bob``, ``rational_polynomial``) order them, or k1 to k4 of a fisheye; empty = none.
+    is_fisheye
+        Whether the distortion is that of :data:`FISHEYE`.
 
     Raises
     ------
@@ -60,8 +64,11 @@ class Lens:
 
     intrinsics: Intrinsics
     distortion: tuple[float, ...] = ()
+    is_fisheye: bool = False
 
     def __post_init__(self) -> None:
+        if self.is_fisheye and len(self.distortion) != 4:
+            raise ValueError(f"{len(self.distortion)} coefficients; a fisheye has 4")
         if len(self.distortion) not in _DISTORTION_LENGTHS:
             raise ValueError(
                 f"{len(self.distortion)} coefficients of distortion; expected one of "
@@ -72,14 +79,20 @@ class Lens:
 
     @property
     def is_distorted(self) -> bool:
-        """Whether any coefficient differs from zero."""
-        return any(self.distortion)
+        """Whether straight lines are bent: a fisheye bends them even where its numbers are zero."""
+        return self.is_fisheye or any(self.distortion)
 
 
-def lens_from_message(message: Mapping[str, Any]) -> Lens:
+def lens_from_message(message: Mapping[str, Any], is_rectified: bool = False) -> Lens:
     """Return the lens of a ``sensor_msgs/CameraInfo``, or of a mapping of plain names.
 
     Plain names are width, height, fx, fy, cx, cy and distortion.
+
+    Parameters
+    ----------
+    is_rectified
+        Whether the image was rectified before it was published (``image_rect``): P describes it
+        then, and it has no distortion any more (``sensor_msgs/CameraInfo``).
 
     Raises
     ------
@@ -93,8 +106,11 @@ def lens_from_message(message: Mapping[str, Any]) -> Lens:
     501.0
     """
     matrix = message.get("k", message.get("K"))
+    projection = _projection(message) if is_rectified else None
     try:
-        if matrix is not None:
+        if projection is not None:
+            numbers = projection
+        elif matrix is not None:
             k = np.asarray(matrix, np.float64).ravel()
             if k.shape != (9,):
                 raise ValueError(f"k must have 9 numbers, got {len(k)}")
@@ -111,10 +127,23 @@ def lens_from_message(message: Mapping[str, Any]) -> Lens:
         raise ValueError(f"the camera lacks {error.args[0]}") from None
     except (TypeError, OverflowError) as error:
         raise ValueError(f"the camera does not read: {error}") from None
+    if is_rectified:
+        return Lens(camera)
     model = str(message.get("distortion_model", "plumb_bob"))
+    if model == FISHEYE:
+        return Lens(camera, coefficients, is_fisheye=True)
     if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
         raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
     return Lens(camera, coefficients)
+
+
+def _projection(message: Mapping[str, Any]) -> list[float] | None:
+    """Return fx, fy, cx, cy of P (3, 4) of a CameraInfo; None where it is left at zero."""
+    given = message.get("p", message.get("P"))
+    p = np.asarray(() if given is None else given, np.float64).ravel()
+    if p.shape != (12,) or p[0] == 0:
+        return None
+    return [float(p[place]) for place in (0, 5, 2, 6)]
 
 
 def undistorted(
@@ -134,9 +163,11 @@ def undistorted(
         return rgb, None if depth_m is None else np.asarray(depth_m, np.float32)
     camera = lens.intrinsics
     matrix, size = _matrix(camera), (camera.width, camera.height)
-    maps = cv2.initUndistortRectifyMap(
-        matrix, np.array(lens.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
+    straighten = (
+        cv2.fisheye.initUndistortRectifyMap if lens.is_fisheye else cv2.initUndistortRectifyMap
     )
+    coefficients = np.array(lens.distortion)
+    maps = straighten(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
     straight, depth = rgb, None
     if rgb is not None:
         straight = np.asarray(cv2.remap(rgb, *maps, cv2.INTER_LINEAR), dtype=np.uint8)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.image import image_size
+from features.codec.image_header import image_size
 from features.codec.limits import CloudFormatError, Limits
 
 __all__ = [

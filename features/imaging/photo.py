@@ -1,4 +1,4 @@
-"""Photographs: decode PNG and JPEG of any size within bounded time and memory."""
+"""Photographs: decode pictures of any size within bounded time and memory."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from features.codec.image import image_size
+from features.codec.image_header import has_alpha, image_size
 from features.codec.limits import CloudFormatError
 from features.geometry import UInt8Array
 
@@ -19,6 +20,9 @@ MAX_SIDE_PX = 16_384
 """Longest side of a photograph that is read, px."""
 
 _ENOUGH_PX = 6_000_000
+_MAX_ALPHA_PX = 25_000_000
+"""Such pictures are decoded at their full size, with four channels."""
+_MOSTLY_OPAQUE = 127
 _REDUCED = {
     1: cv2.IMREAD_COLOR_RGB,
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -37,10 +41,14 @@ class Photo:
         Turned upright as its EXIF data say.
     full_size
         Width and height before it was reduced, px.
+    opaque : (h, w) bool or None
+        Pixels that are not transparent; what lies under the others was cut away and is black. None
+        = all.
     """
 
     rgb: UInt8Array
     full_size: tuple[int, int]
+    opaque: NDArray[np.bool_] | None = None
 
     @property
     def scale(self) -> float:
@@ -49,7 +57,7 @@ class Photo:
 
 
 def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
-    """Decode a PNG or JPEG; a large one at a half, a quarter or an eighth of its resolution.
+    """Decode a PNG, JPEG, WebP, BMP or TIFF; a large one at a half, quarter or eighth of its size.
 
     The decoder of JPEG leaves out what is not wanted, so that a photograph of 50 megapixels costs
     no more time and memory than one of 6.
@@ -62,7 +70,7 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
     Raises
     ------
     CloudFormatError
-        When the bytes are neither, are damaged, or declare more than :data:`MAX_PX`.
+        When the bytes are none of these, are damaged, or declare more than :data:`MAX_PX`.
     """
     width, height = image_size(data)
     if width < 1 or height < 1:
@@ -72,6 +80,10 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
             f"image of {width}x{height} px; at most {MAX_SIDE_PX} px a side and {MAX_PX} px in all "
             "are accepted"
         )
+    if has_alpha(data):
+        cut_out = _read_with_alpha(data, width * height, max_px)
+        if cut_out is not None:
+            return cut_out
     by = next((by for by in _REDUCED if width * height <= max_px * by * by), 8)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), _REDUCED[by])
@@ -84,3 +96,33 @@ def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
     is_turned = (image.shape[1] > image.shape[0]) != (width > height)
     full_size = (height, width) if is_turned else (width, height)
     return Photo(np.ascontiguousarray(image, dtype=np.uint8), full_size)
+
+
+def _read_with_alpha(data: bytes, size_px: int, max_px: int) -> Photo | None:
+    """Decode a picture with transparent pixels; None if it proves to have none."""
+    if size_px > _MAX_ALPHA_PX:
+        raise CloudFormatError(
+            f"image of {size_px} px with transparency; at most {_MAX_ALPHA_PX} px are accepted"
+        )
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise CloudFormatError(f"the image does not decode ({error.err})") from None
+    if image is None:
+        raise CloudFormatError("the image does not decode")
+    if image.ndim != 3 or image.shape[2] != 4:
+        return None
+    if image.dtype == np.uint16:
+        image = (np.asarray(image, np.uint16) >> 8).astype(np.uint8)
+    opaque = image[..., 3] > _MOSTLY_OPAQUE
+    if opaque.all():
+        return None
+    full_size = (image.shape[1], image.shape[0])
+    rgb = np.where(opaque[..., None], image[..., 2::-1], 0).astype(np.uint8)
+    by = next((by for by in _REDUCED if size_px <= max_px * by * by), 8)
+    if by > 1:
+        smaller = (-(-full_size[0] // by), -(-full_size[1] // by))
+        rgb = np.asarray(cv2.resize(rgb, smaller, interpolation=cv2.INTER_AREA), np.uint8)
+        mask = cv2.resize(opaque.astype(np.uint8), smaller, interpolation=cv2.INTER_NEAREST)
+        opaque = np.asarray(mask > 0)
+    return Photo(np.ascontiguousarray(rgb), full_size, opaque)

@@ -2,40 +2,41 @@
 
 Depth is paired with the colour image nearest in time and with the CameraInfo beside its topic.
 Depth and colour of one name space are taken for registered; transforms between cameras (tf) are not
-followed.
+followed. What a topic carries is read from its messages and its name, never assumed: infrared is no
+depth, and a topic that cannot be read is left out with a warning, not the whole recording.
 """
 
 from __future__ import annotations
 
+import logging
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from features.codec.limits import CloudFormatError, Limits
-from features.codec.ros import image_bytes, pcd_from_point_cloud
-from features.codec.sniff import decode
+from features.codec.limits import CloudFormatError
 from features.codec.types import Cloud
 from features.geometry import Frame
-from features.imaging.camera import Lens, lens_from_message
-from features.imaging.photo import Photo, read_photo
-from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
+from features.imaging.pairing import Pairing, has_space, sensor_of
+from features.imaging.photo import Photo
 
 __all__ = ["first_view", "message_mapping", "views_of"]
+
+_log = logging.getLogger(__name__)
 
 _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
+_UNIT = "/option/Depth_Units/value"
+"""Topic of a RealSense recording (SDK, not its ROS node) with the size of a step of depth, m."""
 
 _DAMAGED = (ValueError, KeyError, IndexError, AssertionError, EOFError, MemoryError, struct.error)
 """Errors of the reader where bytes are none of a recording's."""
 
 
-def first_view(path: Path, at_s: float = 0.0) -> Frame | Cloud | Photo:
+def first_view(
+    path: Path, at_s: float = 0.0, warn: Callable[[str], None] = _log.warning
+) -> Frame | Cloud | Photo:
     """Return the first view of a recording at or after a time.
 
     Depth with colour is preferred to a cloud, a cloud to a photograph.
@@ -46,23 +47,33 @@ def first_view(path: Path, at_s: float = 0.0) -> Frame | Cloud | Photo:
         A ``.bag``, ``.mcap`` or ``.db3`` file, or the folder of a recording of ROS 2.
     at_s
         Time since the start of the recording, s.
+    warn
+        Called with a sentence for each topic that is left out, and for depth in a doubtful unit.
 
     Raises
     ------
     CloudFormatError
-        When it is no recording, or shows nothing from then on.
+        When it is no recording, or shows nothing from then on; then with why topics were left out.
     """
     colour_only: Photo | None = None
-    for seen in views_of(path, at_s):
+    reasons: list[str] = []
+    for seen in views_of(path, at_s, reasons.append):
         if not isinstance(seen, Photo):
-            return seen
+            break
         colour_only = colour_only or seen
-    if colour_only is None:
-        raise CloudFormatError(f"no image and no cloud from {at_s:g} s on")
-    return colour_only
+    else:
+        if colour_only is None:
+            told = "".join(f"; {reason}" for reason in reasons)
+            raise CloudFormatError(f"no image and no cloud from {at_s:g} s on{told}")
+        seen = colour_only
+    for reason in reasons:
+        warn(reason)
+    return seen
 
 
-def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]:
+def views_of(
+    path: Path, from_s: float = 0.0, warn: Callable[[str], None] = _log.warning
+) -> Iterator[Frame | Cloud | Photo]:
     """Yield the views of a recording in the order of their times; see :func:`first_view`.
 
     A colour image is a view of its own only where the recording holds no depth and no cloud.
@@ -71,17 +82,15 @@ def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]
 
     try:
         with AnyReader([path]) as reader:
-            wanted = [one for one in reader.connections if one.msgtype in _TYPES]
-            pairing = _Pairing(has_space=_has_space([(c.topic, c.msgtype) for c in wanted]))
+            images = [one for one in reader.connections if one.msgtype in _TYPES]
+            pairing = Pairing(has_space([(c.topic, c.msgtype) for c in images]), warn)
+            _read_cameras(reader, pairing)
             start = reader.start_time + int(from_s * 1e9)
-            for connection, time_ns, raw in reader.messages(connections=wanted):
+            for connection, time_ns, raw in reader.messages(connections=images):
                 message = message_mapping(reader.deserialize(raw, connection.msgtype))
-                seen = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
-                if seen is not None and time_ns >= start:
-                    yield seen
-            rest = pairing.finish()
-            if rest is not None:
-                yield rest
+                views = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
+                yield from (seen for seen in views if time_ns >= start)
+            yield from pairing.finish()
     except (AnyReaderError, OSError) as error:
         raise CloudFormatError(f"no recording of ROS: {error}") from error
     except CloudFormatError:
@@ -90,12 +99,19 @@ def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]
         raise CloudFormatError(f"no recording of ROS, or a damaged one: {error}") from error
 
 
-def _has_space(topics: list[tuple[str, str]]) -> bool:
-    """Tell whether any topic carries depth or clouds."""
-    return any(
-        kind.endswith("PointCloud2") or ("depth" in topic and not kind.endswith("CameraInfo"))
-        for topic, kind in topics
-    )
+def _read_cameras(reader: Any, pairing: Pairing) -> None:
+    """Read each camera's first description, since images may be recorded before it comes."""
+    for connection in reader.connections:
+        is_unit = connection.topic.endswith(_UNIT)
+        if not is_unit and not connection.msgtype.endswith("CameraInfo"):
+            continue
+        for _, _, raw in reader.messages(connections=[connection]):
+            message = message_mapping(reader.deserialize(raw, connection.msgtype))
+            if is_unit:
+                pairing.units_m[sensor_of(connection.topic)] = float(message["data"])
+            else:
+                pairing.add_camera(connection.topic, message)
+            break
 
 
 def message_mapping(message: Any) -> dict[str, Any]:
@@ -106,80 +122,3 @@ def message_mapping(message: Any) -> dict[str, Any]:
     if "fields" in told:
         told["fields"] = [dict(vars(one)) for one in told["fields"]]
     return told
-
-
-@dataclass
-class _Pairing:
-    """Joins depth, colour and cameras as messages come in.
-
-    Parameters
-    ----------
-    has_space
-        Whether depth or clouds are to be expected.
-    """
-
-    has_space: bool
-    _lenses: dict[str, Lens] = field(default_factory=dict)
-    _colour: tuple[float, str, Photo] | None = None
-    _depth: tuple[float, str, NDArray[np.float32], str] | None = None
-
-    def take(
-        self, topic: str, kind: str, message: Mapping[str, Any], time_s: float
-    ) -> Frame | Cloud | Photo | None:
-        """Return the view that a message completes, if any."""
-        if kind.endswith("CameraInfo"):
-            try:
-                self._lenses[_space(topic)] = lens_from_message(message)
-            except ValueError as error:
-                raise CloudFormatError(f"{topic}: {error}") from error
-            return None
-        if kind.endswith("PointCloud2"):
-            seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=256 * 2**20))
-            return replace(seen, stamp_s=time_s) if isinstance(seen, Cloud) else seen
-        depth = depth_of_message(message, "depth" in topic.lower())
-        if depth is not None:
-            before = self.finish()
-            self._depth = (time_s, topic, depth, str(message["header"]["frame_id"]))
-            is_near = self._colour is not None and time_s - self._colour[0] < PAIRED_S / 4
-            return before if before is not None or not is_near else self.finish()
-        photo = read_photo(image_bytes(message))
-        seen_before, waiting = self._colour, self._depth
-        self._colour = (time_s, topic, photo)
-        if not self.has_space:
-            return photo
-        if waiting is None:
-            return None
-        is_older = seen_before is not None and waiting[0] - seen_before[0] < time_s - waiting[0]
-        return self.finish(seen_before if is_older else self._colour)
-
-    def finish(self, colour: tuple[float, str, Photo] | None = None) -> Frame | None:
-        """Return the depth that waits, with the colour that is near in time."""
-        if self._depth is None:
-            return None
-        time_s, topic, depth, frame_id = self._depth
-        self._depth = None
-        lens = self._lenses.get(_space(topic))
-        if lens is None or depth.shape != (lens.intrinsics.height, lens.intrinsics.width):
-            raise CloudFormatError(f"{topic}: no CameraInfo of {depth.shape[::-1]} px beside it")
-        colour = colour or self._colour
-        if colour is None or abs(colour[0] - time_s) > PAIRED_S:
-            seen = view_of_images(depth, lens, None)
-        else:
-            seen_by = self._lenses.get(_space(colour[1]), lens)
-            try:
-                seen = view_of_images(depth, lens, colour[2].rgb, seen_by)
-            except ValueError as error:
-                raise CloudFormatError(f"{colour[1]}: {error}") from error
-        return replace(seen, frame_id=frame_id, stamp_s=time_s)
-
-
-def _space(topic: str) -> str:
-    """Return the name space of a topic, in which its CameraInfo lies.
-
-    >>> _space("/camera/depth/image_raw"), _space("/camera/color/image_raw/compressed")
-    ('/camera/depth', '/camera/color')
-    """
-    parts = topic.rstrip("/").split("/")
-    if parts[-1] in ("compressed", "compressedDepth"):
-        parts = parts[:-1]
-    return "/".join(parts[:-1])

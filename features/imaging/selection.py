@@ -66,7 +66,8 @@ def view_of_photo(
         At such a resolution that the longest object takes at most 1,280 px, which is what features
         are looked for on. Its camera is a guess.
     labels : (h, w) int32
-        Those given; else 1 at the object that the photograph is about.
+        Those given; else 1 at the pixels that are not transparent, where some are; else 1 at the
+        object that the photograph is about.
 
     Raises
     ------
@@ -74,6 +75,8 @@ def view_of_photo(
         When mask or box do not fit the photograph.
     """
     height, width = photo.rgb.shape[:2]
+    if labels is None and box is None and photo.opaque is not None:
+        labels = photo.opaque.astype(np.int32)  # somebody has cut the object out already
     is_guessed = labels is None and box is None
     if labels is None:
         near = None if box is None else [photo.scale * float(side) for side in box]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rtask.cli.options import data_option, json_option, print_json
+from rtask.cli.options import data_option, json_option, print_json, shapes_option
 from rtask.cli.progress import LoadProgress
 
 
@@ -51,6 +51,7 @@ from rtask.cli.progress import LoadProgress
     show_default=True,
     help="Check the statements against the SHACL shapes.",
 )
+@shapes_option
 @json_option
 def load(
     sources: tuple[str, ...],
@@ -65,6 +66,7 @@ def load(
     no_reason: bool,
     dry_run: bool,
     validate: str,
+    shapes: tuple[Path, ...],
     as_json: bool,
 ) -> None:
     """Load files, folders, - (standard input) or IRIs of known ontologies.
@@ -77,7 +79,9 @@ def load(
 
     reports = []
     progress = LoadProgress() if sys.stderr.isatty() and not as_json else None
-    with rtask.open(data, reason=not no_reason, validate=validate) as kb:
+    if shapes and validate == "off":
+        validate = "refuse"
+    with rtask.open(data, reason=not no_reason, validate=validate, shapes=shapes) as kb:
         for source in sources:
             report = kb.load(
                 source,

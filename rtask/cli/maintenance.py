@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import open_to_change, open_to_read
-from rtask.cli.options import data_option, json_option, print_json
+from rtask.cli.options import data_option, json_option, print_json, shapes_option
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
 
@@ -104,25 +106,47 @@ def verify(data: Path, repair: bool, as_json: bool) -> None:
 
 @click.command()
 @data_option
+@shapes_option
 @json_option
-def validate(data: Path, as_json: bool) -> None:
-    """Check all data against the SHACL shapes that come with the ontology, and for contradictions.
+def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
+    """Check all data against SHACL shapes, and for contradictions.
 
-    A contradiction is listed by its cause, the smallest set of statements that cannot hold
-    together. Exit code 1 if there is a violation or contradiction; warnings are only listed.
+    The shapes are those that come with the ontology, those of loaded graphs, and those of
+    --shapes; the last line counts them. A contradiction is listed by its cause, the smallest set
+    of statements that cannot hold together. Exit code 1 if there is a violation or contradiction;
+    warnings are only listed.
     """
     with announce_compilation(), Working("checking"), open_to_read(data) as kb:
-        found = [*kb.validate(), *_contradictions(kb)]
+        report = kb.validate(shapes)
+        found = [*report, *_contradictions(kb)]
+    conforms = not any(one.severity == "Violation" for one in found)
     if as_json:
-        print_json([asdict(one) for one in found])
+        print_json(
+            {
+                "conforms": conforms,
+                "results": [asdict(one) for one in found],
+                "shapes": report.shapes,
+                "left_out": report.left_out,
+            }
+        )
     else:
         for one in found:
             where = f" (in {one.graph})" if one.graph else ""
             click.echo(f"{one.severity:10s} {one}{where}")
-        if not found:
-            click.echo("all well")
-    if any(one.severity == "Violation" for one in found):
+        for shape in report.left_out:
+            click.echo(f"not applied: {shape}")
+        click.echo(f"{'all well' if not found else 'checked'}: {_counted(report.shapes)}")
+    if not conforms:
         raise SystemExit(1)
+
+
+def _counted(shapes: Sequence[str]) -> str:
+    """Return how many shapes were applied, and where those of users come from."""
+    sources = Counter(name.rpartition(" (")[2][:-1] for name in shapes if name.endswith(")"))
+    own = len(shapes) - sources.total()
+    parts = [f"{own} shapes of the ontology"]
+    parts += [f"{count} of {source}" for source, count in sorted(sources.items())]
+    return ", ".join(parts)
 
 
 def _contradictions(kb: KnowledgeBase) -> list[Violation]:

@@ -50,6 +50,12 @@ budget_option = click.option(
     metavar="N",
     help="Steps of the reasoner after which the answer is 'not decided'; a server has a limit.",
 )
+shapes_option = click.option(
+    "--shapes",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="File of SHACL shapes to check against as well; may be repeated.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 

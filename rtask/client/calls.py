@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NotRequired, Required, TypedDict
 
 __all__ = [
+    "REPEATABLE",
     "Calls",
     "Camera",
     "ComparedContributors",
@@ -49,6 +50,22 @@ __all__ = [
 
 Bytes = str | bytes
 """Base64 text, or the bytes themselves."""
+
+REPEATABLE = frozenset(
+    (
+        "register_robot",
+        "recognise_for_grasp",
+        "recall_grasps",
+        "plan_on_scene",
+        "search_object",
+        "resolve_request",
+        "insert_object",
+        "report_outcome",
+        "report_refusal",
+        "compare_contributors",
+    )
+)
+"""Operations whose request may be sent again: it changes nothing, or is stored once."""
 
 
 class EndEffector(TypedDict, total=False):

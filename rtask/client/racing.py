@@ -75,7 +75,7 @@ class RacingClient(Client):
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
     ) -> dict[str, Any]:
         known = self._near.engine.operations.get(operation)
-        if known is None or known.scope != "read":
+        if known is None or known.effect == "writes":
             return self._far._call(operation, args, timeout_s)
         return self._raced(lambda client: client._call(operation, args), _is_nothing)
 

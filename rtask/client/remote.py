@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from rtask.client.base import Client
+from rtask.client.calls import REPEATABLE
 from rtask.client.failures import TEMPORARY, Patience, failure_of
 from rtask.client.following import FollowedChange, Pattern, follow_remote
 from rtask.client.websocket import ServiceSocket
@@ -75,11 +76,7 @@ class RemoteClient(Client):
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
     ) -> dict[str, Any]:
-        # A person's verdict has no id of its own; everything else may arrive twice.
-        may_repeat = operation != "teach_object" or args.get("operation") in ("search", "teach")
-        if operation == "teach_object" and args.get("operation") == "teach":
-            may_repeat = "task_id" in args
-        return self._socket.call(f"/rtask/{operation}", args, may_repeat, timeout_s)
+        return self._socket.call(f"/rtask/{operation}", args, operation in REPEATABLE, timeout_s)
 
     def query(self, sparql: str) -> list[dict[str, Any]]:
         """Return the rows of a SELECT; see :meth:`Client.query`."""

@@ -39,7 +39,7 @@ def proxy_of(
             for own, value in args.items()
             if value is not None
         }
-        may_repeat = methods[method]["only_reads"]
+        may_repeat = methods[method].get("effect") in ("reads", "records")
         return call(exact, method, given, data, described["timeout_s"], may_repeat)
 
     return Proxy(exact, [offer_read(own, one) for own, one in methods.items()], carry_out)

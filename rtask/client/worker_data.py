@@ -73,6 +73,13 @@ class ServerDatasets(Datasets):
         with self._writing:
             self._written.setdefault(id(access), {})[name] = dict(contents)
 
+    def put_together(
+        self, contents: Mapping[str, Mapping[str, bytes]], access: Access | None = None
+    ) -> None:
+        """Keep what a call wrote to several datasets until its answer takes it to the server."""
+        for name, files in contents.items():
+            self.put(name, files, access)
+
     def take_written(self, access: Access) -> dict[str, dict[str, bytes]]:
         """Return what the call with these rights wrote, by dataset and path, and forget it."""
         with self._writing:

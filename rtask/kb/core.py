@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from rtask.errors import RemoteError
 from rtask.kb.commit import validation
-from rtask.kb.commit.validation import Violation
+from rtask.kb.commit.validation import ValidationReport
 from rtask.kb.durability.journal import JournalFile, Record
 from rtask.kb.feed.as_of import copy_as_of
 from rtask.kb.feed.live_queries import RowChange, require_select
@@ -95,9 +95,25 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""
         return statistics.collect(self)
 
-    def validate(self) -> list[Violation]:
-        """Check all data against the SHACL shapes; see :mod:`rtask.kb.commit.validation`."""
-        return validation.everything(self.store, self.graphs)
+    def validate(self, shapes: Path | str | Iterable[Path | str] = ()) -> ValidationReport:
+        """Check all data against SHACL shapes.
+
+        Parameters
+        ----------
+        shapes
+            Files of shapes, in addition to those of all graphs and of the ontology.
+
+        Returns
+        -------
+        ValidationReport
+            A list of violations, which says in ``shapes`` what was checked.
+
+        Raises
+        ------
+        DataError
+            Shapes cannot be read, or break the rules of SHACL.
+        """
+        return validation.everything(self.store, self.graphs, validation.shape_files(shapes))
 
     def as_of(self, seq: int) -> Self:
         """Return the state after a commit, as a read-only copy in memory.

@@ -113,6 +113,9 @@ def data_resource(name: str, type: str = "binary", writable: bool = False) -> Ca
         need = ResourceNeed(type, writable, None, "")
         need.name = name
         setattr(service, name, need)
+        if writable:  # Brass has no word for what a method does, so that each may write
+            for method, mark in own.marked(service).items():
+                _marked(getattr(service, method), replace(mark, effect="writes"))
         return service
 
     return declare

@@ -23,6 +23,7 @@ from rtask.engine.context import SCOPES
 from rtask.errors import ServiceFailedError, UsageError
 from rtask.services.call import Call
 from rtask.services.service import Executor, Mark, ResourceNeed, Service, marked, own_attributes
+from rtask.wire.effect import EFFECTS, Effect
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Bytes, Carried, Flag, Number, Text, Whole
 
@@ -50,25 +51,25 @@ class Method:
         First line and rest of its docstring.
     scope
         Right that a caller needs.
+    effect
+        What a call does to the graph and to datasets.
     request, answer
         Their declarations.
     output
         Name of the only field of the answer; empty where the method returns a message.
     invoke
         Calls the method of an instance.
-    may_call_others
-        Whether it learns of its call, and so may call other services on behalf of the caller.
     """
 
     name: str
     summary: str
     description: str
     scope: str
+    effect: Effect
     request: type[Message]
     answer: type[Answer]
     output: str
     invoke: Invoke = field(repr=False, compare=False)
-    may_call_others: bool = False
 
     def carry_out(self, instance: Any, request: Message, call: Call) -> Answer:
         """Call the method and return its answer.
@@ -133,12 +134,8 @@ class Definition:
 
     @property
     def is_writing(self) -> bool:
-        """Whether a call may change data, so that it must not be carried out twice."""
+        """Whether it may write to its data resources, so that it has one worker."""
         return any(one.writable for one in self.resources.values())
-
-    def only_reads(self, method: Method) -> bool:
-        """Tell whether calls of a method certainly change nothing, so that they may be repeated."""
-        return method.scope == "read" and not self.is_writing and not method.may_call_others
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -255,9 +252,22 @@ def _method(service: type[Service], name: str, mark: Mark) -> Method:
             values[call_name] = call
         return function(instance, **values)
 
-    return Method(
-        name, summary, description, mark.scope, request, answer, output, invoke, bool(call_name)
-    )
+    effect = _effect(service, mark, bool(call_name), where)
+    return Method(name, summary, description, mark.scope, effect, request, answer, output, invoke)
+
+
+def _effect(service: type[Service], mark: Mark, takes_call: bool, where: _Where) -> Effect:
+    """Return the declared effect; a method that has no way to write needs no declaration."""
+    if mark.effect is not None:
+        if mark.effect not in EFFECTS:
+            raise where.error(f"effect {mark.effect!r}; expected one of {', '.join(EFFECTS)}")
+        return mark.effect
+    needs = (one for _, one in own_attributes(service) if isinstance(one, ResourceNeed))
+    if mark.scope != "read" or takes_call or any(one.writable for one in needs):
+        raise where.error(
+            "it could write; say what it does: @method(effect='reads'), 'records' or 'writes'"
+        )
+    return "reads"
 
 
 def _answer(

@@ -32,8 +32,8 @@ def listed(definition: Definition, versions: list[str], state: str) -> JsonObjec
 def described(definition: Definition, versions: list[str], state: str) -> JsonObject:
     """Return the description of one version of a service.
 
-    ``methods`` holds by name: summary, description, scope, ``only_reads`` where a call certainly
-    changes nothing, the JSON Schemas ``request`` and ``answer``, each complete in itself, and
+    ``methods`` holds by name: summary, description, scope, ``effect``, ``only_reads`` where that
+    is ``reads``, the JSON Schemas ``request`` and ``answer``, each complete in itself, and
     ``output``, the field of an answer that is one value.
     """
     return {
@@ -60,7 +60,8 @@ def _method(definition: Definition, method: Method) -> JsonObject:
         "summary": method.summary,
         "description": method.description,
         "scope": method.scope,
-        "only_reads": definition.only_reads(method),
+        "effect": method.effect,
+        "only_reads": method.effect == "reads",
         "output": method.output or None,
         "output_type": _output_type(method),
         "request": _whole(found, method.request.__name__),

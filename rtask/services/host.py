@@ -34,6 +34,7 @@ from rtask.services.registry import Registry
 from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
 from rtask.services.service import Service
 from rtask.services.task import Mapped, Task
+from rtask.wire.effect import strongest
 from rtask.wire.message import Answer, read
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ class ServiceHost:
         self._lock = threading.Lock()
         self._pools: dict[tuple[str, Mapped], Pool] = {}
         self._closing: list[threading.Thread] = []
+        self._dropped = 0
         self._closed = False
         for one in services:
             self.registry.add(one if isinstance(one, Definition) else define(one))
@@ -151,11 +153,17 @@ class ServiceHost:
             seconds = min(seconds, parent.left_s)
             if definition.name in parent.chain:
                 raise UsageError(f"a circle of calls: {' -> '.join(chain)}")
-        call = Call(access, seconds, chain, self)
+            if strongest(found.effect, parent.effect) != parent.effect:
+                raise UsageError(
+                    f"{definition.exact} {found.effect} by its method {found.name}, but is called "
+                    f"by a method that declares effect={parent.effect!r}"
+                )
+        call = Call(access, seconds, chain, self, found.effect)
+        may_repeat = found.effect != "writes"
+        task = Task(found, request, call, definition.exact, mapped, may_repeat=may_repeat)
         if parent is not None:
-            parent.on_cancel(call.cancel)
-        may_repeat = found.scope == "read" and not definition.is_writing
-        return Task(found, request, call, definition.exact, mapped, may_repeat=may_repeat)
+            parent.on_cancel(task.cancel)
+        return task
 
     def start(self, task: Task) -> None:
         """Queue a call that was prepared."""
@@ -348,9 +356,9 @@ class ServiceHost:
                 names = {name: dataset.partition("@")[0] for name, dataset, _ in mapped}
 
                 def commit(written: Written, access: Access) -> None:
-                    for name, files in written.items():
-                        if files:
-                            self.datasets.put(names[name], files, access)
+                    self.datasets.put_together(
+                        {names[name]: files for name, files in written.items() if files}, access
+                    )
 
                 def heads() -> list[str]:
                     written_to = [dataset for _, dataset, digest in mapped if not digest]
@@ -359,18 +367,27 @@ class ServiceHost:
                 def start() -> Runner:
                     seat = self.outward.seat(definition)
                     if seat is not None:
-                        return Connected(self.outward, seat, commit)
+                        return Connected(self.outward, seat)
                     bound = heads()  # before they are bound, so that no write is overlooked
                     resources = self._resources(definition, mapped)
                     every = self._check_every
-                    setup = InstanceSetup(
-                        definition, resources, every, commit, lambda: heads() != bound
-                    )
+                    setup = InstanceSetup(definition, resources, every, lambda: heads() != bound)
                     return _runner_kind(definition)(setup)
 
                 sizes = Sizes(self._workers(definition), definition.max_waiting)
-                pool = self._pools[key] = Pool(definition.exact, start, sizes)
+                pool = self._pools[key] = Pool(
+                    definition.exact, start, sizes, commit, self._count_dropped
+                )
         return pool
+
+    def _count_dropped(self) -> None:
+        with self._lock:
+            self._dropped += 1
+
+    @property
+    def dropped(self) -> int:
+        """Number of calls that were carried out after their ends: nothing of them was stored."""
+        return self._dropped + self.outward.dropped
 
     def _workers(self, definition: Definition) -> int:
         """Return how many workers a queue of a service may have, here and on other machines."""

@@ -47,23 +47,16 @@ class Job:
         self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=_EVENTS)
         self._count = 0
         self._listeners: list[Callable[[], None]] = []
-        task.call.on_progress(self._progressed)
         self.answer_bytes = 0
+        task.call.on_progress(self._progressed)
         task.done.add_done_callback(lambda _: self._ended())
 
     @property
     def state(self) -> str:
         """queued, running, succeeded, failed, cancelled or timed_out."""
-        done = self.task.done
-        if not done.done():
-            if self.task.call.left_s <= 0:
-                return "timed_out"
-            if self.task.call.is_cancelled:
-                return "cancelled"
+        if not self.task.is_over:
             return "running" if self.task.started_s else "queued"
-        if done.cancelled():
-            return "cancelled"
-        error = done.exception()
+        error = self.task.done.exception()
         if isinstance(error, CancelledError):
             return "cancelled"
         if isinstance(error, DeadlineError):
@@ -73,13 +66,7 @@ class Job:
     @property
     def error(self) -> RtaskError | None:
         """Reason why the call was not answered; none if it was, or still may be."""
-        done = self.task.done
-        state = self.state
-        if state == "cancelled":
-            return CancelledError("the call was cancelled")
-        if state == "timed_out":
-            return self.task.call.late()
-        error = done.exception() if state == "failed" else None
+        error = self.task.done.exception() if self.state in ENDED else None
         return error if isinstance(error, RtaskError) else None
 
     def facts(self) -> dict[str, Any]:
@@ -133,9 +120,8 @@ class Job:
         return stop
 
     def cancel(self) -> None:
-        """Cancel the call; what runs is asked to stop."""
+        """Cancel the call unless it has ended or is being stored; what runs is asked to stop."""
         self.task.cancel()
-        self._note({"state": self.state})
 
     def _ended(self) -> None:
         answer = self.answer()

@@ -167,7 +167,7 @@ class SavedPipelines:
             given = {name: getattr(request, name) for name in method.request.model_fields}
             return self._run(stored, given, request.model_dump(mode="json"), call)
 
-        made = replace(method, invoke=invoke, may_call_others=True)
+        made = replace(method, invoke=invoke)
         return replace(
             described, executor="threads", methods={METHOD: made}, make=lambda resources: None,
             max_workers=_WORKERS, source=f"pipeline:{described.exact}",

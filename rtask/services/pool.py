@@ -12,12 +12,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 from rtask.errors import (
-    CancelledError,
     ClosedError,
     QueueFullError,
     RtaskError,
@@ -26,8 +24,8 @@ from rtask.errors import (
     StateChangedError,
     WorkerDiedError,
 )
+from rtask.services.executors.setup import Carried, Commit
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
 __all__ = ["Pool", "Runner", "Sizes"]
 
@@ -43,8 +41,8 @@ class Runner(Protocol):
     def is_spent(self) -> bool:
         """Whether the next call needs a new instance, because the data have changed."""
 
-    def carry_out(self, task: Task) -> Answer:
-        """Carry out a call.
+    def carry_out(self, task: Task) -> Carried:
+        """Carry out a call, and return its answer with what is to be stored.
 
         Raises
         ------
@@ -86,12 +84,24 @@ class Pool:
         Makes a runner ready; called in the thread of its worker.
     sizes
         Limits.
+    commit
+        Stores what a call wrote to its data resources; None = calls write nothing.
+    on_drop
+        Called when a call was carried out whose end had been settled before: nothing is stored.
     """
 
-    def __init__(self, name: str, start: Callable[[], Runner], sizes: Sizes) -> None:
+    def __init__(
+        self,
+        name: str,
+        start: Callable[[], Runner],
+        sizes: Sizes,
+        commit: Commit | None = None,
+        on_drop: Callable[[], None] = lambda: None,
+    ) -> None:
         self.name = name
         self.sizes = sizes
         self._start = start
+        self._commit, self._on_drop = commit, on_drop
         self._changed = threading.Condition()
         self._waiting: deque[Task] = deque()
         self._threads: set[threading.Thread] = set()
@@ -162,12 +172,12 @@ class Pool:
             threads = list(self._threads)
             self._changed.notify_all()
         for task in dropped:
-            _fail(task, ClosedError(f"{self.name} is being shut down"))
+            task.fail(ClosedError(f"{self.name} is being shut down"))
         until = time.monotonic() + _CLOSE_S
         for thread in threads:
             thread.join(max(until - time.monotonic() - _GRACE_S, 0.0))
         for task in running:
-            task.call.cancel()
+            task.cancel()
         for thread in threads:
             thread.join(max(until - time.monotonic(), 0.0))
 
@@ -211,7 +221,7 @@ class Pool:
                     if runner.is_spent:  # another worker, with a new instance, takes the call
                         return None
                     task = self._waiting.popleft()
-                    if task.done.set_running_or_notify_cancel():
+                    if not task.is_over:
                         return task
                 if self._closed:
                     return None
@@ -227,34 +237,40 @@ class Pool:
         can_go_on = True
         self._running.add(task)
         try:
-            task.call.check_cancelled()
-            answer = runner.carry_out(task)
+            self._settle(task, runner.carry_out(task))
         except WorkerDiedError as error:
             can_go_on = False
             if not self._repeat(task, error.details.get("was_sent", True)):
-                _fail(task, error)
+                task.fail(error)
         except RtaskError as error:
             can_go_on = not isinstance(error, StateChangedError)
-            _fail(task, error)
+            task.fail(error)
         except BaseException as error:  # noqa: BLE001 - the author's; callers hear of it
             _log.warning("%s: %s failed", self.name, task.method.name, exc_info=error)
-            _fail(task, _failed(task, error))
-        else:
-            task.ended_s = time.monotonic()
-            task.done.set_result(answer)
+            task.fail(_failed(task, error))
         finally:
             self._running.discard(task)
         return can_go_on
 
+    def _settle(self, task: Task, carried: Carried) -> None:
+        """Store what a call wrote and answer it, both or neither."""
+        commit = self._commit
+
+        def store() -> None:
+            if commit is not None:
+                commit(carried.written, task.call.caller)
+
+        if not task.succeed(carried.answer, store):
+            _log.info("%s: %s was done after the call had ended", self.name, task.method.name)
+            self._on_drop()
+
     def _repeat(self, task: Task, was_sent: bool) -> bool:
         """Give a call to another worker, once, if carrying it out twice does no harm."""
         with self._changed:
-            is_over = self._closed or task.call.is_cancelled or task.call.left_s <= 0
-            if (was_sent and not task.may_repeat) or task.tries or is_over:
+            if (was_sent and not task.may_repeat) or task.tries or self._closed or task.is_over:
                 return False
-            again = replace(task, done=Future(), tries=1)
-            again.done.add_done_callback(lambda done: _pass_on(done, task, again))
-            self._waiting.appendleft(again)
+            task.tries += 1
+            self._waiting.appendleft(task)
             self._add_worker()
             self._changed.notify()
         return True
@@ -277,7 +293,7 @@ class Pool:
             if refused:
                 self._waiting.clear()
         for task in refused:
-            _fail(task, problem)
+            task.fail(problem)
 
     def _leave(self) -> None:
         with self._changed:
@@ -290,22 +306,3 @@ def _failed(task: Task, error: BaseException) -> ServiceFailedError:
     """Return the error that callers see: class and words, never a traceback (5.4, 1.4)."""
     words = f"{type(error).__name__}: {error}"[:500]
     return ServiceFailedError(f"{task.service} {task.method.name} failed: {words}")
-
-
-def _fail(task: Task, error: Exception) -> None:
-    task.ended_s = time.monotonic()
-    if task.done.running() or task.done.set_running_or_notify_cancel():
-        task.done.set_exception(error)
-
-
-def _pass_on(done: object, task: Task, again: Task) -> None:
-    """Answer a call with what its repetition brought."""
-    task.started_s, task.ended_s = again.started_s, again.ended_s or time.monotonic()
-    if again.done.cancelled():
-        task.done.set_exception(CancelledError("the call was cancelled"))
-        return
-    error = again.done.exception()
-    if error is not None:
-        task.done.set_exception(error)
-    else:
-        task.done.set_result(again.done.result())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.errors import ForbiddenError, MissingDataError, UsageError
 from rtask.kb.commit.access import Access
+from rtask.services.call import Ending
 
 if TYPE_CHECKING:
     from pyoxigraph import Quad
@@ -92,11 +93,17 @@ class GraphResource:
         The graph.
     writable
         Whether the service declared that it writes.
+
+    Attributes
+    ----------
+    ending
+        Of the call that uses it; nothing is written once that has ended. None = of no call.
     """
 
     def __init__(self, graph: GraphCore, writable: bool) -> None:
         self._graph = graph
         self._writable = writable
+        self.ending: Ending | None = None
 
     @property
     def seq(self) -> int:
@@ -155,10 +162,18 @@ class GraphResource:
         ------
         ForbiddenError
             The service did not declare the resource as writable, or the caller may not write.
+        CancelledError, DeadlineError
+            The call has ended.
         """
         if not self._writable:
             raise ForbiddenError("the service declares its graph as read only")
-        return self._graph.update(text, access=access)
+        if self.ending is None:
+            return self._graph.update(text, access=access)
+        with self.ending.writing() as commits:
+            stored = self._graph.update(text, access=access)
+            if stored is not None:
+                commits.append(stored.seq)
+        return stored
 
 
 Resource = Files | GraphResource

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, overload
 
 from rtask.errors import UsageError
+from rtask.wire.effect import Effect
 
 if TYPE_CHECKING:
     from rtask.services.resources import Resource
@@ -40,12 +41,15 @@ class Mark:
         Name under which a result that is no :class:`~rtask.wire.message.Answer` is sent.
     scope
         Right that a caller needs: read, write or teach.
+    effect
+        What a call does to the graph and to data; None = the author does not say.
     inputs, result
         Types of the parameters and of the result, where the annotations do not say them.
     """
 
     output: str = "result"
     scope: str = "read"
+    effect: Effect | None = None
     inputs: Mapping[str, Any] | None = None
     result: Any = None
 
@@ -156,10 +160,19 @@ def method(function: F, /) -> F: ...
 
 
 @overload
-def method(*, output: str = "result", scope: str = "read") -> Callable[[F], F]: ...
+def method(
+    *, output: str = "result", scope: str = "read", effect: Effect | None = None
+) -> Callable[[F], F]: ...
 
 
-def method(function: Any = None, /, *, output: str = "result", scope: str = "read") -> Any:
+def method(
+    function: Any = None,
+    /,
+    *,
+    output: str = "result",
+    scope: str = "read",
+    effect: Effect | None = None,
+) -> Any:
     """Offer a method of a service; its annotations are the contract.
 
     Parameters
@@ -169,10 +182,15 @@ def method(function: Any = None, /, *, output: str = "result", scope: str = "rea
         :class:`~rtask.wire.message.Answer`.
     scope
         Right that a caller needs: read, write or teach.
+    effect
+        What a call does to the graph and to datasets: ``reads``, ``records`` or ``writes``, see
+        :data:`rtask.wire.effect.Effect`. It must be given where a method could write: with another
+        scope than read, a writable data resource, or a parameter of the class ``Call``, which
+        reaches other services. Other methods compute their answers, and read.
     """
 
     def mark(one: F) -> F:
-        setattr(one, MARK, Mark(output, scope))
+        setattr(one, MARK, Mark(output, scope, effect))
         return one
 
     return mark if function is None else mark(function)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from concurrent.futures import CancelledError as FutureCancelledError
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 
-from rtask.errors import CancelledError
 from rtask.services.call import Call
 from rtask.services.definition import Method
 from rtask.wire.message import Answer, Message
@@ -34,12 +33,10 @@ class Task:
         Exact name and version, ``example/Kinematics@1.2.0``.
     data
         Datasets of the data resources.
-    done
-        Receives the answer.
     may_repeat
         Whether it may be carried out again after its worker died.
     tries
-        How often it may be given to another worker after its worker died.
+        How often it was given to another worker after its worker died.
     queued_s, started_s, ended_s
         Times of :func:`time.monotonic`; 0 before.
     """
@@ -49,18 +46,51 @@ class Task:
     call: Call
     service: str
     data: Mapped = ()
-    done: Future[Answer] = field(default_factory=Future)
     may_repeat: bool = True
     tries: int = 0
     queued_s: float = field(default_factory=time.monotonic)
     started_s: float = 0.0
     ended_s: float = 0.0
 
-    def cancel(self) -> None:
-        """Cancel the call, whether it waits or runs."""
-        self.call.cancel()
-        if self.done.cancel():
+    @property
+    def done(self) -> Future[Answer]:
+        """The answer or the error, once the end of the call is settled."""
+        return self.call.ending.done
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the end of the call is settled; a call whose time is up ends as late."""
+        ending = self.call.ending
+        return ending.is_over or (self.call.left_s <= 0 and (self.expire() or ending.is_over))
+
+    def cancel(self) -> bool:
+        """Cancel the call, whether it waits or runs; return whether this is its end."""
+        return self._ended(self.call.cancel())
+
+    def expire(self) -> bool:
+        """End the call as late; return whether this is its end."""
+        return self._ended(self.call.expire())
+
+    def fail(self, error: Exception) -> bool:
+        """End the call with the error of what carries it out; return whether this is its end."""
+        return self._ended(self.call.fail(error, is_own=True))
+
+    def succeed(self, answer: Answer, store: Callable[[], None] | None = None) -> bool:
+        """End the call with its answer after storing what it wrote, unless it has ended or is late.
+
+        Returns
+        -------
+        Whether this is its end; where not, nothing was stored.
+        """
+        if self.call.left_s <= 0 and not self.call.ending.has_written:
+            self.expire()
+        self.ended_s = self.ended_s or time.monotonic()
+        return self.call.ending.succeed(answer, store)
+
+    def _ended(self, is_end: bool) -> bool:
+        if is_end:
             self.ended_s = time.monotonic()
+        return is_end
 
     def result(self) -> Answer:
         """Wait for the answer.
@@ -74,14 +104,9 @@ class Task:
         """
         try:
             return self.done.result(max(self.call.left_s, 0.0))
-        except FutureCancelledError:
-            raise CancelledError("the call was cancelled") from None
         except TimeoutError:
-            if self.done.done():  # at the last moment
-                return self.done.result()
-        self.call.cancel()
-        self.done.cancel()
-        raise self.call.late()
+            self.expire()
+        return self.done.result()  # late, or being stored at this moment
 
     @property
     def queued_ms(self) -> float:

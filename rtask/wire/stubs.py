@@ -36,6 +36,13 @@ __all__ = [
 
 Bytes = str | bytes
 """Base64 text, or the bytes themselves."""
+
+REPEATABLE = frozenset(
+    (
+{repeatable}
+    )
+)
+"""Operations whose request may be sent again: it changes nothing, or is stored once."""
 '''
 _CLASS = '''class Calls(ABC):
     """One method for each operation; what is left out, or None, is not sent."""
@@ -65,6 +72,10 @@ class Declared(Protocol):
     def answer(self) -> type[Answer]:
         """Its answer."""
 
+    @property
+    def repeatable(self) -> bool:
+        """Whether a request that arrives twice has the effect of one."""
+
 
 def source_of(operations: Iterable[Declared], maker: str) -> str:
     """Return the source of a module with the methods of all operations.
@@ -80,8 +91,9 @@ def source_of(operations: Iterable[Declared], maker: str) -> str:
         held.update(parts_of(one.request))
     for one in operations:
         held.update({**parts_of(one.answer), one.answer.__name__: one.answer})
-    names = "\n".join(f'    "{name}",' for name in sorted([*held, "Calls"]))
-    parts = [_HEAD.format(maker=maker, names=names)]
+    names = "\n".join(f'    "{name}",' for name in ["REPEATABLE", *sorted([*held, "Calls"])])
+    repeatable = "\n".join(f'        "{one.name}",' for one in operations if one.repeatable)
+    parts = [_HEAD.format(maker=maker, names=names, repeatable=repeatable)]
     parts += [_typed_dict(model) for model in held.values()]
     methods = [_CLASS, *(_method(one) for one in operations)]
     return "\n\n".join([*parts, "\n".join(methods)])

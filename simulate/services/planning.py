@@ -116,7 +116,7 @@ class Trajopt(Service):
         """Read the model and make the chains ready."""
         self.chains, _ = read_chains(self.robot.path("/model"))
 
-    @method
+    @method(effect="reads")
     def plan(
         self,
         manipulator: str,

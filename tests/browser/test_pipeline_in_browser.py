@@ -75,7 +75,7 @@ class Cut(Service):
             raise ServiceError("nothing weighs less than nothing")
         return len(decode(cloud).positions) * density
 
-    @method(output="dry")
+    @method(output="dry", effect="reads")
     def dry(self, call: Call, seconds: Annotated[float, Unit("s"), Ge(0)]) -> bool:
         """Wait until a part is dry."""
         until = time.monotonic() + seconds

@@ -80,7 +80,7 @@ class Lever(Service):
             raise ServiceError("a lever has two arms")
         return load * 9.81 * (arms[0] / arms[1] if method == "near" else arms[1] / arms[0])
 
-    @method
+    @method(effect="reads")
     def watch(self, call: Call, seconds: Annotated[float, Unit("s"), Ge(0), Le(600)]) -> Watched:
         """Watch the lever and show what was seen.
 

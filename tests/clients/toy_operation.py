@@ -35,7 +35,7 @@ class Weighed(Answer):
     """kg"""
 
 
-@operation("read", "tell what an object weighs")
+@operation("read", "reads", "tell what an object weighs")
 def weigh_object(context: Context, request: WeighObject, access: Access) -> Weighed:
     """Multiply volume and density; the mass of what is cursed is not a number."""
     density = {"steel": 7850.0, "wood": 600.0}[request.material]

@@ -15,6 +15,7 @@ from endpoint.rosbridge.session import Bridge, Session
 from rtask.engine.operations.search import SearchObject, SimilarObjects
 from rtask.errors import DataError
 from rtask.kb.commit.access import Access
+from rtask.wire.effect import Effect
 from rtask.wire.message import Answer, Message
 
 SIMILAR = [
@@ -28,6 +29,7 @@ class StandInOperation:
     """Stand-in for an operation, as far as it is asked before it is called."""
 
     scope: str
+    effect: Effect = "reads"
     summary: str = "for tests"
     request: type[Message] = Message
     answer: type[Answer] = Answer
@@ -43,7 +45,7 @@ class StandInEngine:
     def __init__(self) -> None:
         self.operations = {
             "search_object": StandInOperation("read", request=SearchObject, answer=SimilarObjects),
-            "insert_object": StandInOperation("write"),
+            "insert_object": StandInOperation("write", "writes"),
             "wait": StandInOperation("read"),
             "fail": StandInOperation("read"),
             "not_a_number": StandInOperation("read"),

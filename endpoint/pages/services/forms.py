@@ -91,7 +91,7 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugR
     except RtaskError as error:
         details = details_of(error)
         return _shown(definition, method.name, form, args=args, problem=details), details["status"]
-    if method.scope != "read":
+    if method.effect != "reads":
         context().audit.event(f"{definition.exact}/{method.name}", by=caller.name)
     shown = {
         **shown_answer(answer, dict(task.request)),

@@ -26,8 +26,7 @@ __all__ = ["View", "camera_options", "read_scene", "read_view", "save_picture"]
 
 log = logging.getLogger(__name__)
 
-_PNG = b"\x89PNG"
-_IMAGES = (_PNG, b"\xff\xd8\xff")
+_DEPTH_BITS = 16
 _RECORDINGS = (".bag", ".mcap", ".db3")
 _DEFAULT_FOCAL = 525.0 / 640
 _STORED_BYTES = 256 * 2**20
@@ -194,6 +193,7 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
         As :func:`read_scene`.
     """
     from features.codec import CloudFormatError, decode
+    from features.codec.image_header import is_image
     from features.codec.limits import Limits, UnknownFormatError
 
     if file.suffix in _RECORDINGS or file.is_dir():
@@ -205,14 +205,14 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     limits = Limits(stored_bytes=_STORED_BYTES)
     data = _bytes_of(file, limits.stored_bytes)
     try:
-        if data.startswith(_IMAGES):
+        if is_image(data):
             return _picture(file, data, view, limits)
         seen = decode(data, limits)
     except UnknownFormatError:
         begins = f"it starts with {data[:8].hex(' ')}" if data else "it is empty"
         raise DataError(
-            f"{file}: no picture (JPEG, PNG), cloud (PCD, PLY), crop that robots send or recording "
-            f"({', '.join(_RECORDINGS)}): {begins}"
+            f"{file}: no picture (JPEG, PNG, WebP, BMP, TIFF), cloud (PCD, PLY), crop that robots "
+            f"send or recording ({', '.join(_RECORDINGS)}): {begins}"
         ) from None
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
@@ -234,7 +234,7 @@ def _recorded(file: Path, view: View) -> Frame | Cloud | Photo:
 
     try:
         with naming_extras(str(file)):
-            return first_view(file, view.at_s)
+            return first_view(file, view.at_s, lambda text: click.echo(text, err=True))
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
 
@@ -253,11 +253,12 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
     """Read a depth image, with its colour image if there is one; or a photograph."""
     import numpy as np
 
+    from features.codec.image_header import bits_of, is_cut_off
     from features.imaging.photo import read_photo
 
-    if data.startswith(_IMAGES[1]) or not _is_deep(data):
-        if data.startswith(_PNG) and b"IEND" not in data[-16:]:
-            raise DataError(f"{file}: the PNG is cut off")
+    if is_cut_off(data):
+        raise DataError(f"{file}: the PNG is cut off")
+    if bits_of(data) != _DEPTH_BITS:
         if view.colour is not None:
             kind = "an image of 8 bits"
             raise UsageError(f"{file} is {kind}; FILE must be a 16-bit depth image beside --colour")
@@ -271,11 +272,6 @@ def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Pho
         raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
     depth_m = (depth * view.depth_unit_m).astype(np.float32)
     return _with_colour(depth_m, view, _cameras(depth.shape, view), limits)
-
-
-def _is_deep(data: bytes) -> bool:
-    """Tell whether a PNG has 16 bits a channel (PNG specification, 11.2.2)."""
-    return len(data) > 24 and data[24] == 16
 
 
 def _with_colour(
@@ -323,13 +319,13 @@ def _image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     import numpy as np
 
     from features.codec import CloudFormatError
-    from features.codec.image import image_size
+    from features.codec.image_header import image_size, is_cut_off
 
     try:
         limits.check_image(*image_size(data))
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
-    if data.startswith(_PNG) and b"IEND" not in data[-16:]:
+    if is_cut_off(data):
         raise DataError(f"{file}: the PNG is cut off")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

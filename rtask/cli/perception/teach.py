@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["teach"]
 
-_PHOTOS = (".jpg", ".jpeg", ".png")
+_PHOTOS = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 _FEW = 10  # agreeing keypoints that the engine asks for where nothing else is stored
 
 

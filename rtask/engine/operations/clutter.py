@@ -132,7 +132,7 @@ class SceneGrasps(Answer):
     grasps: list[SceneGrasp]
 
 
-@operation("read", "plan grasps in clutter: of everything in one view of a table")
+@operation("read", "reads", "plan grasps in clutter: of everything in one view of a table")
 def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> SceneGrasps:
     """Plan grasps of the things in one view, each with its neighbours as obstacles.
 

@@ -67,7 +67,7 @@ class ComparedContributors(Answer):
     contributors: list[Contributor]
 
 
-@operation("read", "tell how far the reports of each robot agree with those of the others")
+@operation("read", "reads", "tell how far the reports of each robot agree with those of the others")
 def compare_contributors(
     context: Context, request: CompareContributors, access: Access
 ) -> ComparedContributors:
@@ -153,7 +153,11 @@ class WithdrawnContributor(Answer):
     removed: int
 
 
-@operation("teach", "withdraw all that a robot or a person reported, and all that followed from it")
+@operation(
+    "teach",
+    "writes",
+    "withdraw all that a robot or a person reported, and all that followed from it",
+)
 def withdraw_contributor(
     context: Context, request: WithdrawContributor, access: Access
 ) -> WithdrawnContributor:

@@ -59,7 +59,7 @@ class Curated(Answer):
     removed: int
 
 
-@operation("teach", "merge two objects, split one, forget one, or undo such a change")
+@operation("teach", "writes", "merge two objects, split one, forget one, or undo such a change")
 def curate_object(context: Context, request: CurateObject, access: Access) -> Curated:
     """Carry out a correction; robots may not."""
     author = author_of(context, request.operator, access)

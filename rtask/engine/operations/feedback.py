@@ -94,7 +94,7 @@ class _Recounting(StatingCauses):
         return super().may_write(graph) or graph == self.counts
 
 
-@operation("teach", "confirm, correct or refuse what a robot reported")
+@operation("teach", "writes", "confirm, correct or refuse what a robot reported")
 def give_feedback(context: Context, request: GiveFeedback, access: Access) -> Feedback:
     """Store a person's verdict; answer with all verdicts and the resulting label."""
     operator = _operator(request.operator, access)

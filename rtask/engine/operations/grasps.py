@@ -141,7 +141,7 @@ class RecalledGrasps(Answer):
     grasps: list[RecalledGrasp]
 
 
-@operation("read", "list the known grasps of a known object")
+@operation("read", "reads", "list the known grasps of a known object")
 def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> RecalledGrasps:
     """Return the grasps of an object in its own frame, most reliable first."""
     name = known_object(context, request.object)

@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 from rtask.engine.context import SCOPES, Context
 from rtask.engine.curation.merging import followed
 from rtask.kb.commit.access import Access
+from rtask.wire.effect import EFFECTS, Effect
 from rtask.wire.message import Answer, Message, read
 
 __all__ = ["Operation", "operation"]
@@ -35,20 +36,27 @@ class Operation(Generic[Q, A]):
         On the wire, ``/rtask/<name>`` and ``/engine/<name>``.
     scope
         Scope that a caller needs.
+    effect
+        Its effect on the graph, whatever the request.
     summary
         One line.
     request, answer
         Their declarations.
     handler
         Takes the context, the checked request and the caller's rights.
+    repeatable
+        Whether a request that arrives twice is stored once; what has a ``task_id`` needs it for
+        that.
     """
 
     name: str
     scope: str
+    effect: Effect
     summary: str
     request: type[Q]
     answer: type[A]
     handler: Handler[Q, A]
+    repeatable: bool = False
 
     def __call__(self, context: Context, request: Q, access: Access) -> A:
         return self.handler(context, request, access)
@@ -68,22 +76,28 @@ class Operation(Generic[Q, A]):
         return self.handler(context, followed(context.kb, request), access)
 
 
-def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q, A]]:
+def operation(
+    scope: str, effect: Effect, summary: str, *, repeatable: bool = False
+) -> Callable[[Handler[Q, A]], Operation[Q, A]]:
     """Declare a handler ``(context, request, access) -> answer`` as an operation of its name.
 
     Parameters
     ----------
     scope
         Scope that a caller needs: read, write or teach.
+    effect
+        The strongest effect on the graph that a request may have: reads, records or writes.
     summary
         One line, without a capital or a full stop.
+    repeatable
+        For what writes: whether a request that arrives twice is stored once.
 
     Raises
     ------
     TypeError
         The annotations do not name a request and an answer.
     ValueError
-        No role holds the scope.
+        No role holds the scope, or there is no such effect.
 
     Examples
     --------
@@ -93,7 +107,7 @@ def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q
     >>> class Greeted(Answer):
     ...     '''What was said.'''
     ...     text: str
-    >>> @operation("read", "greet somebody")
+    >>> @operation("read", "reads", "greet somebody")
     ... def greet(context: Context, request: Greet, access: Access) -> Greeted:
     ...     return Greeted(text=f"hello {request.name}")
     >>> greet.name, greet.request.__name__, greet.answer.__name__
@@ -101,6 +115,8 @@ def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q
     """
     if not any(scope in scopes for scopes in SCOPES.values()):
         raise ValueError(f"no role holds the scope {scope!r}")
+    if effect not in EFFECTS:
+        raise ValueError(f"effect {effect!r}; expected one of {', '.join(EFFECTS)}")
 
     def declare(handler: Handler[Q, A]) -> Operation[Q, A]:
         # Handlers import the types of the context and of the caller for type checkers only.
@@ -119,6 +135,9 @@ def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q
         assert isinstance(handler, FunctionType)
         assert isinstance(request, type)
         assert isinstance(answer, type)
-        return Operation(handler.__name__, scope, summary, request, answer, handler)
+        is_repeatable = repeatable or effect != "writes"
+        return Operation(
+            handler.__name__, scope, effect, summary, request, answer, handler, is_repeatable
+        )
 
     return declare

@@ -74,7 +74,7 @@ class ReportedOutcome(Answer):
     grasp: str
 
 
-@operation("write", "store the outcome of a grasp on a known object")
+@operation("write", "writes", "store the outcome of a grasp on a known object", repeatable=True)
 def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
     gripper = context.grippers.find(request.gripper_id, access.agent)

@@ -152,7 +152,7 @@ class PlannedSpatialGrasp:
     quality: float | None = None
 
 
-@operation("write", "plan grasps in space of a known object and store them")
+@operation("write", "writes", "plan grasps in space of a known object and store them")
 def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> PlannedGrasps:
     """Plan grasps in space on the best stored shape of an object, store them and return them.
 

@@ -137,7 +137,7 @@ class Clock:
         return time.perf_counter() - self._start
 
 
-@operation("read", "name an object and the grasps to try, in order")
+@operation("read", "records", "name an object and the grasps to try, in order")
 def recognise_for_grasp(
     context: Context, request: RecogniseForGrasp, access: Access
 ) -> Recognition:

@@ -37,7 +37,7 @@ class ReportedRefusal(Answer):
     commit: str
 
 
-@operation("write", "store what a robot did after a refusal to grasp")
+@operation("write", "writes", "store what a robot did after a refusal to grasp", repeatable=True)
 def report_refusal(context: Context, request: ReportRefusal, access: Access) -> ReportedRefusal:
     """Store the action in the graph of the robot that was refused."""
     refusal = iri(request.refusal)

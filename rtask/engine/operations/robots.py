@@ -120,7 +120,9 @@ class RegisteredRobot(Answer):
     """empty when nothing changed"""
 
 
-@operation("write", "register a robot with its grippers, cameras and frames")
+@operation(
+    "write", "writes", "register a robot with its grippers, cameras and frames", repeatable=True
+)
 def register_robot(context: Context, request: RegisterRobot, access: Access) -> RegisteredRobot:
     """Store the description of a robot; repeating it changes nothing."""
     name = request.name

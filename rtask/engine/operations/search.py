@@ -84,7 +84,7 @@ class SimilarObjects(Answer):
     """whether a doubt remains because the first was stored in another light than this one"""
 
 
-@operation("read", "list known objects that look like this one")
+@operation("read", "reads", "list known objects that look like this one")
 def search_object(context: Context, request: SearchObject, access: Access) -> SimilarObjects:
     """Return the known objects that look alike, best first; write nothing.
 

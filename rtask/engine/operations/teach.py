@@ -64,7 +64,7 @@ class Taught(SimilarObjects):
     statistics: GraspStatistics | None = None
 
 
-@operation("read", "search by words, name an object, confirm or reject a grasp")
+@operation("read", "writes", "search by words, name an object, confirm or reject a grasp")
 def teach_object(context: Context, request: TeachObject, access: Access) -> Taught:
     """Carry out a request; all but ``search`` write and need the scope ``teach``."""
     operation = request.operation

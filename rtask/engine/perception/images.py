@@ -52,7 +52,7 @@ def check_picture(data: bytes, path: str) -> tuple[str, int, int]:
 def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
     import cv2
 
-    from features.codec.image import image_size
+    from features.codec.image_header import image_size
 
     try:
         width, height = image_size(data)

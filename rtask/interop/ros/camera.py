@@ -13,7 +13,12 @@ from features.codec.ros import image_bytes
 from features.geometry import Frame
 from features.imaging.camera import Lens, lens_from_message
 from features.imaging.photo import read_photo
-from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
+from features.imaging.pictures import (
+    PAIRED_S,
+    depth_of_message,
+    is_rectified_topic,
+    view_of_images,
+)
 from rtask.errors import DataError, RemoteUnavailableError
 from rtask.interop.ros.clouds import frame_of
 from rtask.interop.ros.convert import raw_mapping
@@ -138,7 +143,9 @@ class CameraTopics:
             apart = [(_apart_s(one, depth), k) for k, one in enumerate(self._colours)]
             if apart and min(apart)[0] <= PAIRED_S:
                 colour = self._colours[min(apart)[1]]
-                return Sight(depth.header, functools.partial(_joined, depth, colour, info))
+                is_rectified = is_rectified_topic(self._depth_topic.resolved_name)
+                read = functools.partial(_joined, depth, colour, info, is_rectified)
+                return Sight(depth.header, read)
         return None
 
     def _reason(self, wait_s: float, since: Any) -> str:
@@ -182,8 +189,13 @@ def _apart_s(one: Any, other: Any) -> float:
     return abs(float((one.header.stamp - other.header.stamp).to_sec()))
 
 
-def _joined(depth: Any, colour: Any, info: Any) -> Frame:
+def _joined(depth: Any, colour: Any, info: Any, is_rectified: bool = False) -> Frame:
     """Return the view that a depth image and a colour image show.
+
+    Parameters
+    ----------
+    is_rectified
+        Whether both were rectified before they were published.
 
     Raises
     ------
@@ -199,7 +211,7 @@ def _joined(depth: Any, colour: Any, info: Any) -> Frame:
                 f"the depth image in {where} has the encoding {kind!r}; expected 16UC1 (mm) or "
                 "32FC1 (m)"
             )
-        lens: Lens = lens_from_message(raw_mapping(info))
+        lens: Lens = lens_from_message(raw_mapping(info), is_rectified)
         photo = read_photo(image_bytes(raw_mapping(colour)))
         return view_of_images(pixels, lens, photo.rgb)
     except ValueError as error:

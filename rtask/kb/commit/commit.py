@@ -25,7 +25,7 @@ from rtask.kb.commit.access import Access
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
 from rtask.kb.commit.quarantine import set_aside
-from rtask.kb.commit.validation import Validator, Violation
+from rtask.kb.commit.validation import ValidationReport, Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import CommitRecord, Journal
 from rtask.kb.rules.rulebook import changed
@@ -72,6 +72,8 @@ class Commit:
         Number of contradictory statements moved to quarantine.
     warnings
         Violations that validation reported without rejecting the commit.
+    shapes
+        The SHACL shapes that validation applied to what changed; empty without validation.
     withdrawn
         Number of statements that the reasoner removed from the inferred graph.
     remark
@@ -88,6 +90,7 @@ class Commit:
     warnings: tuple[Violation, ...] = ()
     withdrawn: int = 0
     remark: str | None = None
+    shapes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -204,9 +207,13 @@ class Committer:
             self._check_blobs(change)
         derived, staged, aside = self._derive(change, request)
         try:
-            found = () if self.validator is None else self.validator.check(change, derived)
+            validator = self.validator
+            report = ValidationReport() if validator is None else validator.check(change, derived)
             stored = self._store(change, derived, staged, request)
-            return replace(stored, commit=replace(stored.commit, warnings=found, quarantined=aside))
+            commit = replace(
+                stored.commit, warnings=tuple(report), shapes=report.shapes, quarantined=aside
+            )
+            return replace(stored, commit=commit)
         except BaseException:
             if staged is not None:
                 staged.discard()

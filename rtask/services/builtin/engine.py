@@ -33,10 +33,13 @@ def engine_service(engine: Engine) -> Definition:
 
 def _method(operation: Operation[Any, Any]) -> Method:
     def invoke(engine: Engine, request: Message, call: Call) -> Any:
-        return operation.answer_to(engine.context, request, call.caller)
+        if operation.effect != "writes":
+            return operation.answer_to(engine.context, request, call.caller)
+        with call.ending.writing(is_last=True):  # once it writes, only its own end counts
+            return operation.answer_to(engine.context, request, call.caller)
 
     summary = operation.summary[0].upper() + operation.summary[1:]
     return Method(
-        operation.name, summary, "", operation.scope, operation.request, operation.answer, "",
-        invoke,
+        operation.name, summary, "", operation.scope, operation.effect, operation.request,
+        operation.answer, "", invoke,
     )  # fmt: skip

@@ -68,7 +68,7 @@ class Grasping(Service):
 
         warm_up()
 
-    @method
+    @method(effect="reads")
     def plan(
         self,
         polygon: Polygon,

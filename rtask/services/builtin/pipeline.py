@@ -71,7 +71,7 @@ class Pipeline(Service):
         super().__init__(data_resources)
         self.saved = saved
 
-    @method
+    @method(effect="writes")
     def run(
         self,
         steps: Annotated[list[Step], Len(1, MAX_STEPS)],
@@ -94,7 +94,7 @@ class Pipeline(Service):
         values, took_ms = _carried_out(steps, output, given, given, call)
         return Piped(output=values, took_ms=took_ms)
 
-    @method(scope="write")
+    @method(scope="write", effect="writes")
     def save(
         self,
         pipeline: Text,
@@ -145,7 +145,7 @@ class Pipeline(Service):
         """Saved pipelines, sorted by name and version."""
         return [_saved(one) for one in self._kept().listing()]
 
-    @method(output="removed", scope="write")
+    @method(output="removed", scope="write", effect="writes")
     def remove(self, pipeline: Text, version: Text, call: Call) -> str:
         """Forget one version of a saved pipeline.
 

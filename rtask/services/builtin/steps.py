@@ -12,6 +12,7 @@ from rtask.services.definition import Method
 from rtask.services.description import request_schema, schemas
 from rtask.services.outward.announced import announced
 from rtask.services.pipelines import METHOD
+from rtask.wire.effect import strongest
 from rtask.wire.message import Message, read
 from rtask.wire.types import Text
 
@@ -100,7 +101,7 @@ def interface(
     return {
         METHOD: {
             "summary": f"Run {', '.join(one.call for one in steps.values())}",
-            "only_reads": False,
+            "effect": strongest(*(one.effect for one in methods.values())),
             "request": {"type": "object", "properties": taken, "required": required},
             "answer": {"type": "object", "properties": answered, "required": list(answered)},
         }

@@ -17,7 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -208,7 +208,7 @@ class Datasets:
         access: Access | None = None,
         if_match: str | None = None,
     ) -> None:
-        """Write files to the head, all of them or none.
+        """Write files to the head of a dataset, all of them or none.
 
         Parameters
         ----------
@@ -224,20 +224,49 @@ class Datasets:
         VersionConflictError
             Somebody else wrote the file first.
         """
+        entries = self._kept(name, contents, access)
+        with self._changing(name, access) as files:
+            for path, entry in entries.items():
+                before = files.get(path)
+                if if_match is not None and not _matches(before, if_match):
+                    raise VersionConflictError(f"{path} of {name} was changed in the meantime")
+                check_kind(path, files)
+                files[path] = entry
+
+    def put_together(
+        self, contents: Mapping[str, Mapping[str, bytes]], access: Access | None = None
+    ) -> None:
+        """Write files to the heads of several datasets; if one is refused, none is written.
+
+        Parameters
+        ----------
+        contents
+            Bytes by dataset and path.
+
+        Raises
+        ------
+        UsageError
+            As :meth:`put`.
+        """
+        entries = {name: self._kept(name, files, access) for name, files in contents.items()}
+        with ExitStack() as heads:
+            for name, kept in entries.items():
+                files = heads.enter_context(self._changing(name, access))
+                for path, entry in kept.items():
+                    check_kind(path, files)
+                    files[path] = entry
+
+    def _kept(
+        self, name: str, contents: Mapping[str, bytes], access: Access | None
+    ) -> dict[str, Entry]:
+        """Store contents for the head of a dataset, and return their entries by path."""
         named = {check_path(path): data for path, data in contents.items()}
         self._check_write(name, access)  # nobody else's bytes reach the disk
         if key := self.key(name):
             for path, data in named.items():
                 if path.endswith(ENDING):
                     read_records(data, key, path)
-        entries = self._files.store_all(named.values())
-        with self._changing(name, access) as files:
-            for path, entry in zip(named, entries, strict=True):
-                before = files.get(path)
-                if if_match is not None and not _matches(before, if_match):
-                    raise VersionConflictError(f"{path} of {name} was changed in the meantime")
-                check_kind(path, files)
-                files[path] = entry
+        return dict(zip(named, self._files.store_all(named.values()), strict=True))
 
     def remove(self, name: str, paths: list[str], access: Access | None = None) -> None:
         """Remove files and folders from the head; the versions keep them.

@@ -10,12 +10,11 @@ from rtask.errors import RtaskError, ServiceFailedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.services.call import Call, Listener
 from rtask.services.definition import Definition
-from rtask.services.executors.setup import InstanceSetup, Written
 from rtask.services.registry import load
 from rtask.services.task import Task
-from rtask.wire.message import Answer, read
+from rtask.wire.message import read
 
-__all__ = ["Sent", "accept", "definition_from", "receive", "send", "sendable", "values_of"]
+__all__ = ["Sent", "definition_from", "receive", "send", "sendable", "values_of"]
 
 Sent = tuple[str, dict[str, Any], Access, float]
 """A call on its way: name of the method, values of the request, caller, and time left, s."""
@@ -34,14 +33,6 @@ def receive(sent: Sent, definition: Definition, on_progress: Listener) -> Task:
     call.on_progress(on_progress)
     method = definition.methods[name]
     return Task(method, read(method.request, values), call, definition.exact)
-
-
-def accept(setup: InstanceSetup, task: Task, values: dict[str, Any], written: Written) -> Answer:
-    """Return the answer that came back, and store what the call wrote."""
-    answer = task.method.answer.model_validate(values)
-    if setup.commit is not None:
-        setup.commit(written, task.call.caller)
-    return answer
 
 
 def definition_from(source: str, exact: str) -> Definition:

@@ -7,12 +7,11 @@ from typing import Any
 
 from rtask.errors import StateChangedError
 from rtask.extras import naming_extras
-from rtask.services.executors.setup import InstanceSetup, Written
-from rtask.services.resources import WritableFiles
+from rtask.services.executors.setup import Carried, InstanceSetup, Written
+from rtask.services.resources import GraphResource, WritableFiles
 from rtask.services.service import Service
 from rtask.services.state import changed, digests
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
 __all__ = ["InProcess"]
 
@@ -33,7 +32,7 @@ class InProcess:
         """Whether the next call needs a new instance, because the data have changed."""
         return self._setup.is_outdated()
 
-    def carry_out(self, task: Task) -> Answer:
+    def carry_out(self, task: Task) -> Carried:
         """Carry out a call.
 
         Raises
@@ -45,19 +44,20 @@ class InProcess:
         is_own = isinstance(self._instance, Service)
         is_checked = is_own and (self._calls - 1) % self._setup.check_every == 0
         before = digests(self._instance) if is_checked else {}
+        for one in self._setup.resources.values():
+            if isinstance(one, GraphResource):
+                one.ending = task.call.ending
         try:
             with naming_extras(task.service):
                 answer = task.method.carry_out(self._instance, task.request, task.call)
             if is_checked:
                 self._check(before, task)
         except BaseException:
-            self.take_written()  # a call that fails has written nothing
+            self._take_written()  # a call that fails has written nothing
             raise
-        if self._setup.commit is not None:
-            self._setup.commit(self.take_written(), task.call.caller)
-        return answer
+        return Carried(answer, self._take_written())
 
-    def take_written(self) -> Written:
+    def _take_written(self) -> Written:
         """Return what the call wrote to its data resources, and forget it."""
         every = self._setup.resources.items()
         return {name: one.take() for name, one in every if isinstance(one, WritableFiles)}

@@ -23,7 +23,6 @@ from rtask.errors import (
 )
 from rtask.services.call import Call
 from rtask.services.executors.apart import (
-    accept,
     definition_from,
     receive,
     send,
@@ -31,10 +30,9 @@ from rtask.services.executors.apart import (
     values_of,
 )
 from rtask.services.executors.in_process import InProcess
-from rtask.services.executors.setup import InstanceSetup
+from rtask.services.executors.setup import Carried, InstanceSetup
 from rtask.services.resources import Resource
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
 __all__ = ["ChildProcess"]
 
@@ -80,7 +78,7 @@ class ChildProcess:
         """Whether the next call needs a new instance, because the data have changed."""
         return self._setup.is_outdated()
 
-    def carry_out(self, task: Task) -> Answer:
+    def carry_out(self, task: Task) -> Carried:
         """Carry out a call.
 
         Raises
@@ -93,7 +91,7 @@ class ChildProcess:
         except (OSError, ValueError) as error:
             raise WorkerDiedError(f"{task.service}: its process is gone: {error}") from error
         values, written = self._receive(task.service, task.call.deadline, task.call)
-        return accept(self._setup, task, values, written)
+        return Carried(task.method.answer.model_validate(values), written)
 
     def _receive(self, service: str, deadline: float, call: Call | None) -> Any:
         """Wait for an answer, passing progress on; kill the process when nobody waits for it."""
@@ -192,14 +190,14 @@ def _work(
 
 def _carry_out(runner: InProcess, task: Task, tell: Callable[[str, Any], None]) -> None:
     try:
-        answer = runner.carry_out(task)
+        carried = runner.carry_out(task)
     except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
         tell("error", sendable(error))
         if isinstance(error, StateChangedError):
             os._exit(0)
         return
     try:
-        tell("done", (values_of(answer), runner.take_written()))
+        tell("done", (values_of(carried.answer), carried.written))
     except (OSError, ValueError, TypeError) as error:
         tell("error", ServiceFailedError(f"the answer cannot be sent: {error}"))
 

@@ -19,7 +19,6 @@ from rtask.errors import RtaskError, UsageError, WorkerDiedError
 from rtask.services.call import Call
 from rtask.services.executors.apart import (
     Sent,
-    accept,
     definition_from,
     receive,
     send,
@@ -27,10 +26,9 @@ from rtask.services.executors.apart import (
     values_of,
 )
 from rtask.services.executors.in_process import InProcess
-from rtask.services.executors.setup import InstanceSetup
+from rtask.services.executors.setup import Carried, InstanceSetup
 from rtask.services.resources import Files, WritableFiles
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
 __all__ = ["RayActor"]
 
@@ -85,7 +83,7 @@ class RayActor:
         """Whether the next call needs a new instance, because the data have changed."""
         return self._setup.is_outdated()
 
-    def carry_out(self, task: Task) -> Answer:
+    def carry_out(self, task: Task) -> Carried:
         """Carry out a call.
 
         Raises
@@ -101,7 +99,7 @@ class RayActor:
             call.report(*report)
         if isinstance(values, RtaskError):
             raise values
-        return accept(self._setup, task, values, written)
+        return Carried(task.method.answer.model_validate(values), written)
 
     def _follow(self, done: Any, call: Call) -> int:
         """Wait for the end of a call, passing progress on; kill the actor if nobody waits for it.
@@ -174,12 +172,12 @@ class _Instance:
         try:
             task = receive(sent, self._definition, self._report)
             self._call = task.call
-            found: Any = values_of(self._runner.carry_out(task))
+            carried = self._runner.carry_out(task)
         except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
             return sendable(error), {}, self._reports
         finally:
             self._call = None
-        return found, self._runner.take_written(), self._reports
+        return values_of(carried.answer), carried.written, self._reports
 
     def _report(self, fraction: float, text: str) -> None:
         with self._changed:

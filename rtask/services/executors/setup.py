@@ -8,13 +8,30 @@ from dataclasses import dataclass
 from rtask.kb.commit.access import Access
 from rtask.services.definition import Definition
 from rtask.services.resources import Resource
+from rtask.wire.message import Answer
 
-__all__ = ["Commit", "InstanceSetup", "Written"]
+__all__ = ["Carried", "Commit", "InstanceSetup", "Written"]
 
 Written = dict[str, dict[str, bytes]]
 """Contents of files by the names of data resources and by path."""
 Commit = Callable[[Written, Access], None]
 """Stores what a call wrote under its caller's rights."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A call that was carried out and is not stored yet.
+
+    Parameters
+    ----------
+    answer
+        For the caller.
+    written
+        Contents for its data resources.
+    """
+
+    answer: Answer
+    written: Written
 
 
 @dataclass(frozen=True)
@@ -29,9 +46,6 @@ class InstanceSetup:
         Data of the instance by the names of its data resources.
     check_every
         How many calls there are to one whose effect on the state is checked; 1 = all.
-    commit
-        Stores what a call wrote to its data resources; None = it is left to the runner's
-        ``take_written``.
     is_outdated
         Tells whether its data resources have changed since the instance was made ready.
     """
@@ -39,5 +53,4 @@ class InstanceSetup:
     definition: Definition
     resources: Mapping[str, Resource]
     check_every: int
-    commit: Commit | None = None
     is_outdated: Callable[[], bool] = lambda: False

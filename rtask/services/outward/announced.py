@@ -17,6 +17,7 @@ from rtask.errors import UsageError
 from rtask.services.definition import Definition, Method, check_name
 from rtask.services.description import described
 from rtask.services.service import ResourceNeed
+from rtask.wire.effect import EFFECTS, Effect
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Array, Bytes, Cloud, Flag, Image, Json, Number, Pose, Text, Unit, Whole
 
@@ -107,9 +108,18 @@ def _method(stem: str, name: str, given: Any) -> Method:
         f"{title}Answer", __base__=Answer, __doc__=summary, __cls_kwargs__=_NO_DOCS, **answer
     )
     return Method(
-        name, summary, _text(given, "description", ""), scope, made, reply, output, _not_here,
-        may_call_others=given.get("only_reads") is False,
+        name, summary, _text(given, "description", ""), scope, _effect(given, where), made, reply,
+        output, _not_here,
     )  # fmt: skip
+
+
+def _effect(given: Mapping[str, Any], where: str) -> Effect:
+    """Return the effect; a worker that does not say may write, so that no call is repeated."""
+    effect = given.get("effect", "reads" if given.get("only_reads") is True else "writes")
+    if effect not in EFFECTS:
+        raise UsageError(f"{where}.effect: expected one of {', '.join(EFFECTS)}")
+    known: Effect = effect
+    return known
 
 
 def _fields(schema: Any, where: str, base: type[Message | Answer]) -> dict[str, Any]:

@@ -10,10 +10,9 @@ from pydantic import ValidationError
 
 import rtask.errors
 from rtask.errors import RtaskError, ServiceError, ServiceFailedError
-from rtask.services.executors.setup import Commit
+from rtask.services.executors.setup import Carried
 from rtask.services.outward.seats import Outward, Seat
 from rtask.services.task import Task
-from rtask.wire.message import Answer
 
 __all__ = ["Connected"]
 
@@ -33,19 +32,17 @@ class Connected:
         All workers.
     seat
         Of one of them.
-    commit
-        Stores what a call wrote to its data resources.
     """
 
-    def __init__(self, outward: Outward, seat: Seat, commit: Commit) -> None:
-        self._outward, self._seat, self._commit = outward, seat, commit
+    def __init__(self, outward: Outward, seat: Seat) -> None:
+        self._outward, self._seat = outward, seat
 
     @property
     def is_spent(self) -> bool:
         """Whether the worker has left, or is still busy with a call that nobody waits for."""
         return self._seat.is_gone or self._seat.is_late
 
-    def carry_out(self, task: Task) -> Answer:
+    def carry_out(self, task: Task) -> Carried:
         """Carry out a call.
 
         Raises
@@ -68,8 +65,7 @@ class Connected:
                 f"{task.service} {task.method.name} answered what it does not declare: "
                 f"{place}: {first['msg']}"
             ) from None
-        self._commit(_written(reply.get("written"), task), task.call.caller)
-        return answer
+        return Carried(answer, _written(reply.get("written"), task))
 
     def close(self) -> None:
         """Leave the seat to others."""

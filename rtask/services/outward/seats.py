@@ -125,6 +125,8 @@ class Outward:
         self._heard: dict[Link, float] = {}
         self._pending: dict[str, _Pending] = {}
         self._numbers = itertools.count(1)
+        self.dropped = 0
+        """Answers that came after their calls had ended."""
 
     def join(self, link: Link, description: Any, seats: Any) -> Definition:
         """Add a worker for one version of a service, and return its definition.
@@ -186,6 +188,21 @@ class Outward:
                 self._heard.pop(link, None)
         for name in left:
             self._on_change(name)
+
+    def withdraw(self, link: Link, name: str) -> bool:
+        """Remove a worker from one service, ``name@1.2.3``, or all its versions, ``name``.
+
+        Returns
+        -------
+        Whether it offered that.
+        """
+        with self._changed:
+            named = [one for one in self._offered if name in (one, one.partition("@")[0])]
+            seats = [seat for exact in named for seat in self._offered[exact].seats]
+            was_there = any(seat.link is link for seat in seats)
+        for exact in named:
+            self.leave(link, exact)
+        return was_there
 
     def _withdraw(self, link: Link, exact: str) -> bool:
         offered = self._offered.get(exact)
@@ -303,7 +320,7 @@ class Outward:
         seat.link.send(message, task.request)
         call.on_cancel(cancel)
         if not pending.stirred.wait(max(call.left_s, 0.0)):
-            call.cancel()
+            call.expire()
         pending.over.wait(_GRACE_S)
         return self._reply(key, pending)
 
@@ -334,6 +351,7 @@ class Outward:
                 if pending.seat.is_late:
                     del self._pending[key]
                     pending.seat.is_late = False
+                    self.dropped += 1
                     self._changed.notify_all()
                 pending.end(message)
                 return True

@@ -97,5 +97,6 @@ def test_an_agent_reads_why_there_is_no_answer(host, tool, words):
 def test_a_call_that_was_given_up_in_the_queue_is_late(host):
     plan = planned(host, "lab_Late_answer")
     assert plan.elsewhere is not None
-    plan.elsewhere.stop()
+    assert plan.elsewhere.late is not None
+    plan.elsewhere.late()
     assert "no answer within 0.05 s" in result(plan)["content"][0]["text"]

@@ -37,7 +37,7 @@ class Pause(Service):
         """Return a long text."""
         return "x" * size
 
-    @method
+    @method(effect="reads")
     def wait(self, folder: str, call: Call) -> None:
         """Say that it has begun, and whether it was cancelled."""
         (Path(folder) / "begun").touch()

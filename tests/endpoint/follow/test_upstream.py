@@ -14,15 +14,15 @@ from tests.sparql_servers import free_port
 
 
 class _Operation:
-    def __init__(self, scope: str) -> None:
-        self.scope = scope
+    def __init__(self, effect: str) -> None:
+        self.effect = effect
 
 
 class _Engine:
     operations: ClassVar = {
-        "recall_grasps": _Operation("read"),
-        "teach_object": _Operation("read"),  # writes, if its request says so
-        "insert_object": _Operation("write"),
+        "recall_grasps": _Operation("reads"),
+        "recognise_for_grasp": _Operation("records"),
+        "insert_object": _Operation("writes"),
     }
 
 

@@ -104,6 +104,17 @@ def test_a_provider_that_leaves_fails_its_goals(pair: tuple[Any, Any]) -> None:
     assert result["values"] == "nao-1 left before it was done"
 
 
+def test_an_action_that_is_withdrawn_ends_its_goals(pair: tuple[Any, Any]) -> None:
+    provider, caller = pair
+    id_ = provider.heard[0]["id"]
+    provider.say({"op": "unadvertise_action", "action": "/walk"})
+    assert provider.heard[1] == {"op": "cancel_action_goal", "id": id_, "action": "/walk"}
+    provider.say({"op": "action_result", "id": id_, "action": "/walk", "status": 4, "values": {}})
+    (result,) = caller.heard
+    assert (result["status"], result["result"]) == (6, False)
+    assert result["values"] == "nao-1 withdrew /walk before it was done"
+
+
 def test_a_caller_that_leaves_cancels_its_goals(pair: tuple[Any, Any]) -> None:
     provider, caller = pair
     caller.session.close()

@@ -175,3 +175,14 @@ def test_a_slow_engine_call_is_given_up_after_the_callers_time(
     engine.gate.set()
     time.sleep(0.05)  # the thread's own answer would have come by now
     assert len(robot.heard) == 1
+
+
+def test_a_service_that_is_withdrawn_fails_the_calls_that_wait_for_it(connect: Connect) -> None:
+    provider, caller = connect(nao(1)), connect(nao(2))
+    provider.say(ADVERTISE)
+    caller.say(CALL)
+    (request,) = wait_for(provider)
+    provider.say({"op": "unadvertise_service", "service": "/add"})
+    provider.say({"op": "service_response", "id": request["id"], "values": {}, "result": True})
+    (answer,) = wait_for(caller)
+    assert (answer["result"], answer["values"]) == (False, "nao-1 withdrew /add before it answered")

@@ -82,12 +82,15 @@ def test_images_of_messages_become_pictures():
     assert np.array_equal(cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1], rgb)
     png = cv2.imencode(".png", rgb)[1].tobytes()
     assert image_bytes({"format": "png", "data": base64.b64encode(png).decode()}) == png
-    depth = {"format": "16UC1; compressedDepth png", "data": b"\0" * 12 + png}
-    assert image_bytes(depth) == png
+    deep = np.arange(48, dtype=np.uint16).reshape(6, 8) + 700
+    stored = b"\0" * 12 + cv2.imencode(".png", deep)[1].tobytes()
+    compressed = {"format": "16UC1; compressedDepth", "data": stored}
+    depth = np.frombuffer(image_bytes(compressed), np.uint8)
+    assert np.array_equal(cv2.imdecode(depth, cv2.IMREAD_UNCHANGED), deep)
     with pytest.raises(CloudFormatError, match="neither PNG nor JPEG"):
         image_bytes({"format": "h264", "data": b"\0\0\0\1"})
     with pytest.raises(CloudFormatError, match="not known"):
-        pixels_of_image({**raw, "encoding": "yuv422"})
+        pixels_of_image({**raw, "encoding": "rgb1000"})
 
 
 def test_depth_beyond_the_range_of_the_camera_is_missing():

@@ -44,8 +44,10 @@ def test_a_lens_is_read_from_messages_of_ros_1_and_2():
         assert lens.is_distorted
     with pytest.raises(ValueError, match="lacks height"):
         lens_from_message({"width": 640, "k": k})
-    with pytest.raises(ValueError, match="equidistant"):
+    with pytest.raises(ValueError, match="a fisheye has 4"):
         lens_from_message({**said, "distortion_model": "equidistant"})
+    with pytest.raises(ValueError, match="'thin_prism' is not known"):
+        lens_from_message({**said, "distortion_model": "thin_prism"})
     with pytest.raises(ValueError, match="coefficients"):
         Lens(CAMERA, (0.1, 0.2))
 

@@ -89,7 +89,7 @@ def test_every_command_that_reasons_prints_json(folder: Path) -> None:
     assert explained["steps"]["rule"] == "cax-sco"
     assert explained["steps"]["premises"]
     assert json_of(folder, "entails", "<urn:t:m>", "a", "<urn:t:Mug>")["entailed"] is True
-    assert json_of(folder, "validate") == []
+    assert json_of(folder, "validate")["results"] == []
     assert json_of(folder, "rules", "list") == []
     assert json_of(folder, "reason")["consistent"] is True
     assert [row["ontology"] for row in json_of(folder, "ontology", "list")] == ["urn:t:"]
@@ -103,7 +103,7 @@ def test_validate_lists_the_cause_of_a_contradiction(tmp_path: Path) -> None:
         kb.load(SCHEMA.encode(), format="turtle")
         kb.update("INSERT DATA { <urn:t:m> a <urn:t:Mug>, <urn:t:Fish> }")
     code, out = run(tmp_path, "validate", "--json")
-    (found,) = json.loads(out)
+    (found,) = json.loads(out)["results"]
     assert (code, found["severity"]) == (1, "Violation")
     assert "<urn:t:m> rdf:type <urn:t:Fish>" in found["message"]
 

@@ -139,7 +139,7 @@ def test_a_photograph_is_stored_once_and_again_after_it_was_forgotten(taught, tm
 def test_nothing_is_stored_where_one_of_the_photographs_cannot_be_read(taught, tmp_path, capsys):
     photo = save(tmp_path / "cocoa.jpg", photograph(3)[0])
     for name, data, why in (
-        ("page.jpg", b"<html>", "no picture (JPEG, PNG), cloud (PCD, PLY)"),
+        ("page.jpg", b"<html>", "no picture (JPEG, PNG, WebP, BMP, TIFF), cloud (PCD, PLY)"),
         ("empty.jpg", b"", "it is empty"),
         ("cut.png", b"\x89PNG\r\n", "PNG is cut off"),
     ):

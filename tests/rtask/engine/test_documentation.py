@@ -36,7 +36,7 @@ def test_every_operation_has_a_section_that_names_every_field():
             text += described["insert_object"]
             missing = [name for name in missing if f"`{name}`" not in text]
         assert not missing, operation.name
-        assert f" | {operation.scope} | {operation.summary} |" in overview
+        assert f" | {operation.scope} | {operation.effect} | {operation.summary} |" in overview
 
 
 def test_every_operation_has_a_section_that_names_every_field_of_its_answer():

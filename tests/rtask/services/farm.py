@@ -35,7 +35,7 @@ class Field(Service):
         """Send everything back."""
         return Echoed(numbers=2 * numbers, data=data, pose=pose, pid=os.getpid())
 
-    @method(output="pid")
+    @method(output="pid", effect="reads")
     def work(self, call: Call, until: str = "", most: Annotated[float, Ge(0)] = 60.0) -> int:
         """Wait for a file to appear, and tell who waited.
 
@@ -71,7 +71,7 @@ class Barn(Service):
     name, version = "farm/Barn", "1.0.0"
     store = data_resource("binary", writable=True)
 
-    @method(output="total")
+    @method(output="total", effect="writes")
     def add(self, number: int, marker: str = "") -> int:
         """Add to the sum in the store; end the worker after writing where a marker is named."""
         before = int(self.store.read("/sum")) if (self.store.folder / "sum").exists() else 0

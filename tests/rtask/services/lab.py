@@ -86,7 +86,7 @@ class Arm(Service):
         """Number of bytes of an image."""
         return len(image)
 
-    @method
+    @method(effect="reads")
     def count(self, steps: int, pause_s: float, call: Call) -> int:
         """Count, and say how far it is."""
         for step in range(steps):
@@ -109,12 +109,12 @@ class Arm(Service):
             raise ZeroDivisionError("division by zero")
         return "not a number"  # type: ignore[return-value]  # what an author may get wrong
 
-    @method(scope="write")
+    @method(scope="write", effect="writes")
     def store(self, text: str) -> str:
         """Change something, with the right to."""
         return text
 
-    @method
+    @method(effect="writes")
     def ask_again(self, depth: int, call: Call) -> float:
         """Call this service by a detour, which would never end."""
         detour = call.connect("lab/Detour")
@@ -127,13 +127,13 @@ class Detour(Service):
 
     name = "lab/Detour"
 
-    @method
+    @method(effect="writes")
     def back(self, depth: int, call: Call) -> float:
         """Call the arm."""
         answer: float = call.connect("lab/Arm").ask_again(depth)
         return answer
 
-    @method
+    @method(effect="reads")
     def reach(self, joints: Array, call: Call) -> float:
         """Ask the arm, and say who asks."""
         found = call.connect("lab/Arm@1.*").stretch(joints)
@@ -174,7 +174,7 @@ class Fragile(Service):
     def load(self) -> None:
         self.pid = os.getpid()
 
-    @method
+    @method(effect="reads")
     def turn(self, pose: Pose, image: bytes, call: Call) -> Turned:
         """Return what it was given, and who did it."""
         call.progress(0.5, "half")
@@ -207,7 +207,7 @@ class Writer(Service):
     executor = "processes"
     store = data_resource("binary", writable=True)
 
-    @method(scope="write")
+    @method(scope="write", effect="writes")
     def write(self, marker: str) -> None:
         """Die in the middle."""
         with Path(marker).open("a") as out:
@@ -222,7 +222,7 @@ class Notebook(Service):
     name = "lab/Notebook"
     store = data_resource("binary", writable=True)
 
-    @method(scope="write")
+    @method(scope="write", effect="writes")
     def add(self, number: int, fail: bool = False) -> int:
         """Add to the sum that was kept."""
         files = {one.name for one in self.store.folder.iterdir()}
@@ -287,13 +287,13 @@ class Counter(Service):
     name = "lab/Counter"
     graph = data_resource("graph")
 
-    @method(output="count")
+    @method(output="count", effect="reads")
     def count(self) -> int:
         """Count all statements."""
         rows = self.graph.query("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }")
         return int(next(iter(rows))["n"].value)
 
-    @method(scope="write")
+    @method(scope="write", effect="writes")
     def note(self, text: str, call: Call) -> None:
         """Write to the graph."""
         self.graph.update(f'INSERT DATA {{ <urn:note> <urn:says> "{text}" }}', call.caller)
@@ -313,7 +313,7 @@ class NoteTaker(Counter):
     def leave(self) -> None:
         self.stop()
 
-    @method(output="texts")
+    @method(output="texts", effect="reads")
     def before(self, seq: int) -> list[str]:
         """Return the notes after a commit, and whether they are there now."""
         with self.graph.at(seq) as then:

@@ -82,7 +82,7 @@ class NoResult(Service):
 
     name = "lab/Wrong"
 
-    @method
+    @method(effect="reads")
     def go(self, call: Call):
         """Go."""
 
@@ -181,9 +181,42 @@ def test_a_package_whose_services_cannot_be_loaded_is_left_out(monkeypatch, tmp_
     assert "services of broken_services cannot be loaded" in caplog.text
 
 
-def test_a_method_that_may_call_others_is_not_said_to_only_read(host):
+def test_a_description_states_the_declared_effect_of_each_method(host):
     methods = host.description("lab/Arm")["methods"]
-    only_reads = {name: one["only_reads"] for name, one in methods.items()}
-    assert only_reads["forward"]
-    assert not only_reads["store"]
-    assert not only_reads["ask_again"], "it may call what writes"
+    effects = {name: methods[name]["effect"] for name in ("forward", "count", "store", "ask_again")}
+    assert effects == {
+        "forward": "reads", "count": "reads", "store": "writes", "ask_again": "writes",
+    }  # fmt: skip
+    assert all(one["only_reads"] == (one["effect"] == "reads") for one in methods.values())
+
+
+def test_a_method_that_could_write_must_say_whether_it_does():
+    class Silent(Service):
+        """A mistake."""
+
+        name = "lab/Silent"
+
+        @method(scope="write")
+        def go(self) -> None:
+            """Go."""
+
+    with pytest.raises(UsageError, match="it could write; say what it does"):
+        define(Silent)
+
+
+def test_a_method_that_reads_cannot_call_one_that_writes():
+    class Sly(Service):
+        """A method that says less than it does."""
+
+        name = "lab/Sly"
+
+        @method(effect="reads")
+        def go(self, call: Call) -> str:
+            """Go."""
+            return str(call.connect("lab/Arm").store("cup"))
+
+    with (
+        ServiceHost([Sly, Arm]) as host,
+        pytest.raises(UsageError, match="declares effect='reads'"),
+    ):
+        host.call("lab/Sly", "go")

@@ -34,6 +34,7 @@ NUMBER = {"type": "number"}
 DOUBLE = {
     "request": {"properties": {"value": NUMBER}, "required": ["value"]},
     "answer": {"properties": {"value": NUMBER}, "required": ["value"]},
+    "effect": "reads",
 }
 
 
@@ -163,7 +164,7 @@ def test_a_worker_that_falls_silent_loses_its_calls():
 
 
 def test_a_call_of_a_worker_that_leaves_is_repeated_unless_it_writes():
-    writing = {**DOUBLE, "scope": "write"}
+    writing = {**DOUBLE, "effect": "writes"}
     with ServiceHost() as host:
         first, second = FakeLink(), FakeLink()
         host.outward.join(first, description(double=DOUBLE, write=writing), 1)
@@ -200,7 +201,7 @@ def test_a_description_is_read_back_as_what_it_describes(service):
     told = described(define(service), ["1.0.0"], "ready")
     again = described(announced(told), ["1.0.0"], "ready")
     for name, one in told["methods"].items():
-        for part in ("summary", "scope", "output", "output_type", "only_reads"):
+        for part in ("summary", "scope", "output", "output_type", "effect", "only_reads"):
             assert again["methods"][name][part] == one[part], (name, part)
         assert again["methods"][name]["request"].get("properties") == one["request"].get(
             "properties"

@@ -46,7 +46,7 @@ def views(bench, thing, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "others"), [(20, 0), (4, 2)])
+@pytest.mark.parametrize(("count", "others"), [(4, 2), pytest.param(20, 0, marks=pytest.mark.deep)])
 def test_simultaneous_insertions_of_one_product_make_no_twin(
     bench, kb, engine, robots, gathered, count, others
 ):

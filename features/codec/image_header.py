@@ -1,0 +1,157 @@
+"""Size and transparency of pictures from their headers, before a decoder is trusted with them.
+
+PNG (W3C), JPEG (ITU T.81), WebP (RFC 9649), BMP (Windows bitmap) and TIFF 6.0.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from features.codec.limits import CloudFormatError, UnknownFormatError
+
+__all__ = ["bits_of", "has_alpha", "image_size", "is_cut_off", "is_image"]
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"IEND\xaeB`\x82"
+_JPEG = b"\xff\xd8"
+_TIFF = {b"II*\0": "<", b"MM\0*": ">"}
+_SOF_MARKERS = frozenset({0xC0, 0xC1, 0xC2})
+_STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
+_MAX_TIFF_ENTRIES = 256
+_WIDTH, _HEIGHT, _BITS = 256, 257, 258
+_KNOWN = "PNG, JPEG, WebP, BMP or TIFF"
+
+
+def is_image(data: bytes) -> bool:
+    """Whether bytes begin like a picture of one of these formats.
+
+    Examples
+    --------
+    >>> is_image(b"II*\\0"), is_image(b"ply\\n")
+    (True, False)
+    """
+    return (
+        data.startswith((_PNG[:4], _JPEG + b"\xff", b"BM")) or _is_webp(data) or data[:4] in _TIFF
+    )
+
+
+def image_size(data: bytes) -> tuple[int, int]:
+    """Return (width, height), px.
+
+    Raises
+    ------
+    UnknownFormatError
+        When it is none of these formats.
+    CloudFormatError
+        When it is cut off before the size.
+    """
+    if data.startswith(_PNG):
+        if len(data) < 33 or data[12:16] != b"IHDR":
+            raise CloudFormatError("PNG cut off within its header")
+        width, height = struct.unpack_from(">II", data, 16)
+        return int(width), int(height)
+    if data.startswith(_JPEG):
+        return _jpeg_size(data)
+    try:
+        if _is_webp(data):
+            return _webp_size(data)
+        if data.startswith(b"BM"):
+            return _bmp_size(data)
+        if data[:4] in _TIFF:
+            entries = _tiff_entries(data)
+            return entries[_WIDTH], entries[_HEIGHT]
+    except (struct.error, KeyError):
+        raise CloudFormatError("the picture is cut off before its size") from None
+    raise UnknownFormatError(f"no {_KNOWN}: starts with {data[:8].hex(' ')}")
+
+
+def is_cut_off(data: bytes) -> bool:
+    """Whether a PNG lacks its end; what follows the end is no part of it (PNG, 5.6)."""
+    return data.startswith(_PNG[:4]) and _PNG_END not in data
+
+
+def bits_of(data: bytes) -> int:
+    """Return the bits of a channel of a PNG or TIFF; 8 for other formats."""
+    if data.startswith(_PNG) and len(data) > 24:
+        return data[24]
+    if data[:4] in _TIFF:
+        try:
+            return _tiff_entries(data).get(_BITS, 1)
+        except struct.error:
+            return 8
+    return 8
+
+
+def has_alpha(data: bytes) -> bool:
+    """Whether a PNG or WebP says that some of its pixels may be transparent."""
+    if data.startswith(_PNG) and len(data) > 25:
+        return data[25] in (4, 6) or b"tRNS" in data[: data.find(b"IDAT")]
+    if not _is_webp(data) or len(data) < 25:
+        return False
+    kind = data[12:16]
+    if kind == b"VP8X":
+        return bool(data[20] & 0x10)
+    return kind == b"VP8L" and bool(data[24] & 0x10)
+
+
+def _is_webp(data: bytes) -> bool:
+    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """Walk the markers up to the start of frame (ITU T.81, B.2); FF may fill up before one."""
+    offset = 2
+    while offset + 9 <= len(data):
+        if data[offset] != 0xFF:
+            raise CloudFormatError(f"JPEG: no marker at offset {offset}")
+        marker = data[offset + 1]
+        if marker == 0xFF:
+            offset += 1
+        elif marker in _SOF_MARKERS:
+            height, width = struct.unpack_from(">HH", data, offset + 5)
+            return int(width), int(height)
+        elif marker in _STANDALONE:
+            offset += 2
+        else:
+            offset += 2 + struct.unpack_from(">H", data, offset + 2)[0]
+    raise CloudFormatError("JPEG cut off before its size")
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    kind = data[12:16]
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (packed,) = struct.unpack_from("<I", data, 21)
+        return (packed & 0x3FFF) + 1, (packed >> 14 & 0x3FFF) + 1
+    low_w, high_w, low_h, high_h = struct.unpack_from("<HBHB", data, 24)
+    return (low_w | high_w << 16) + 1, (low_h | high_h << 16) + 1
+
+
+def _bmp_size(data: bytes) -> tuple[int, int]:
+    if struct.unpack_from("<I", data, 14)[0] == 12:
+        width, height = struct.unpack_from("<HH", data, 18)
+    else:
+        width, height = struct.unpack_from("<ii", data, 18)
+    return int(width), abs(int(height))
+
+
+def _tiff_entries(data: bytes) -> dict[int, int]:
+    """Return the whole numbers of the first directory by their tags (TIFF 6.0, section 2)."""
+    order = _TIFF[data[:4]]
+    (start,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, start)
+    entries = {}
+    for k in range(min(count, _MAX_TIFF_ENTRIES)):
+        at = start + 2 + 12 * k
+        tag, kind, values = struct.unpack_from(order + "HHI", data, at)
+        code, size = {3: ("H", 2), 4: ("I", 4)}.get(kind, ("", 0))
+        if not code:
+            continue
+        if values * size > 4:
+            (at_value,) = struct.unpack_from(order + "I", data, at + 8)
+        else:
+            at_value = at + 8
+        (entries[tag],) = struct.unpack_from(order + code, data, at_value)
+    return entries

@@ -1,0 +1,1 @@
+"""SHACL shapes: where they come from, and the statements that they examine."""

@@ -1,0 +1,237 @@
+"""Files and messages of cameras and other programs, in the spellings that occur."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from features.codec import CloudFormatError, decode
+from features.codec.compressed_depth import decode_compressed_depth, decode_rvl
+from features.codec.image_header import image_size
+from features.codec.ros import pcd_from_point_cloud, pixels_of_image
+from features.imaging.photo import read_photo
+from features.imaging.pictures import depth_of_message
+from features.imaging.selection import view_of_photo
+
+DEPTH_M = np.linspace(0.5, 1.5, 12, dtype=np.float32).reshape(3, 4)
+
+
+def _png(image: np.ndarray) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+_SMALL = _png(np.ones((2, 2), np.uint16))
+
+
+def _inverse(depth_m: np.ndarray, a: float = 1_000.0, b: float = -10.0) -> bytes:
+    """Return depth as compressed_depth_image_transport writes 32FC1: a / depth + b, 0 = missing."""
+    values = np.where(depth_m > 0, np.rint(a / np.maximum(depth_m, 1e-9) + b), 0)
+    return struct.pack("<iff", 0, a, b) + _png(values.astype(np.uint16))
+
+
+def test_compressed_depth_of_floats_is_inverse_depth() -> None:
+    depth = DEPTH_M.copy()
+    depth[1, 2] = 0
+    message = {"format": "32FC1; compressedDepth png", "data": _inverse(depth)}
+    read = depth_of_message(message, is_depth_topic=False)
+    # A step of the quantisation is depth squared / a: 2.25 mm at 1.5 m, half of it at most.
+    assert np.allclose(read, depth, atol=0.0012)
+    assert read[1, 2] == 0
+
+
+def test_compressed_depth_of_whole_numbers_is_millimetres() -> None:
+    stored = struct.pack("<iff", 0, 0.0, 0.0) + _png((DEPTH_M * 1000).astype(np.uint16))
+    read = decode_compressed_depth("16UC1; compressedDepth", stored)
+    assert np.allclose(read, DEPTH_M, atol=0.001)
+
+
+@pytest.mark.parametrize(
+    ("text", "data", "why"),
+    [
+        ("32FC1; compressedDepth", _png(np.ones((2, 2), np.uint16)), "inverse depth"),
+        ("32FC1; compressedDepth", struct.pack("<iff", 0, np.nan, 0) + _SMALL, "inverse depth"),
+        ("rgb8; compressedDepth", b"\0" * 20, "is not depth"),
+        ("16UC1; compressedDepth", b"\0" * 5, "cut off within its header"),
+        ("16UC1; compressedDepth", b"\0" * 12 + _png(np.ones((2, 2), np.uint8)), "no PNG of 16"),
+    ],
+)
+def test_compressed_depth_that_cannot_be_told_is_refused(text: str, data: bytes, why: str) -> None:
+    with pytest.raises(CloudFormatError, match=why):
+        decode_compressed_depth(text, data)
+
+
+def _rvl(image: np.ndarray) -> bytes:
+    """Write RVL (Wilson 2017): runs of zeros and of differences, numbers in nibbles."""
+    flat = [int(value) for value in image.ravel()]
+    nibbles: list[int] = []
+
+    def put(number: int) -> None:
+        while True:
+            number, low = number >> 3, number & 7
+            nibbles.append(low | (8 if number else 0))
+            if not number:
+                return
+
+    at, before = 0, 0
+    while at < len(flat):
+        start = at
+        while at < len(flat) and flat[at] == 0:
+            at += 1
+        put(at - start)
+        end = at
+        while end < len(flat) and flat[end]:
+            end += 1
+        put(end - at)
+        for value in flat[at:end]:
+            step = value - before
+            put(2 * step if step >= 0 else -2 * step - 1)
+            before = value
+        at = end
+    nibbles += [0] * (-len(nibbles) % 8)
+    digits = "".join(f"{nibble:x}" for nibble in nibbles)
+    words = [int(digits[k : k + 8], 16) for k in range(0, len(digits), 8)]
+    return struct.pack(f"<ii{len(words)}I", *image.shape[::-1], *words)
+
+
+def test_rvl_depth_comes_back_exactly_and_its_truncations_are_refused() -> None:
+    depth = np.random.default_rng(4).integers(0, 9_000, (9, 13)).astype(np.uint16)
+    depth[depth < 3_000] = 0
+    stored = _rvl(depth)
+    assert np.array_equal(decode_rvl(stored), depth)
+    assert np.array_equal(decode_rvl(_rvl(depth * 0)), depth * 0)
+    for length in range(0, len(stored) - 8, 4):
+        with pytest.raises(CloudFormatError, match="RVL"):
+            decode_rvl(stored[:length])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "is_depth_topic", "is_depth"),
+    [("mono16", True, True), ("mono16", False, False), ("16UC1", False, True)],
+)
+def test_grey_of_16_bits_is_depth_only_where_something_says_so(
+    encoding: str, is_depth_topic: bool, is_depth: bool
+) -> None:
+    data = np.full((2, 3), 900, "<u2").tobytes()
+    message = {"height": 2, "width": 3, "encoding": encoding, "step": 6, "data": data}
+    read = depth_of_message(message, is_depth_topic)
+    assert (read is not None) is is_depth
+
+
+def _bayer(rgb: np.ndarray, first_row: str, second_row: str) -> np.ndarray:
+    mosaic = np.zeros(rgb.shape[:2], np.uint8)
+    for row, letters in enumerate((first_row, second_row)):
+        for column, letter in enumerate(letters):
+            mosaic[row::2, column::2] = rgb[row::2, column::2, "rgb".index(letter)]
+    return mosaic
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_patterns_become_colours(pattern: str) -> None:
+    rgb = np.full((8, 8, 3), (200, 60, 20), np.uint8)
+    data = _bayer(rgb, pattern[:2], pattern[2:]).tobytes()
+    message = {"height": 8, "width": 8, "encoding": f"bayer_{pattern}8", "step": 8, "data": data}
+    assert pixels_of_image(message)[4, 4].tolist() == [200, 60, 20]
+
+
+@pytest.mark.parametrize(("encoding", "luma"), [("yuv422", 1), ("yuv422_yuy2", 0)])
+def test_yuv_becomes_colours(encoding: str, luma: int) -> None:
+    rows = np.full((4, 4, 2), 128, np.uint8)
+    rows[..., luma] = 235  # white of ITU-R BT.601; OpenCV rounds by at most two
+    message = {"height": 4, "width": 4, "encoding": encoding, "step": 8, "data": rows.tobytes()}
+    assert pixels_of_image(message).min() >= 253
+
+
+@pytest.mark.parametrize(("kind", "code", "scale"), [("f4", 7, 255), ("u1", 2, 1)])
+def test_a_point_cloud_with_colours_in_three_fields_keeps_them(
+    kind: str, code: int, scale: int
+) -> None:
+    formats = ["<f4"] * 3 + [f"<{kind}"] * 3
+    offsets = [0, 4, 8, 12, 16, 20]
+    layout = np.dtype({"names": list("xyzrgb"), "formats": formats, "offsets": offsets,
+                       "itemsize": 24})  # fmt: skip
+    rows = np.zeros(2, layout)
+    for channel, value in zip("rgb", (255, 51, 0), strict=True):
+        rows[channel] = value / scale
+    fields = [
+        {"name": name, "offset": offset, "datatype": 7 if name in "xyz" else code, "count": 1}
+        for name, offset in zip("xyzrgb", offsets, strict=True)
+    ]
+    message = {"height": 1, "width": 2, "fields": fields, "point_step": 24, "row_step": 48,
+               "data": rows.tobytes()}  # fmt: skip
+    assert decode(pcd_from_point_cloud(message)).colours.tolist() == [[255, 51, 0]] * 2
+
+
+PCD = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\n{}POINTS 1\nDATA ascii\n1 2 3\n"
+
+
+@pytest.mark.parametrize("start", ["# by hand\n", "\n# .PCD v0.5\n\n", "", "VERSION 0.7\n"])
+def test_a_pcd_begins_with_any_comment_or_none(start: str) -> None:
+    assert decode((start + PCD.format("")).encode()).positions.tolist() == [[1, 2, 3]]
+
+
+def test_the_viewpoint_of_a_pcd_is_applied() -> None:
+    half = np.sqrt(0.5)  # a quarter turn about z: x becomes y
+    text = PCD.format(f"VIEWPOINT 10 0 0 {half} 0 0 {half}\n")
+    # float32 holds 12 to 1e-6.
+    assert np.allclose(decode(text.encode()).positions, [[8, 1, 3]], atol=1e-5)
+    with pytest.raises(CloudFormatError, match="VIEWPOINT"):
+        decode(PCD.format("VIEWPOINT 0 0 0 0 0 0 0\n").encode())
+
+
+@pytest.mark.parametrize(
+    "names", ["red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue"]
+)
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_a_ply_may_have_float_colours_lists_and_elements_before(names: str, order: str) -> None:
+    colours = "".join(f"property float {name}\n" for name in names.split())
+    head = (
+        f"ply\nformat {order} 1.0\nelement extra 1\nproperty list uchar int ids\n"
+        "element vertex 2\nproperty float x\nproperty list uchar int seen_by\nproperty float y\n"
+        f"property float z\n{colours}end_header\n"
+    )
+    if order == "ascii":
+        body = b"2 5 6\n1 3 7 8 9 2 3 1 .2 0\n4 0 5 6 1 .2 0\n"
+    else:
+        body = struct.pack("<Bii", 2, 5, 6)
+        body += struct.pack("<fBiiifffff", 1, 3, 7, 8, 9, 2, 3, 1, 0.2, 0)
+        body += struct.pack("<fBfffff", 4, 0, 5, 6, 1, 0.2, 0)
+    cloud = decode(head.encode() + body)
+    assert cloud.positions.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert cloud.colours.tolist() == [[255, 51, 0]] * 2
+    with pytest.raises(CloudFormatError, match="PLY"):
+        decode((head.encode() + body)[:-6])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".bmp", ".tiff"])
+def test_pictures_of_each_format_are_read_within_bounds(suffix: str) -> None:
+    image = np.full((30, 40, 3), (20, 60, 200), np.uint8)
+    data = cv2.imencode(suffix, image)[1].tobytes()
+    assert image_size(data) == (40, 30)
+    # JPEG and WebP round colours.
+    assert np.abs(read_photo(data).rgb.astype(int) - (200, 60, 20)).max() <= 6
+    with pytest.raises(CloudFormatError):
+        image_size(data[:12])
+
+
+def test_fill_bytes_of_a_jpeg_and_a_tail_of_a_png_are_no_damage() -> None:
+    image = np.full((8, 8, 3), 90, np.uint8)
+    jpeg = cv2.imencode(".jpg", image)[1].tobytes()
+    assert read_photo(jpeg[:2] + b"\xff\xff" + jpeg[2:]).rgb.shape == (8, 8, 3)
+    assert read_photo(_png(image) + b"a note").rgb.shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
+def test_transparent_pixels_are_no_part_of_the_object(suffix: str) -> None:
+    image = np.random.default_rng(1).integers(0, 255, (60, 80, 4)).astype(np.uint8)
+    image[..., 3] = 0
+    image[10:50, 20:60, 3] = 255
+    options = [cv2.IMWRITE_WEBP_QUALITY, 101] if suffix == ".webp" else []
+    photo = read_photo(cv2.imencode(suffix, image, options)[1].tobytes())
+    assert photo.opaque is not None
+    assert photo.opaque.sum() == 40 * 40
+    assert not photo.rgb[~photo.opaque].any()
+    _, labels = view_of_photo(photo)
+    assert np.array_equal(labels > 0, photo.opaque)

@@ -1,0 +1,78 @@
+"""Each operation does to the graph what it declares: a spy on commits watches all of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from rtask.engine.operations.operation import operation
+from rtask.engine.operations.table import OPERATIONS
+from rtask.kb.commit.access import Access
+
+TEACHER = Access("ada", "teacher")
+
+
+@pytest.fixture
+def spied(kb, engine):
+    """Return a caller of operations, and how often each was called and committed."""
+    calls, commits = Counter(), Counter()
+
+    def call(name, access, /, **args):
+        seen = []
+        stop = kb.on_commit(seen.append)
+        try:
+            return engine.call(name, args, access).as_json()
+        finally:
+            stop()
+            calls[name] += 1
+            commits[name] += len(seen)
+
+    return call, calls, commits
+
+
+def test_what_reads_commits_nothing_and_what_records_or_writes_commits(spied, bench):
+    call, calls, commits = spied
+    nao, pepper = Access("nao-1", "robot"), Access("pepper", "robot")
+    for robot in (nao, pepper):
+        call("register_robot", robot, **bench.registration(robot.agent, "right_hand"))
+    box = bench.sight(bench.BOX)
+    ask = {**box, "task": "pick", "gripper_id": "right_hand", "propose": True}
+    first = call("recognise_for_grasp", nao, **ask)
+    assert not commits["recognise_for_grasp"], "nothing is known of it yet"
+    item = {**box, "gripper_id": "right_hand", "grasp": first["grasps"][0],
+            "task_id": first["task_id"], "outcome": bench.held()}  # fmt: skip
+    stored = call("insert_object", nao, objects=[item])["objects"][0]
+    thing = stored["object"]
+    call("recognise_for_grasp", Access("visitor", "reader"), **ask)
+    assert not commits["recognise_for_grasp"], "a mere reader leaves no record"
+    asked = call("recognise_for_grasp", pepper, **ask)
+    assert asked["object"] == thing
+    assert commits["recognise_for_grasp"] == 1, "its place in another robot's frame"
+    unknown = bench.sight(bench.CAN)
+    refused = call("recognise_for_grasp", nao, **{**ask, **unknown, "decide": True})
+    refusal = refused["decision"]["refusal"]
+    assert commits["recognise_for_grasp"] == 2, "the refusal"
+    call("report_refusal", nao, refusal=refusal, response="left_alone")
+    call("recall_grasps", nao, object=thing)
+    call("plan_in_space", nao, object=thing, gripper_id="right_hand", samples=20)
+    call("plan_on_scene", nao, gripper_id="right_hand", **box)
+    call("search_object", nao, data=box["data"])
+    call("resolve_request", nao, wanted="box", gripper_id="right_hand")
+    call("report_outcome", nao, object=thing, grasp=stored["grasp"], outcome={"success": True})
+    call("give_feedback", TEACHER, object=thing, verdict="confirm")
+    call("teach_object", TEACHER, operation="search", class_description="box", data=box["data"])
+    assert not commits["teach_object"]
+    call("teach_object", TEACHER, operation="teach", object=thing, class_description="box",
+         name="blue box")  # fmt: skip
+    call("curate_object", TEACHER, operation="forget", object=thing)
+    call("compare_contributors", TEACHER)
+    call("withdraw_contributor", TEACHER, contributor="nao-1")
+    assert set(calls) == set(OPERATIONS), "an operation is not watched; call it here"
+    for name, one in OPERATIONS.items():
+        assert bool(commits[name]) == (one.effect != "reads"), f"{name} declares {one.effect}"
+
+
+def test_an_unknown_effect_is_refused_where_it_is_declared():
+    with pytest.raises(ValueError, match="expected one of reads, records, writes"):
+        operation("read", "asks", "do something")
