@@ -101,7 +101,10 @@ def _once(
             continue
         near = max((o for o in others if o != name), key=lambda o: likeness(name, o), default="")
         if near and likeness(name, near) >= _NEAR and _differs_little(name, near):
-            words = f"?{as_written(name)} occurs once and is not shown; ?{as_written(near)} is spelt much like it"
+            words = (
+                f"?{as_written(name)} occurs once and is not shown; "
+                f"?{as_written(near)} is spelt much like it"
+            )
             yield Finding("used-once", "likely", node.start, node.end, words, _renamed(node, near))
 
 
