@@ -286,11 +286,11 @@ def candidate_from_message(message: Mapping[str, Any], gripper: ParallelGripper)
 
 
 def _opening(stated: Mapping[str, Any], gripper: ParallelGripper) -> float:
-    wanted = list(gripper.joint_positions(0.0))
+    joints = list(gripper.joint_positions(0.0))
     values = dict(zip(stated["joint_names"], stated["points"][0]["positions"], strict=True))
-    if wanted[0] not in values:
-        raise ValueError(f"postures of {gripper.name!r} name {', '.join(wanted)}, got {[*values]}")
-    return gripper.opening_at(float(values[wanted[0]]))
+    if joints[0] not in values:
+        raise ValueError(f"postures of {gripper.name!r} name {', '.join(joints)}, got {[*values]}")
+    return gripper.opening_at(float(values[joints[0]]))
 
 
 def _triple(vector: FloatArray) -> tuple[float, float, float]:

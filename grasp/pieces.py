@@ -124,7 +124,7 @@ def handed_out(
             for job in wait(list(doing), LOOK_S):
                 number, since = doing.pop(job)
                 if pieces.ended(number, time.monotonic() - since):
-                    for other in [one for one, (same, _) in doing.items() if same == number]:
+                    for other in [seat for seat, (same, _) in doing.items() if same == number]:
                         drop(other)
                     yield number, job
     finally:

@@ -126,19 +126,21 @@ class Processes:
         try:
             while run.is_going:
                 self._give(run)
-                busy = {one.pipe: one for one in self._children if one.doing is not None}
+                busy = {
+                    worker.pipe: worker for worker in self._children if worker.doing is not None
+                }
                 for pipe in wait(list(busy), LOOK_S):
                     assert isinstance(pipe, Connection)
-                    found = self._take(run, busy[pipe])
-                    if found is not None:
-                        yield found
+                    ending = self._take(run, busy[pipe])
+                    if ending is not None:
+                        yield ending
         finally:
-            for child in [one for one in self._children if one.doing is not None]:
+            for child in [worker for worker in self._children if worker.doing is not None]:
                 self._drop(child)  # what it does is wanted no more
 
     def _give(self, run: _Run) -> None:
         """Give work to every idle worker, and start workers as long as there is more."""
-        idle = [one for one in self._children if one.doing is None]
+        idle = [worker for worker in self._children if worker.doing is None]
         while (number := run.next(self._doing())) is not None:
             if idle:
                 child = idle.pop()
@@ -156,7 +158,7 @@ class Processes:
 
     def _doing(self) -> list[tuple[int, float]]:
         every = self._children
-        return [(one.doing, one.since) for one in every if one.doing is not None]
+        return [(worker.doing, worker.since) for worker in every if worker.doing is not None]
 
     def _take(self, run: _Run, child: _Child) -> tuple[int, Done[Any]] | None:
         """Read what a worker says; None where that is known already, or is tried again."""
@@ -205,7 +207,7 @@ class _Run(Pieces):
             return None
         self._deaths[number] += 1
         if self._deaths[number] < _TRIES:
-            if not any(one.doing == number for one in children):
+            if not any(worker.doing == number for worker in children):
                 self.put_back(number)
             return None
         self.ended(number)

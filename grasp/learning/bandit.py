@@ -220,10 +220,10 @@ def kernel_in_space(
     return np.asarray(np.exp(-squared / (2 * bandwidth**2)))
 
 
-def _axes(one: Arm | Trial) -> Axes:
-    if one.axes is not None:
-        return one.axes
-    return (float(np.cos(one.theta)), float(np.sin(one.theta)), 0.0), (0.0, 0.0, -1.0)
+def _axes(source: Arm | Trial) -> Axes:
+    if source.axes is not None:
+        return source.axes
+    return (float(np.cos(source.theta)), float(np.sin(source.theta)), 0.0), (0.0, 0.0, -1.0)
 
 
 class BetaThompson:

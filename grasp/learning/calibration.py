@@ -82,11 +82,11 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     (0.6, 40)
     """
     # Sorted, so that sums round the same whatever the order.
-    known = sorted((float(s), bool(held)) for s, held in outcomes if np.isfinite(s))
-    if not known:
+    observed = sorted((float(s), bool(held)) for s, held in outcomes if np.isfinite(s))
+    if not observed:
         return prior
-    x = np.array([_logit(score) for score, _ in known])
-    y = np.array([held for _, held in known], dtype=np.float64)
+    x = np.array([_logit(score) for score, _ in observed])
+    y = np.array([held for _, held in observed], dtype=np.float64)
     start = np.array([prior.offset, prior.slope])
     precision = 1.0 / np.array(prior.variances)
     best = _newton(x, y, start, precision, free=True)
@@ -96,7 +96,7 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
     covariance = np.linalg.inv(_curvature(x, p, precision))
     return ScoreMap(
         float(best[0]), float(best[1]), (float(covariance[0, 0]), float(covariance[1, 1])),
-        float(covariance[0, 1]), prior.outcomes + len(known),
+        float(covariance[0, 1]), prior.outcomes + len(observed),
     )  # fmt: skip
 
 

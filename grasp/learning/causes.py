@@ -135,7 +135,7 @@ def hidden_causes(
         return []
     posterior = _posterior(tried, half_fingers, held, np.ones(len(tried)))
     mass, zones = posterior[1 : 1 + len(_CENTRES)], posterior[1 + len(_CENTRES) :]
-    found = []
+    causes = []
     for side in (-1.0, 1.0):
         chance = np.where(side * _CENTRES > _MIDDLE, mass, 0.0)
         total = float(chance.sum())
@@ -143,18 +143,20 @@ def hidden_causes(
             mean = float(chance @ _CENTRES) / total
             variance = float(chance @ _CENTRES**2) / total - mean**2
             spread = max(variance, _STEP**2 / 12) ** 0.5
-            found.append(Hidden("mass", total, mean - spread, mean + spread))
+            causes.append(Hidden("mass", total, mean - spread, mean + spread))
         mine = np.where(_ZONES[:, 0] == side, zones, 0.0)
         total = float(mine.sum())
         reach = float(mine @ _ZONES[:, 1]) / total if total > 0 else 0.0
         ends = sorted((side * 0.5, side * (0.5 - reach)))
-        found.append(Hidden("zone", total, ends[0], ends[1]))
+        causes.append(Hidden("zone", total, ends[0], ends[1]))
     likely = [
-        Hidden(one.kind, *(round(v, 9) + 0.0 for v in (one.probability, one.start, one.end)))
-        for one in found
-        if one.probability >= least
+        Hidden(
+            cause.kind, *(round(v, 9) + 0.0 for v in (cause.probability, cause.start, cause.end))
+        )
+        for cause in causes
+        if cause.probability >= least
     ]
-    return sorted(likely, key=lambda one: (-one.probability, one.kind, one.start))
+    return sorted(likely, key=lambda cause: (-cause.probability, cause.kind, cause.start))
 
 
 def _posterior(

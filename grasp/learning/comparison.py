@@ -160,15 +160,15 @@ def compare(
     task = partial(_lives, chosen, worlds, settings or WorldSettings())
     if workers > 1:
         with Processes(workers) as pool:
-            done = {seed: one.result() for seed, one in pool.finished(task, range(seeds))}
-        found = [done[seed] for seed in range(seeds)]
+            done = {seed: future.result() for seed, future in pool.finished(task, range(seeds))}
+        results = [done[seed] for seed in range(seeds)]
     else:
-        found = [task(seed) for seed in range(seeds)]
+        results = [task(seed) for seed in range(seeds)]
     return [
         Result(
             row,
-            tuple(lives[k][0] for lives in found),
-            tuple(life for lives in found if (life := lives[k][1]) is not None),
+            tuple(lives[k][0] for lives in results),
+            tuple(life for lives in results if (life := lives[k][1]) is not None),
         )
         for k, row in enumerate(chosen)
     ]
@@ -193,10 +193,10 @@ def live(
     """Let a contender grasp objects in an order."""
     luck = Luck(world, seed)
     needed, lost = [], []
-    for thing in order:
-        tried = contender.grasp(thing, luck, learn)
+    for number in order:
+        tried = contender.grasp(number, luck, learn)
         needed.append(len(tried) if tried[-1].success else NEVER)
-        chances = world.things[thing].chances
+        chances = world.things[number].chances
         lost.append(sum(chances.max() - chances[attempt.candidate] for attempt in tried))
     return Life(np.array(order), np.array(needed), np.array(lost, dtype=np.float64))
 

@@ -45,19 +45,19 @@ class Luck:
     """
 
     def __init__(self, world: World, seed: int) -> None:
-        self._chances = [thing.chances for thing in world.things]
+        self._chances = [item.chances for item in world.things]
         rng = np.random.default_rng((seed, 7))
-        self._drawn = [rng.random((MAX_ATTEMPTS, len(thing))) for thing in world.things]
+        self._drawn = [rng.random((MAX_ATTEMPTS, len(item))) for item in world.things]
 
-    def holds(self, thing: int, candidate: int, attempt: int) -> bool:
+    def holds(self, number: int, candidate: int, attempt: int) -> bool:
         """Return whether a candidate holds when it is tried as the given attempt, from 0."""
-        return bool(self._drawn[thing][attempt, candidate] < self._chances[thing][candidate])
+        return bool(self._drawn[number][attempt, candidate] < self._chances[number][candidate])
 
 
 class Contender(Protocol):
     """Grasps one object after another and may learn from each."""
 
-    def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
+    def grasp(self, number: int, luck: Luck, learn: bool = True) -> list[Attempt]:
         """Try until one holds or twelve attempts have failed.
 
         Parameters
@@ -78,10 +78,10 @@ class RandomCandidate:
         self._world = world
         self._rng = np.random.default_rng((seed, 17))
 
-    def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
+    def grasp(self, number: int, luck: Luck, learn: bool = True) -> list[Attempt]:
         """Try until one holds or twelve attempts have failed."""
-        order = self._rng.permutation(len(self._world.things[thing]))
-        return _in_order(order, thing, luck)
+        order = self._rng.permutation(len(self._world.things[number]))
+        return _in_order(order, number, luck)
 
 
 class Oracle:
@@ -90,16 +90,16 @@ class Oracle:
     def __init__(self, world: World, seed: int) -> None:
         self._world = world
 
-    def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
+    def grasp(self, number: int, luck: Luck, learn: bool = True) -> list[Attempt]:
         """Try until one holds or twelve attempts have failed."""
-        best = int(np.argmax(self._world.things[thing].chances))
-        return _in_order(np.full(MAX_ATTEMPTS, best), thing, luck)
+        best = int(np.argmax(self._world.things[number].chances))
+        return _in_order(np.full(MAX_ATTEMPTS, best), number, luck)
 
 
-def _in_order(order: NDArray[np.int64], thing: int, luck: Luck) -> list[Attempt]:
+def _in_order(order: NDArray[np.int64], number: int, luck: Luck) -> list[Attempt]:
     attempts: list[Attempt] = []
     for candidate in order[:MAX_ATTEMPTS].tolist():
-        attempts.append(Attempt(candidate, luck.holds(thing, candidate, len(attempts))))
+        attempts.append(Attempt(candidate, luck.holds(number, candidate, len(attempts))))
         if attempts[-1].success:
             break
     return attempts
@@ -143,28 +143,28 @@ class Candidates:
         self._model = LearnedQuality(features) if learned else None
         self._decisions = 0
 
-    def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
+    def grasp(self, number: int, luck: Luck, learn: bool = True) -> list[Attempt]:
         """Try until one holds or twelve attempts have failed."""
-        here = self._world.things[thing]
-        arms = self._arms(thing)
+        here = self._world.things[number]
+        arms = self._arms(number)
         trials: list[Trial] = []
         attempts: list[Attempt] = []
         while len(attempts) < MAX_ATTEMPTS and not (attempts and attempts[-1].success):
             self._decisions += 1
             seed = 100_003 * self._seed + self._decisions
             best = self._learner.rank(arms, trials, seed)[0].index
-            held = luck.holds(thing, best, len(attempts))
+            held = luck.holds(number, best, len(attempts))
             attempts.append(Attempt(best, held))
             trials.append(Trial(arms[best].position, float(here.directions[best]), held))
         if learn:
-            self._learn(thing, attempts)
+            self._learn(number, attempts)
         return attempts
 
-    def _learn(self, thing: int, attempts: list[Attempt]) -> None:
+    def _learn(self, number: int, attempts: list[Attempt]) -> None:
         if self._memory is not None:
-            self._memory.add(thing, attempts)
+            self._memory.add(number, attempts)
         if self._model is not None:
-            here = self._world.things[thing]
+            here = self._world.things[number]
             for tried in attempts:
                 self._model.learn(
                     here.features[tried.candidate], float(here.poor[tried.candidate]), tried.success
@@ -178,16 +178,16 @@ class Candidates:
             quality = self._model.rate(here.features, quality)
         return [float(q) for q in quality]
 
-    def _arms(self, thing: int) -> list[Arm]:
-        here = self._world.things[thing]
-        told = np.zeros((len(here), 2)) if self._memory is None else self._memory.counts(thing)
+    def _arms(self, number: int) -> list[Arm]:
+        here = self._world.things[number]
+        counts = np.zeros((len(here), 2)) if self._memory is None else self._memory.counts(number)
         return [
             Arm(
                 (float(place[0]), float(place[1]), 0.0), float(direction),
                 q, float(won), float(lost),
             )
             for place, direction, q, (won, lost) in zip(
-                here.places, here.directions, self._rated(here), told, strict=True
+                here.places, here.directions, self._rated(here), counts, strict=True
             )
         ]  # fmt: skip
 
@@ -202,37 +202,37 @@ class Memory:
     def __init__(self, world: World) -> None:
         self._world = world
         self._width = 0.5 * median_distance(world.views)
-        self._things: list[int] = []
+        self._numbers: list[int] = []
         self._candidates: list[int] = []
         self._held: list[bool] = []
 
-    def add(self, thing: int, attempts: list[Attempt]) -> None:
+    def add(self, number: int, attempts: list[Attempt]) -> None:
         """Remember the attempts on an object."""
         for attempt in attempts:
-            self._things.append(thing)
+            self._numbers.append(number)
             self._candidates.append(attempt.candidate)
             self._held.append(attempt.success)
 
-    def counts(self, thing: int) -> FloatArray:
+    def counts(self, number: int) -> FloatArray:
         """Return weighted successes and failures for each candidate, (n, 2)."""
-        here = self._world.things[thing]
-        if not self._things:
+        here = self._world.things[number]
+        if not self._numbers:
             return np.zeros((len(here), 2))
-        pairs = list(zip(self._things, self._candidates, strict=True))
+        pairs = list(zip(self._numbers, self._candidates, strict=True))
         places = np.array([self._world.things[t].places[c] for t, c in pairs])
         directions = np.array([self._world.things[t].directions[c] for t, c in pairs])
         near = kernel(here.places, here.directions, places, directions, 1.0, period=_PUSH)
         held = np.array(self._held)
-        weights = self._weights(thing)
+        weights = self._weights(number)
         won, lost = near @ (weights * held), near @ (weights * ~held)
         return np.round(np.stack([won, lost], axis=1), 9)
 
-    def _weights(self, thing: int) -> FloatArray:
-        others = np.array(self._things)
+    def _weights(self, number: int) -> FloatArray:
+        others = np.array(self._numbers)
         views, families = self._world.views, self._world.families()
-        apart = np.sum((views[others] - views[thing]) ** 2, axis=1)
-        factor = np.where(families[others] == families[thing], _SAME_FAMILY, _SIMILAR)
-        factor[others == thing] = _SAME_OBJECT
+        apart = np.sum((views[others] - views[number]) ** 2, axis=1)
+        factor = np.where(families[others] == families[number], _SAME_FAMILY, _SIMILAR)
+        factor[others == number] = _SAME_OBJECT
         weights: FloatArray = factor * np.exp(-apart / (2 * self._width**2))
         return weights
 

@@ -191,11 +191,11 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
         if not left:
             return self._observation(), -1.0, False, last, self._info(empty=True)
         index = left.pop(0)
-        found = self._outcome(self._problem, self._problem.candidates[index])
+        outcome = self._outcome(self._problem, self._problem.candidates[index])
         info = self._info(
-            empty=False, candidate=index, reason=found.reason, confirmed_by=found.confirmed_by
+            empty=False, candidate=index, reason=outcome.reason, confirmed_by=outcome.confirmed_by
         )
-        if found.success is None:
+        if outcome.success is None:
             return self._observation(), 0.0, False, True, {**info, "unlabelled": True}
-        reward = 1.0 if found.success else -1.0
-        return self._observation(), reward, found.success, last and not found.success, info
+        reward = 1.0 if outcome.success else -1.0
+        return self._observation(), reward, outcome.success, last and not outcome.success, info

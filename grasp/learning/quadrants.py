@@ -67,10 +67,10 @@ class Quadrants:
         problems = []
         # Half a cell off, so that four cells lie evenly around the mean of the views.
         views = np.clip(world.views + 0.5, -1.5, 2.5)
-        for name, (thing, view) in enumerate(zip(world.things, views, strict=True)):
-            order = thing.good if ranked else rng.random(len(thing))
+        for name, (item, view) in enumerate(zip(world.things, views, strict=True)):
+            order = item.good if ranked else rng.random(len(item))
             grasps = [
-                _Numbered(k, float(thing.directions[k]), float(order[k])) for k in range(len(thing))
+                _Numbered(k, float(item.directions[k]), float(order[k])) for k in range(len(item))
             ]
             problems.append(Problem(str(name), view, grasps))
         self._env = GraspEnv(problems, self._try)
@@ -84,10 +84,10 @@ class Quadrants:
         self._tried.append(Attempt(candidate.number, held))
         return Outcome(held, "data")
 
-    def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
+    def grasp(self, number: int, luck: Luck, learn: bool = True) -> list[Attempt]:
         """Try until one holds or twelve attempts have failed; learns in any case."""
         self._luck, self._tried = luck, []
-        options = {"object": str(thing)}
+        options = {"object": str(number)}
         run_episode(self._learner, self._env, options=options, max_steps=MAX_ATTEMPTS)
         return self._tried
 
@@ -128,8 +128,8 @@ class QuadrantOracle:
 
     def __init__(self, world: World, seed: int) -> None:
         self._means = [
-            np.array([_mean(thing.chances[_quadrants(thing.directions) == q]) for q in range(4)])
-            for thing in world.things
+            np.array([_mean(item.chances[_quadrants(item.directions) == q]) for q in range(4)])
+            for item in world.things
         ]
 
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
@@ -163,11 +163,11 @@ class QuadrantBelief:
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the quadrant of the largest draw."""
         assert info is not None
-        belief = 1.0 + self._own + self._told(state)
+        belief = 1.0 + self._own + self._remembered(state)
         drawn = self._rng.beta(belief[:, 0], belief[:, 1])
         return int(np.argmax(np.where(info["action_mask"], drawn, -1.0)))
 
-    def _told(self, state: NDArray[Any]) -> FloatArray:
+    def _remembered(self, state: NDArray[Any]) -> FloatArray:
         counts = np.zeros((QUADRANTS, 2))
         if self._states:
             apart = np.sum((np.array(self._states) - state) ** 2, axis=1)

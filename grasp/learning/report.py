@@ -41,7 +41,7 @@ def table(results: Sequence[Result], draws: int = DRAWS) -> list[dict[str, Any]]
             bootstrap(last, first_try, draws),
             bootstrap(result.unseen, attempts, draws) if result.unseen else None,
         )
-        known = (*result.row.reference, *(None,) * len(_COLUMNS))
+        reference = (*result.row.reference, *(None,) * len(_COLUMNS))
         rows.append(
             {
                 "name": result.row.name,
@@ -49,7 +49,7 @@ def table(results: Sequence[Result], draws: int = DRAWS) -> list[dict[str, Any]]
                 "regret": float(np.mean([regret(life)[-1] for life in result.lives])),
                 **{
                     column: None if here is None else _cell(here, there)
-                    for column, here, there in zip(_COLUMNS, measured, known, strict=False)
+                    for column, here, there in zip(_COLUMNS, measured, reference, strict=False)
                 },
             }
         )

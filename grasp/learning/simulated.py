@@ -134,7 +134,7 @@ class World:
 
     def families(self) -> NDArray[np.int64]:
         """Return the family of each object, (objects,)."""
-        return np.array([thing.family for thing in self.things])
+        return np.array([item.family for item in self.things])
 
 
 @lru_cache(maxsize=8)
@@ -148,17 +148,17 @@ def make_world(settings: WorldSettings | None = None) -> World:
     chosen = settings or WorldSettings()
     rng = np.random.default_rng(chosen.seed)
     outlines = [_family(rng) for _ in range(chosen.families)]
-    things = []
+    objects = []
     for _ in range(chosen.objects):
         family = int(rng.integers(chosen.families))
         part = _distorted(outlines[family], 0.05, rng)
-        things.append(_thing(family, part, chosen, rng))
-    return World(chosen, tuple(things), principal_views(things))
+        objects.append(_simulated_object(family, part, chosen, rng))
+    return World(chosen, tuple(objects), principal_views(objects))
 
 
-def principal_views(things: list[Thing]) -> FloatArray:
+def principal_views(objects: list[Thing]) -> FloatArray:
     """Return five standardised principal components of the extents, (objects, 5)."""
-    rows = np.array([thing.extents for thing in things])
+    rows = np.array([item.extents for item in objects])
     centred = rows - rows.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
     axes = axes[:FEATURES]
@@ -191,7 +191,9 @@ def _distorted(outline: FloatArray, std: float, rng: np.random.Generator) -> Par
             continue
 
 
-def _thing(family: int, part: Part, settings: WorldSettings, rng: np.random.Generator) -> Thing:
+def _simulated_object(
+    family: int, part: Part, settings: WorldSettings, rng: np.random.Generator
+) -> Thing:
     grasps = sample_grasps(part, density=2, angles=3)
     places = (grasps.contacts - part.com) / part.diameter
     chances = _chances(part, grasps, settings, rng)

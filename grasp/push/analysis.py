@@ -204,10 +204,10 @@ def analyse(
         raise ValueError("there are no grasps to analyse")
     if samples < 1:
         raise ValueError(f"samples must be at least 1, got {samples}")
-    wanted = samples if elimination is None else sum(elimination.batches)
-    if wanted > MAX_SAMPLES or wanted * len(grasps) > _MAX_EVALUATIONS:
+    total = samples if elimination is None else sum(elimination.batches)
+    if total > MAX_SAMPLES or total * len(grasps) > _MAX_EVALUATIONS:
         raise ValueError(
-            f"{wanted} samples of {len(grasps)} grasps are too many: at most {MAX_SAMPLES} "
+            f"{total} samples of {len(grasps)} grasps are too many: at most {MAX_SAMPLES} "
             f"samples and {_MAX_EVALUATIONS} evaluations fit into memory"
         )
     if stop and elimination is not None:
@@ -216,17 +216,17 @@ def analyse(
         raise ValueError(f"weighting is mean or density, got {weighting!r}")
     began = time.perf_counter()
     trials = Trials.of(part, grasps, test, tolerance, seed)
-    watch = Watch(executor, wanted, progress, deadline_s)
+    watch = Watch(executor, total, progress, deadline_s)
     if stop or keep_codes or weighting == "density":
-        return _from_codes(trials, grasps, watch, wanted, elimination, stop, weighting, seed, began)
+        return _from_codes(trials, grasps, watch, total, elimination, stop, weighting, seed, began)
     counts = np.zeros((len(grasps), len(ORDER)), np.int64)
-    gone, done = _batches(trials, elimination, wanted, seed, watch, counts)
+    gone, done = _batches(trials, elimination, total, seed, watch, counts)
     counts[:, ORDER == UNTRIED] = (done - counts.sum(axis=1))[:, None]
-    return _summed(grasps, counts, gone, done, done < wanted, began)
+    return _summed(grasps, counts, gone, done, done < total, began)
 
 
 def _from_codes(
-    trials: Trials, grasps: Grasps, watch: Watch, wanted: int,
+    trials: Trials, grasps: Grasps, watch: Watch, total: int,
     elimination: Elimination | Racing | None, stop: bool, weighting: str, seed: int, began: float,
 ) -> Analysis:  # fmt: skip
     """Analyse with the result of every trial."""
@@ -234,10 +234,10 @@ def _from_codes(
     if elimination is not None:
         codes, gone = _adaptive(trials, elimination, seed, watch)
     elif stop:
-        codes = _until_settled(trials, wanted, watch)
+        codes = _until_settled(trials, total, watch)
     else:
-        codes, _ = _all(trials, 0, wanted, watch)
-    is_cut = codes.shape[1] < wanted and watch.is_over
+        codes, _ = _all(trials, 0, total, watch)
+    is_cut = codes.shape[1] < total and watch.is_over
     return summed(trials, grasps, codes, gone, weighting, began, is_cut)
 
 
@@ -294,7 +294,7 @@ def _adaptive(
 def _batches(
     trials: Trials,
     plan: Elimination | Racing | None,
-    wanted: int,
+    total: int,
     seed: int,
     watch: Watch,
     counts: IntArray,
@@ -309,33 +309,33 @@ def _batches(
     alive = np.arange(len(trials.rows))
     gone = np.zeros(len(trials.rows), np.int64)
     done = 0
-    for batch in (wanted,) if plan is None else plan.batches:
+    for batch in (total,) if plan is None else plan.batches:
         task = replace(trials, rows=trials.rows[alive])
-        found: list[tuple[Range, IntArray]]
+        results: list[tuple[Range, IntArray]]
         if codes is None:
-            found = watch.run(Counting(task), done, batch)
+            results = watch.run(Counting(task), done, batch)
         else:
-            found = []
+            results = []
             for (first, count), piece in watch.run(task, done, batch):
                 codes[alive, first : first + count] = piece
-                found.append(((first, count), count_codes(piece)))
-        judged = sum(count for (_, count), _ in found)
+                results.append(((first, count), count_codes(piece)))
+        judged = sum(count for (_, count), _ in results)
         if judged < batch and done > 0:
             break  # those that were removed saw complete batches, so the others do as well
-        for _, one in found:
-            counts[alive] += one
+        for _, part_counts in results:
+            counts[alive] += part_counts
         done += judged
-        if plan is None or done == wanted or judged < batch or watch.is_over:
+        if plan is None or done == total or judged < batch or watch.is_over:
             break
         wins = counts[alive][:, ORDER > 0].sum(axis=1)
         lots = _lots(trials.rows[alive], seed + done)
-        kept = _kept(plan, wins, done, lots)
-        gone[np.delete(alive, kept)] = done
-        alive = alive[kept]
+        survivors = _surviving(plan, wins, done, lots)
+        gone[np.delete(alive, survivors)] = done
+        alive = alive[survivors]
     return gone, done
 
 
-def _kept(
+def _surviving(
     plan: Elimination | Racing, wins: IntArray, done: int, lots: NDArray[np.uint64]
 ) -> IntArray:
     """Return which grasps stay, ascending."""
@@ -369,8 +369,8 @@ def summed(
         for g in np.flatnonzero(gone):
             some = _weighing(trials, int(gone[g]))
             quality[g] = density_quality(success[g : g + 1, : gone[g]], some)[0]
-    found = _summed(grasps, count_codes(codes), gone, codes.shape[1], is_cut, began, quality)
-    return replace(found, kept=codes)
+    summary = _summed(grasps, count_codes(codes), gone, codes.shape[1], is_cut, began, quality)
+    return replace(summary, kept=codes)
 
 
 def _summed(

@@ -141,9 +141,9 @@ def sample_grasps(
         raise ValueError(f"max_angle_deg must lie in 0..90, got {max_angle_deg}")
     ring = part.vertices
     n = len(ring)
-    kept = filter_polygon(ring, filter_distance * part.radius)
-    after = np.roll(kept, -1)
-    lengths = np.hypot(*(ring[after] - ring[kept]).T)
+    vertices = filter_polygon(ring, filter_distance * part.radius)
+    after = np.roll(vertices, -1)
+    lengths = np.hypot(*(ring[after] - ring[vertices]).T)
     # Half up, and not at the mercy of rounding: equal outlines get equal counts.
     counts = np.maximum(np.floor(density * lengths / lengths.mean() + 0.5 + 1e-9), 1).astype(int)
     if counts.sum() * angles > _MAX_GRASPS:
@@ -152,7 +152,7 @@ def sample_grasps(
             "lower density or angles"
         )
     contacts, inward = [], []
-    for first, last, count in zip(kept, after, counts, strict=True):
+    for first, last, count in zip(vertices, after, counts, strict=True):
         chain = ring[np.arange(first, last + 1 if last > first else last + n + 1) % n]
         steps = np.diff(chain, axis=0)
         spans = np.hypot(*steps.T)

@@ -93,17 +93,17 @@ def facets(ring: FloatArray) -> NDArray[np.bool_]:
     gentle = (turns > _MIN_TURN_RAD) & (turns < math.radians(MAX_TURN_DEG))
     lengths = np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)
     beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
-    found = gentle & np.roll(gentle, -1) & (lengths <= _LONG * beside)
-    if found.all() or not found.any():
-        return np.asarray(found)
+    is_curved = gentle & np.roll(gentle, -1) & (lengths <= _LONG * beside)
+    if is_curved.all() or not is_curved.any():
+        return np.asarray(is_curved)
     # From an edge that is no facet, so that no curve is cut by the end of the array.
-    start = int(np.argmin(found))
-    found, turns = np.roll(found, -start), np.roll(turns, -start)
-    bounds = np.flatnonzero(np.diff(np.append(found, False).astype(np.int8))) + 1
+    start = int(np.argmin(is_curved))
+    is_curved, turns = np.roll(is_curved, -start), np.roll(turns, -start)
+    bounds = np.flatnonzero(np.diff(np.append(is_curved, False).astype(np.int8))) + 1
     for first, last in bounds.reshape(-1, 2):
         swept = float(np.take(turns, range(first, last + 1), mode="wrap").sum())
-        found[first:last] = swept >= _MIN_CURVE_RAD
-    return np.asarray(np.roll(found, start))
+        is_curved[first:last] = swept >= _MIN_CURVE_RAD
+    return np.asarray(np.roll(is_curved, start))
 
 
 def _turns(ring: FloatArray) -> FloatArray:

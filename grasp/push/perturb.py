@@ -31,7 +31,7 @@ about 100 pixels radius. Read as standard deviations they give a fifth of the pu
 MAX_WARP = 0.4
 """Largest standard deviation of a warp, in correlation lengths; up to .23 no outline crossed."""
 
-_KEPT_VARIANCE = 1e-6
+_MIN_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -199,11 +199,11 @@ def _warp_basis(points: bytes, length: float) -> FloatArray:
     apart = ((at[:, None] - at[None]) ** 2).sum(axis=2)
     values, vectors = np.linalg.eigh(np.exp(-apart / (2 * length**2)))
     order = np.argsort(-values, kind="stable")[: len(at) - 1]
-    order = order[values[order] > _KEPT_VARIANCE * values.max()]
+    order = order[values[order] > _MIN_VARIANCE * values.max()]
     # A vector's sign is free: the largest entry is positive, so that every machine draws alike.
-    kept = vectors[:, order]
-    signs = np.sign(kept[np.argmax(np.abs(kept), axis=0), np.arange(kept.shape[1])])
-    return np.asarray(kept * signs * np.sqrt(values[order]))
+    leading = vectors[:, order]
+    signs = np.sign(leading[np.argmax(np.abs(leading), axis=0), np.arange(leading.shape[1])])
+    return np.asarray(leading * signs * np.sqrt(values[order]))
 
 
 def perturbed(

@@ -233,8 +233,8 @@ def filter_polygon(ring: FloatArray, distance: float) -> NDArray[np.int64]:
     [0, 2, 3, 4]
     """
     size = float(np.ptp(ring, axis=0).max())
-    kept: NDArray[np.int64] = _closed_rdp(ring, max(distance, _COLLINEAR * size))
-    return kept
+    vertices: NDArray[np.int64] = _closed_rdp(ring, max(distance, _COLLINEAR * size))
+    return vertices
 
 
 def triangles(ring: FloatArray) -> list[FloatArray]:
@@ -339,7 +339,7 @@ def _rdp(px, py, first, count, distance, keep, stack):  # type: ignore[no-untype
         keep[i] = False
     keep[0] = True
     keep[count - 1] = True
-    kept, off = 2, 0.0
+    count_left, off = 2, 0.0
     stack[0, 0], stack[0, 1] = 0, count - 1
     top = 1
     while top > 0:
@@ -363,11 +363,11 @@ def _rdp(px, py, first, count, distance, keep, stack):  # type: ignore[no-untype
             off = max(off, worst)
             continue
         keep[at] = True
-        kept += 1
+        count_left += 1
         stack[top, 0], stack[top, 1] = a, at
         stack[top + 1, 0], stack[top + 1, 1] = at, b
         top += 2
-    return kept, off
+    return count_left, off
 
 
 @njit(cache=True, nogil=True)
@@ -389,10 +389,10 @@ def _closed_rdp(ring, distance):  # type: ignore[no-untyped-def]
     stack = np.empty((n + 2, 2), np.int64)
     fewest, nearest = n + 1, np.inf
     for first in range(n):
-        kept, off = _rdp(px, py, first, n, distance, keep, stack)
-        if kept < 3 or kept > fewest or (kept == fewest and off >= nearest):
+        count_left, off = _rdp(px, py, first, n, distance, keep, stack)
+        if count_left < 3 or count_left > fewest or (count_left == fewest and off >= nearest):
             continue
-        fewest, nearest = kept, off
+        fewest, nearest = count_left, off
         for i in range(n):
             best[(first + i) % n] = keep[i]
     return np.flatnonzero(best)

@@ -135,8 +135,8 @@ def pose_map(
     trials = Trials.of(part, grasp, simulated, Tolerance(0.0), seed)
     task = PoseTrials(trials, spans[0] / part.radius, spans[1], samples)
     count = len(spans[0]) * len(spans[1]) * samples
-    found = Watch(executor, count, progress, deadline_s).run(task, 0, count)
-    codes = np.concatenate([one for _, one in found], axis=1)[0]
+    ranges = Watch(executor, count, progress, deadline_s).run(task, 0, count)
+    codes = np.concatenate([part_codes for _, part_codes in ranges], axis=1)[0]
     if len(codes) < count:
         raise TimeoutError(f"{len(codes)} of {count} simulations ended within {deadline_s:g} s")
     success = (codes > 0).reshape(-1, samples)

@@ -85,14 +85,14 @@ class Watch:
     def __init__(
         self,
         executor: Executor | None = None,
-        wanted: int = 0,
+        total: int = 0,
         progress: Progress | None = None,
         deadline_s: float | None = None,
     ) -> None:
         if deadline_s is not None and not deadline_s > 0:
             raise ValueError(f"deadline_s must be positive, got {deadline_s}")
         self._executor = Serial() if executor is None else executor
-        self._wanted = wanted
+        self._total = total
         self._progress = progress
         self._until = None if deadline_s is None else time.monotonic() + deadline_s
         self._is_watched = progress is not None or deadline_s is not None
@@ -113,17 +113,17 @@ class Watch:
         if self._is_watched:
             parts = max(parts * _PIECES, -(-count // _LONGEST))
         ranges = shard(first, count, parts)
-        found: dict[int, T] = {}
+        results: dict[int, T] = {}
         with contextlib.closing(self._executor.finished(task, ranges)) as running:
             for number, result in running:
-                found[number] = result
+                results[number] = result
                 self._done += ranges[number][1]
                 if self._progress is not None:
-                    self._progress(self._done, self._wanted)
-                if self.is_over and 0 in found:
+                    self._progress(self._done, self._total)
+                if self.is_over and 0 in results:
                     break
-        whole = itertools.takewhile(found.__contains__, range(len(ranges)))
-        return [(ranges[number], found[number]) for number in whole]
+        whole = itertools.takewhile(results.__contains__, range(len(ranges)))
+        return [(ranges[number], results[number]) for number in whole]
 
 
 class Serial:
@@ -135,8 +135,8 @@ class Serial:
         self, task: Task[T], ranges: Sequence[Range]
     ) -> Generator[tuple[int, T], None, None]:
         """Yield results in order."""
-        for i, one in enumerate(ranges):
-            yield i, task(*one)
+        for i, span in enumerate(ranges):
+            yield i, task(*span)
 
     def __enter__(self) -> Self:
         return self
@@ -158,7 +158,7 @@ class Threads:
         self, task: Task[T], ranges: Sequence[Range]
     ) -> Generator[tuple[int, T], None, None]:
         """Yield results as they come; what is not wanted any more is cancelled."""
-        jobs = {self._pool.submit(task, *one): i for i, one in enumerate(ranges)}
+        jobs = {self._pool.submit(task, *span): i for i, span in enumerate(ranges)}
         try:
             for job in concurrent.futures.as_completed(jobs):
                 yield jobs[job], job.result()
@@ -194,8 +194,8 @@ class Apart:
         self._pool.close()
 
 
-def _on_range(task: Task[T], one: Range) -> T:
-    return task(*one)
+def _on_range(task: Task[T], span: Range) -> T:
+    return task(*span)
 
 
 class Ray:

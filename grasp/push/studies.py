@@ -71,9 +71,9 @@ def sensitivity_grid(
                 grasps = sample_grasps(
                     part, filter_distance=distance, density=density, angles=angles
                 )
-                found = analyse(part, grasps, test, tolerance, samples=samples, seed=seed)
+                analysis = analyse(part, grasps, test, tolerance, samples=samples, seed=seed)
                 spent = time.process_time() - began
-                best = float(found.quality[found.best])
+                best = float(analysis.quality[analysis.best])
                 yield GridPoint(distance, density, angles, len(grasps), best, spent)
 
 
@@ -137,10 +137,10 @@ def elimination_outcome(codes: CodeArray, first: int, share: float) -> tuple[flo
     border = np.sort(wins)[::-1][keep - 1]
     sure = final[wins > border]
     tied = np.sort(final[wins == border])[::-1]
-    kept = keep - len(sure)
+    surviving = keep - len(sure)
     floor = float(sure.max()) if len(sure) else 0.0
-    worst = max(floor, float(tied[len(tied) - kept]))
-    t, k = len(tied), kept
+    worst = max(floor, float(tied[len(tied) - surviving]))
+    t, k = len(tied), surviving
     j = np.arange(1, t - k + 2)
     log = (
         gammaln(t - j + 1) - gammaln(k) - gammaln(t - j - k + 2)
@@ -159,7 +159,7 @@ def refined(plan: PushPlan, share: float = 0.05, samples: int = 100, seed: int =
         raise ValueError(f"share must lie in 0..1, without 0, got {share}")
     chosen = plan.analysis.order[: max(1, round(share * len(plan.grasps)))]
     test = replace(plan.test, method="simulation")
-    found = analyse(
+    analysis = analyse(
         plan.part, plan.grasps.take(chosen), test, plan.tolerance, samples=samples, seed=seed
     )
-    return found.quality
+    return analysis.quality

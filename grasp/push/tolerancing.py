@@ -290,17 +290,17 @@ def optimise_tolerance(
 
 def _promising(search: _Search, sigmas: FloatArray) -> IntArray:
     """Return the candidates that elimination leaves at the corners and the centre of the range."""
-    kept: set[int] = set()
+    promising: set[int] = set()
     low, high, middle = sigmas
     share = 1 - min(1.0, 12 / len(search.grasps))
     for near, far in ((low, low), (low, high), (high, low), (high, high), (middle, middle)):
         spread = np.where(search.near.any(axis=0), np.sqrt(near * far), far)
-        found = analyse(
+        analysis = analyse(
             search.part, search.grasps, search.test, Tolerance(spread, search.com_std),
             elimination=Elimination((20, 40), share), seed=search.seed,
         )  # fmt: skip
-        kept.update(np.flatnonzero(found.eliminated_after == 0).tolist())
-    return np.array(sorted(kept))
+        promising.update(np.flatnonzero(analysis.eliminated_after == 0).tolist())
+    return np.array(sorted(promising))
 
 
 def _zoom(

@@ -69,8 +69,8 @@ class Contacts:
         least, most = _COUNTS[self.kind]
         for name, rows in (("points", self.points), ("normals", self.normals)):
             if rows.ndim != 2 or rows.shape[1] != 3 or not least <= len(rows) <= most:
-                wanted = f"{most}" if least == most else f"{least} or {most}"
-                raise ValueError(f"{name} of {self.kind}: {wanted} rows of x, y, z, got "
+                expected = f"{most}" if least == most else f"{least} or {most}"
+                raise ValueError(f"{name} of {self.kind}: {expected} rows of x, y, z, got "
                                  f"{rows.shape}")  # fmt: skip
             if not np.isfinite(rows).all():
                 raise ValueError(f"{name} of {self.kind} must be finite")

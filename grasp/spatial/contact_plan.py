@@ -90,20 +90,20 @@ def plan_contacts_on_scene(
         Ranked over all things; ``segment`` is the label. The notes say why a thing has none.
     """
     options = options or SpatialOptions()
-    found, counts, reasons = list[GraspCandidate](), dict[str, int](), list[str]()
+    candidates, counts, reasons = list[GraspCandidate](), dict[str, int](), list[str]()
     for label in np.unique(labels[labels > 0]).tolist():
         own = labels == label
         if own.sum() < _FEWEST:
             reasons.append(f"thing {label}: fewer than {_FEWEST} points")
             continue
         others = points[~own] if (~own).any() else None
-        one = plan_contacts_on_cloud(points[own], hand, support, viewpoints, options, others)
-        found += [replace(candidate, segment=label) for candidate in one]
-        for name, count in one.counts.items():
+        part_plan = plan_contacts_on_cloud(points[own], hand, support, viewpoints, options, others)
+        candidates += [replace(candidate, segment=label) for candidate in part_plan]
+        for name, count in part_plan.counts.items():
             counts[name] = counts.get(name, 0) + count
-        if not one:
-            reasons.append(f"thing {label}: {one.reason}")
-    if not found:
+        if not part_plan:
+            reasons.append(f"thing {label}: {part_plan.reason}")
+    if not candidates:
         return Proposals(reason="; ".join(reasons) or "the scene holds nothing", counts=counts)
-    best = tuple(rank(found, support.up)[: options.most])
+    best = tuple(rank(candidates, support.up)[: options.most])
     return Proposals(best, notes=tuple(reasons), counts=counts)

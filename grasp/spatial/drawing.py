@@ -55,8 +55,8 @@ def candidates_svg(
     for k, candidate in enumerate(panels):
         corner = cell * (k % _COLUMNS, rows - 1 - k // _COLUMNS)
         _panel(canvas, corner, painted, candidate, gripper)
-        said = "no grasp" if candidate is None else _caption(k + 1, candidate)
-        canvas.text(low + corner + (0.5 * size[0], size[1] + 0.06 * size.max()), said, size=12)
+        caption = "no grasp" if candidate is None else _caption(k + 1, candidate)
+        canvas.text(low + corner + (0.5 * size[0], size[1] + 0.06 * size.max()), caption, size=12)
     return canvas.svg()
 
 
@@ -125,7 +125,7 @@ def _half(candidate: GraspCandidate) -> float:
 
 def _fingers(candidate: GraspCandidate, gripper: EndEffector) -> list[Shaded]:
     """Return the faces towards the eye of the open fingers, far ones first."""
-    pose, found = candidate.frame_from_gripper, list[Shaded]()
+    pose, faces = candidate.frame_from_gripper, list[Shaded]()
     fingers = 3 if isinstance(gripper, ThreeFingerHand) else 2
     for low, high in gripper.boxes(2 * _half(candidate))[:fingers]:
         bits = np.array([[k & 1, k >> 1 & 1, k >> 2 & 1] for k in range(8)])
@@ -134,8 +134,8 @@ def _fingers(candidate: GraspCandidate, gripper: EndEffector) -> list[Shaded]:
         turns = [np.cross(r[1] - r[0], r[2] - r[0]) for r in rings]
         facing = [(r, t[2] / np.linalg.norm(t)) for r, t in zip(rings, turns, strict=True)]
         shown = [(r, _colour(candidate, 0.6 + 0.4 * f)) for r, f in facing if f > 0]
-        found.append(sorted(shown, key=lambda one: float(one[0][:, 2].mean())))
-    return found
+        faces.append(sorted(shown, key=lambda entry: float(entry[0][:, 2].mean())))
+    return faces
 
 
 def _dots(points: FloatArray) -> Shaded:

@@ -111,15 +111,17 @@ def plan_on_mesh(
     """
     options = options or SpatialOptions()
     around = surroundings or Surroundings()
-    found = propose_on_mesh(
+    proposals = propose_on_mesh(
         mesh, gripper, around, tries=options.tries, noise=options.noise, seed=options.seed
     )
-    if not found:
-        return found
+    if not proposals:
+        return proposals
     load = ObjectLoad.of(mesh, options.mass, around.support)
-    found = replace(found, notes=(*found.notes, *load.notes))
+    proposals = replace(proposals, notes=(*proposals.notes, *load.notes))
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
-    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, load.mass)
+    return _ranked(
+        proposals, mesh, points, gripper, around.support, options, around.sweep, load.mass
+    )
 
 
 def plan_given(
@@ -147,8 +149,8 @@ def plan_given(
     room = room_around(poses, openings, gripper, around, mesh)
     counts = {"free": int(room.free.sum()), **room.hits()}
     free = [
-        replace(one, scores={**one.scores, "clearance": float(away)})
-        for one, is_free, away in zip(candidates, room.free, room.clearance, strict=True)
+        replace(candidate, scores={**candidate.scores, "clearance": float(away)})
+        for candidate, is_free, away in zip(candidates, room.free, room.clearance, strict=True)
         if is_free
     ]
     if not free:
@@ -156,8 +158,8 @@ def plan_given(
         return Proposals(reason=reason, counts=counts)
     mass = ObjectLoad.of(mesh, options.mass, around.support).mass
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
-    found = Proposals(tuple(free), counts=counts)
-    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
+    proposals = Proposals(tuple(free), counts=counts)
+    return _ranked(proposals, mesh, points, gripper, around.support, options, around.sweep, mass)
 
 
 def plan_on_cloud(
@@ -212,13 +214,13 @@ def plan_on_cloud(
             pairs = propose_pairs(
                 cloud, surface, gripper, support, options.noise, options.tries, options.seed
             )
-            kept = pairs.candidates[:_MAX_PAIRS]
+            shortlist = pairs.candidates[:_MAX_PAIRS]
             if judge is not None:
-                kept = tuple(judge.judged(cloud, kept, gripper))
-            pairs = replace(pairs, candidates=kept)
+                shortlist = tuple(judge.judged(cloud, shortlist, gripper))
+            pairs = replace(pairs, candidates=shortlist)
         ranked = [
-            _ranked(found, surface, body, gripper, support, options) if found else found
-            for found in (hands, pairs)
+            _ranked(proposals, surface, body, gripper, support, options) if proposals else proposals
+            for proposals in (hands, pairs)
         ]
         return ranked[0], ranked[1]
 
@@ -248,7 +250,7 @@ def warm_up() -> None:
 
 
 def _ranked(
-    found: Proposals,
+    proposals: Proposals,
     surface: Mesh,
     points: FloatArray,
     gripper: ParallelGripper,
@@ -261,11 +263,11 @@ def _ranked(
 
     Clouds show one side well and guess the other: their patches say too little about holding.
     """
-    within = list(found)
+    within = list(proposals)
     if options.reachable is not None:
-        within = [c for c in found if options.reachable(c.frame_from_gripper)]
+        within = [c for c in proposals if options.reachable(c.frame_from_gripper)]
     if not within:
-        return replace(found, candidates=(), reason="every candidate is out of reach")
+        return replace(proposals, candidates=(), reason="every candidate is out of reach")
     load = None
     if options.mass is not None:
         load = Load(options.mass, (0.0, 0.0, 1.0) if support is None else support.normal)
@@ -281,9 +283,11 @@ def _ranked(
             seed=options.seed,
         )  # fmt: skip
     up = None if support is None else support.up
-    kept = diverse(rank(scored, up), gripper, most=options.most)
+    chosen = diverse(rank(scored, up), gripper, most=options.most)
     body = body_of(points)
-    return replace(found, candidates=tuple(with_features(c, body, gripper, support) for c in kept))
+    return replace(
+        proposals, candidates=tuple(with_features(c, body, gripper, support) for c in chosen)
+    )
 
 
 def _honest(candidate: GraspCandidate) -> GraspCandidate:

@@ -200,11 +200,11 @@ class ParallelGripper:
         >>> ParallelGripper("hand", "panda_hand", 0.0, 0.07).modelled().palm
         (0.205, 0.063, 0.066)
         """
-        known = {"nao_hand": nao_hand, "panda_hand": panda_hand}.get(self.gripper_type)
-        if known is None:
+        shape_of_type = {"nao_hand": nao_hand, "panda_hand": panda_hand}.get(self.gripper_type)
+        if shape_of_type is None:
             return self
         return replace(
-            known(self.name), min_opening=self.min_opening, max_opening=self.max_opening,
+            shape_of_type(self.name), min_opening=self.min_opening, max_opening=self.max_opening,
             max_payload=self.max_payload, symmetric=self.symmetric,
         )  # fmt: skip
 
@@ -241,9 +241,9 @@ class ParallelGripper:
             x, y, z = self.wrist
             end = root - palm[2]
             boxes.append([(-x / 2, -y / 2, end - z), (x / 2, y / 2, end)])
-        found = np.array(boxes, dtype=np.float64)
-        found[:, 0, 2] -= sweep_m
-        return found
+        corners = np.array(boxes, dtype=np.float64)
+        corners[:, 0, 2] -= sweep_m
+        return corners
 
     @property
     def reach(self) -> float:

@@ -74,10 +74,10 @@ def end_effector_named(text: str) -> ParallelGripper | SuctionCup | ThreeFingerH
             return SuctionCup("suction_cup", radius=float(size))
         return ThreeFingerHand("three_finger_hand", max_opening=float(size))
     except ValueError as error:
-        wanted = "a radius in m, as in suction:0.015" if kind == "suction" else (
+        expected = "a radius in m, as in suction:0.015" if kind == "suction" else (
             "an opening in m, as in three:0.1"
         )  # fmt: skip
-        raise ValueError(f"gripper {text!r}: expected {wanted}") from error
+        raise ValueError(f"gripper {text!r}: expected {expected}") from error
 
 
 def gripper_named(text: str) -> ParallelGripper:
@@ -130,11 +130,11 @@ def read_gripper(path: Path) -> ParallelGripper:
     OSError
         The file cannot be read.
     """
-    found = read_end_effector(path)
-    if not isinstance(found, ParallelGripper):
-        what = "a suction cup" if isinstance(found, SuctionCup) else "a three-finger hand"
+    end_effector = read_end_effector(path)
+    if not isinstance(end_effector, ParallelGripper):
+        what = "a suction cup" if isinstance(end_effector, SuctionCup) else "a three-finger hand"
         raise ValueError(f"{path.name} describes {what}; two jaws are needed here")
-    return found
+    return end_effector
 
 
 def read_end_effector(path: Path) -> ParallelGripper | SuctionCup | ThreeFingerHand:
@@ -196,8 +196,8 @@ def end_effector_from_data(
     if kind == "parallel":
         return gripper_from_data(rest)
     made, what = _KINDS[kind]
-    found: SuctionCup | ThreeFingerHand = made(**_values(made, rest, what))
-    return found
+    end_effector: SuctionCup | ThreeFingerHand = made(**_values(made, rest, what))
+    return end_effector
 
 
 def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:
@@ -214,14 +214,14 @@ def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:
 
 def _values(kind: type, given: Mapping[str, Any], what: str) -> dict[str, Any]:
     """Return the checked fields of a dataclass."""
-    known = {one.name: one for one in fields(kind)}
+    declared = {declaration.name: declaration for declaration in fields(kind)}
     for name in given:
-        if name not in known:
-            close = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+        if name not in declared:
+            close = difflib.get_close_matches(name, declared, 1)
+            hint = f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(declared)}"
             raise ValueError(f"unknown field {name!r} of {what}{hint}")
-    for name, one in known.items():
-        needed = one.default is MISSING and one.default_factory is MISSING
+    for name, declaration in declared.items():
+        needed = declaration.default is MISSING and declaration.default_factory is MISSING
         if needed and given.get(name) is None:
             raise ValueError(f"{name} is missing")
     return {name: _value(name, value) for name, value in given.items()}
@@ -234,10 +234,10 @@ def gripper_to_data(gripper: ParallelGripper) -> dict[str, Any]:
     True
     """
     data: dict[str, Any] = {}
-    for one in fields(ParallelGripper):
-        value = getattr(gripper, one.name)
+    for item in fields(ParallelGripper):
+        value = getattr(gripper, item.name)
         if value is not None:
-            data[one.name] = np.asarray(value).tolist() if one.name in _NESTED else value
+            data[item.name] = np.asarray(value).tolist() if item.name in _NESTED else value
     return data
 
 
@@ -257,7 +257,7 @@ def _value(name: str, value: Any) -> Any:
             raise ValueError(f"symmetric: expected true or false, got {value!r}")
         return value
     if name == "joints":
-        if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):
+        if not (isinstance(value, list) and all(isinstance(entry, str) for entry in value)):
             raise ValueError(f"joints: expected a list of names, got {value!r}")
         return tuple(value)
     shape: tuple[int, ...] = ()
@@ -272,8 +272,8 @@ def _value(name: str, value: Any) -> Any:
     except (TypeError, ValueError, OverflowError):
         numbers = np.full((), np.nan)
     if isinstance(value, bool | str) or numbers.shape != shape or not np.isfinite(numbers).all():
-        wanted = "a number" if not shape else f"numbers of shape {shape}"
-        raise ValueError(f"{name}: expected {wanted}, got {value!r}")
+        expected = "a number" if not shape else f"numbers of shape {shape}"
+        raise ValueError(f"{name}: expected {expected}, got {value!r}")
     if name == "parent_from_gripper":
         turn = numbers[:3, :3]
         rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) and np.linalg.det(turn) > 0

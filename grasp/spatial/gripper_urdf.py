@@ -116,27 +116,27 @@ def _finger(
 
 
 def _pair(
-    sliding: Sequence[_Finger], wanted: tuple[str, str] | None, name: str
+    sliding: Sequence[_Finger], requested: tuple[str, str] | None, name: str
 ) -> tuple[_Finger, _Finger]:
     """Return the two opposed fingers."""
-    if wanted is not None:
-        named = {one.joint: one for one in sliding}
-        for joint in wanted:
+    if requested is not None:
+        named = {finger.joint: finger for finger in sliding}
+        for joint in requested:
             if joint not in named:
                 raise ValueError(
                     f"{name}: {joint!r} is no prismatic joint; those are "
                     f"{', '.join(named) or 'none'}"
                 )
-        return named[wanted[0]], named[wanted[1]]
+        return named[requested[0]], named[requested[1]]
     pairs = [
         (a, b)
         for a, b in combinations(sliding, 2)
         if a.parent == b.parent and float(a.axis @ b.axis) < _OPPOSED
     ]
     if len(pairs) != 1:
-        told = ", ".join(f"{a.joint} and {b.joint}" for a, b in pairs) or "none"
+        listing = ", ".join(f"{a.joint} and {b.joint}" for a, b in pairs) or "none"
         raise ValueError(
-            f"{name}: expected one pair of opposed prismatic joints on one link, found {told}; "
+            f"{name}: expected one pair of opposed prismatic joints on one link, found {listing}; "
             "describe the gripper in a file of its own, or name the joints"
         )
     return pairs[0]
@@ -146,14 +146,14 @@ def _measured(
     first: _Finger, second: _Finger, palm: FloatArray, friction: float | None, name: str
 ) -> ParallelGripper:
     """Return the gripper of two fingers; ``palm`` (n, 3) are points of the link they slide on."""
-    for one in (first, second):
-        if not len(one.points):
-            raise ValueError(f"{name}: finger {one.link!r} has no collision shape to measure")
+    for finger in (first, second):
+        if not len(finger.points):
+            raise ValueError(f"{name}: finger {finger.link!r} has no collision shape to measure")
     middle = (first.points.mean(axis=0) + second.points.mean(axis=0)) / 2
     x = first.axis if float((second.points.mean(axis=0) - middle) @ first.axis) > 0 else -first.axis
     z = _approach(middle, x)
     rotation = np.stack([x, np.cross(z, x), z], axis=1)
-    local = [one.points @ rotation for one in (first, second)]
+    local = [finger.points @ rotation for finger in (first, second)]
     tip = min(float(points[:, 2].max()) for points in local)
     pads = [points[points[:, 2] > tip - _PAD_M] for points in local]
     gaps = []
@@ -213,15 +213,15 @@ def _approach(middle: FloatArray, x: FloatArray) -> FloatArray:
 
 def _points(link: ElementTree.Element | None, folder: Path) -> FloatArray:
     """Return corners and vertices (n, 3) of a link's collision shapes in its frame, m."""
-    found = [np.empty((0, 3))]
+    parts = [np.empty((0, 3))]
     for collision in () if link is None else link.findall("collision"):
         geometry = collision.find("geometry")
         shape = None if geometry is None else next(iter(geometry), None)
         if shape is None:
             continue
         pose = _origin(collision)
-        found.append(_corners(shape, folder) @ pose[:3, :3].T + pose[:3, 3])
-    return np.vstack(found)
+        parts.append(_corners(shape, folder) @ pose[:3, :3].T + pose[:3, 3])
+    return np.vstack(parts)
 
 
 def _corners(shape: ElementTree.Element, folder: Path) -> FloatArray:
@@ -237,11 +237,11 @@ def _corners(shape: ElementTree.Element, folder: Path) -> FloatArray:
         from grasp.spatial.meshes.mesh_files import read_mesh
 
         scale = _numbers(str(shape.get("scale", "1 1 1")), 3, "mesh")
-        return read_mesh(_found(str(shape.get("filename")), folder)).vertices * scale
+        return read_mesh(_mesh_path(str(shape.get("filename")), folder)).vertices * scale
     raise ValueError(f"<{shape.tag}> is no shape of a URDF: box, sphere, cylinder, mesh")
 
 
-def _found(name: str, folder: Path) -> Path:
+def _mesh_path(name: str, folder: Path) -> Path:
     """Return the file of a mesh: beside the URDF, or in a folder above it."""
     relative = name.removeprefix("package://").removeprefix("file://")
     parts = Path(relative).parts

@@ -147,14 +147,16 @@ def with_contacts(
     poses = np.stack([c.frame_from_gripper for c in candidates])
     reach = gripper.max_opening / 2
     at, faces = first_and_last(mesh.tree, poses[:, :3, 3], poses[:, :3, 0], reach)
-    found = []
-    for one, ends, hit in zip(candidates, at, faces, strict=True):
+    closing = []
+    for candidate, ends, hit in zip(candidates, at, faces, strict=True):
         if NOTHING in hit or ends[1] <= ends[0]:
             continue
-        contacts = one.centre + ends[:, None] * one.closing
+        contacts = candidate.centre + ends[:, None] * candidate.closing
         width = float(ends[1] - ends[0])
-        found.append(replace(one, width=width, contacts=contacts, normals=mesh.normals[hit]))
-    return found
+        closing.append(
+            replace(candidate, width=width, contacts=contacts, normals=mesh.normals[hit])
+        )
+    return closing
 
 
 def _hand_from_tool(gripper: ParallelGripper) -> FloatArray:

@@ -87,21 +87,21 @@ def propose_on_mesh(
     reason = _unfit(mesh, gripper)
     if reason:
         return Proposals(reason=reason, notes=mesh.notes)
-    found = antipodal_pairs(mesh, gripper, tries, seed, _MARGIN_M)
-    counts = {"tried": tries, **found.dropped, "pairs": len(found)}
-    if len(found) == 0:
-        reason = f"no antipodal pair: {_why(found.dropped)}"
+    pairs = antipodal_pairs(mesh, gripper, tries, seed, _MARGIN_M)
+    counts = {"tried": tries, **pairs.dropped, "pairs": len(pairs)}
+    if len(pairs) == 0:
+        reason = f"no antipodal pair: {_why(pairs.dropped)}"
         return Proposals(reason=reason, notes=mesh.notes, counts=counts)
-    if len(found) > _SCREENED:
-        found = found.take(np.linspace(0, len(found) - 1, _SCREENED).astype(np.int64))
-    order = np.random.default_rng(seed).permutation(len(found))
+    if len(pairs) > _SCREENED:
+        pairs = pairs.take(np.linspace(0, len(pairs) - 1, _SCREENED).astype(np.int64))
+    order = np.random.default_rng(seed).permutation(len(pairs))
     if screen:
-        order = _promising(found, mesh, gripper, noise or PoseNoise(), seed)
+        order = _promising(pairs, mesh, gripper, noise or PoseNoise(), seed)
     count = 8 if around.support is None else 16
     candidates: list[GraspCandidate] = []
     hits: Counter[str] = Counter()
     for start in range(0, min(len(order), _ROUNDS * _PAIRS), _PAIRS):
-        some = found.take(order[start : start + _PAIRS])
+        some = pairs.take(order[start : start + _PAIRS])
         free, touched = _approached(some, mesh, gripper, around, count, per_pair)
         candidates += free
         hits.update(touched)
@@ -150,68 +150,68 @@ def _unfit(mesh: Mesh, gripper: ParallelGripper) -> str:
 
 
 def _promising(
-    found: Pairs, mesh: Mesh, gripper: ParallelGripper, noise: PoseNoise, seed: int
+    pairs: Pairs, mesh: Mesh, gripper: ParallelGripper, noise: PoseNoise, seed: int
 ) -> IntArray:
     """Return the order of the pairs: those that close under most of a few perturbations first.
 
     Of several within 5 mm and 10 degrees one comes with the first, the others after all different.
     """
-    poses = found.poses(found.across)
-    held = closures(mesh, poses, gripper, noise.transforms(_SCREEN, seed), found.room)
-    middle = found.contacts.mean(axis=1)
-    arm = np.linalg.norm(np.cross(mesh.com - middle, found.closing), axis=1)
+    poses = pairs.poses(pairs.across)
+    held = closures(mesh, poses, gripper, noise.transforms(_SCREEN, seed), pairs.room)
+    middle = pairs.contacts.mean(axis=1)
+    arm = np.linalg.norm(np.cross(mesh.com - middle, pairs.closing), axis=1)
     score = np.round(held.mean(axis=1) - 0.3 * arm / max(mesh.radius, 1e-9), 9)
     order = np.argsort(-score, kind="stable")
-    kept, spare = _thinned(found, order, gripper)
-    return np.array(kept + spare, dtype=np.int64)
+    distinct, spare = _thinned(pairs, order, gripper)
+    return np.array(distinct + spare, dtype=np.int64)
 
 
-def _central(found: Pairs, mesh: Mesh, gripper: ParallelGripper) -> IntArray:
+def _central(pairs: Pairs, mesh: Mesh, gripper: ParallelGripper) -> IntArray:
     """Return different pairs, the most antipodal ones nearest to the centre of mass first."""
-    along = np.einsum("nki,ni->nk", found.normals, found.closing) * (-1.0, 1.0)
-    away = np.linalg.norm(found.contacts.mean(axis=1) - mesh.com, axis=1)
+    along = np.einsum("nki,ni->nk", pairs.normals, pairs.closing) * (-1.0, 1.0)
+    away = np.linalg.norm(pairs.contacts.mean(axis=1) - mesh.com, axis=1)
     # Rounded, so that the triangles of one plane and rigid motions change nothing.
     order = np.lexsort((np.round(away, 9), -np.round(along.min(axis=1), 2)))
-    return np.array(_thinned(found, order, gripper)[0], dtype=np.int64)
+    return np.array(_thinned(pairs, order, gripper)[0], dtype=np.int64)
 
 
 def _thinned(
-    found: Pairs, order: IntArray, gripper: ParallelGripper
+    pairs: Pairs, order: IntArray, gripper: ParallelGripper
 ) -> tuple[list[int], list[int]]:
     """Return the first of pairs within 5 mm and 10 degrees of each other, and the others."""
-    axis = found.closing
+    axis = pairs.closing
     if gripper.symmetric:
         # Equal for both senses of an axis, and as far apart in any frame.
         axis = np.einsum("ni,nj->nij", axis, axis).reshape(-1, 9) / np.sqrt(2)
-    spots = np.hstack([found.contacts.mean(axis=1) / _ALIKE_M, axis / _ALIKE])
-    kept: list[int] = []
+    spots = np.hstack([pairs.contacts.mean(axis=1) / _ALIKE_M, axis / _ALIKE])
+    distinct: list[int] = []
     spare: list[int] = []
     tree = cKDTree(spots)
-    taken = np.zeros(len(found), bool)
+    taken = np.zeros(len(pairs), bool)
     for i in order.tolist():
-        (spare if taken[i] else kept).append(i)
+        (spare if taken[i] else distinct).append(i)
         if not taken[i]:
             # Facets may be exactly this far apart, whatever a frame's rounding makes of it.
             taken[tree.query_ball_point(spots[i], 1.0 + 1e-6)] = True
-    return kept, spare
+    return distinct, spare
 
 
 def _approached(
-    found: Pairs, mesh: Mesh, gripper: ParallelGripper, around: Surroundings, turns: int, most: int
+    pairs: Pairs, mesh: Mesh, gripper: ParallelGripper, around: Surroundings, turns: int, most: int
 ) -> tuple[list[GraspCandidate], dict[str, int]]:
     """Try approaches about each pair's closing axis; return the free ones, best first."""
-    zero = found.across
+    zero = pairs.across
     if around.support is not None:
         down = -around.support.up
-        flat = down - (found.closing @ down)[:, None] * found.closing
+        flat = down - (pairs.closing @ down)[:, None] * pairs.closing
         length = np.linalg.norm(flat, axis=1, keepdims=True)
         zero = np.where(length > 0.05, flat / np.maximum(length, 1e-9), zero)
-    side = np.cross(found.closing, zero)
+    side = np.cross(pairs.closing, zero)
     angles = 2 * np.pi * np.arange(turns) / turns
     approaches = np.cos(angles)[:, None, None] * zero + np.sin(angles)[:, None, None] * side
-    index = np.tile(np.arange(len(found)), turns)
-    poses = found.take(index).poses(approaches.reshape(-1, 3))
-    openings = np.minimum(found.room, found.widths + _OPEN_M)[index]
+    index = np.tile(np.arange(len(pairs)), turns)
+    poses = pairs.take(index).poses(approaches.reshape(-1, 3))
+    openings = np.minimum(pairs.room, pairs.widths + _OPEN_M)[index]
     depth = _depths(mesh, poses, gripper)
     _raise_over(poses, openings, gripper, around)
     room = room_around(poses, openings, gripper, around, mesh)
@@ -223,14 +223,14 @@ def _approached(
     # Rounded, so that equal ones are equal in every frame.
     preference = np.round(steep - 0.1 * depth / gripper.finger_length, 6)
     candidates = []
-    for k in range(len(found)):
+    for k in range(len(pairs)):
         mine = np.flatnonzero(free & (index == k))
         mine = mine[np.argsort(-preference[mine], kind="stable")][:most]
         for i in mine.tolist():
             candidates.append(
                 GraspCandidate(
-                    poses[i], float(found.widths[k]), float(depth[i]), found.contacts[k],
-                    found.normals[k], "mesh", "full", opening=float(openings[i]),
+                    poses[i], float(pairs.widths[k]), float(depth[i]), pairs.contacts[k],
+                    pairs.normals[k], "mesh", "full", opening=float(openings[i]),
                     scores={"clearance": float(room.clearance[i])},
                 )
             )  # fmt: skip

@@ -181,20 +181,20 @@ def propose_planar(
                 drafts.append(PlanarGrasp(x, y, z, lines[i][1], width, opening, 0.0, seed=seed))
                 line.append(i)
     judged = _judged(drafts, footprint, gripper, neighbours, met.of(np.array(line, dtype=np.intp)))
-    found = [grasp for grasp in judged if grasp.clearance > 0]
-    tie = np.random.default_rng(seed).permutation(len(found))
-    order = sorted(range(len(found)), key=lambda i: (-found[i].quality, tie[i]))
+    free = [grasp for grasp in judged if grasp.clearance > 0]
+    tie = np.random.default_rng(seed).permutation(len(free))
+    order = sorted(range(len(free)), key=lambda i: (-free[i].quality, tie[i]))
     if len(order) > max_candidates:
         # The best of each place and direction first: its variants would fill the list.
         seen: Counter[tuple[float, float, float]] = Counter()
         variant = []
         for i in order:
-            aim = (found[i].x, found[i].y, found[i].theta)
+            aim = (free[i].x, free[i].y, free[i].theta)
             variant.append(seen[aim])
             seen[aim] += 1
-        kept = sorted(range(len(order)), key=lambda k: (variant[k], k))[:max_candidates]
-        order = [order[k] for k in sorted(kept)]
-    return [found[i] for i in order]
+        chosen = sorted(range(len(order)), key=lambda k: (variant[k], k))[:max_candidates]
+        order = [order[k] for k in sorted(chosen)]
+    return [free[i] for i in order]
 
 
 def rate(

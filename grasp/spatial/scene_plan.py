@@ -145,17 +145,17 @@ def plan_on_scene(
         return Proposals(reason=cloud.reason, notes=cloud.notes)
     scene = _Scene.of(cloud, points, owners, options.complete)
     counts: Counter[str] = Counter(objects=len(scene.numbers))
-    found: list[GraspCandidate] = []
+    candidates: list[GraspCandidate] = []
     for part, share in scene.searches():
         hands = max(round(options.hands * share), 1)
         some = propose_on(part, gripper, hands, options.seed)
         counts.update(some.counts)
-        found += some.candidates
-    found = scene.assigned(found, counts)
-    if not found:
+        candidates += some.candidates
+    candidates = scene.assigned(candidates, counts)
+    if not candidates:
         reason = "no hand closes on a single object with room for its open fingers"
         return Proposals(reason=reason, notes=scene.cloud.notes, counts=dict(counts))
-    ranked = _ranked(scene, found, gripper, options)
+    ranked = _ranked(scene, candidates, gripper, options)
     return Proposals(tuple(ranked), "", scene.cloud.notes, dict(counts))
 
 
@@ -223,12 +223,12 @@ class _Scene:
     def searches(self) -> list[tuple[SurfaceCloud, float]]:
         """Return the clouds to search with their shares of the hands: the scene, each object."""
         sizes = np.array([int((self.owner == k).sum()) for k in self.numbers], dtype=np.float64)
-        found = [(self.cloud, 1.0)]
+        clouds = [(self.cloud, 1.0)]
         if len(sizes):
             # Half evenly, half by size: small things must not go without a try.
             shares = 0.5 / len(sizes) + 0.5 * sizes / sizes.sum()
-            found += [(self.parts[k], float(s)) for k, s in zip(self.numbers, shares, strict=True)]
-        return found
+            clouds += [(self.parts[k], float(s)) for k, s in zip(self.numbers, shares, strict=True)]
+        return clouds
 
     def assigned(
         self, candidates: Sequence[GraspCandidate], counts: Counter[str]
@@ -247,13 +247,13 @@ class _Scene:
         every, whose = np.vstack(points), np.concatenate(owner)
         away, near = cKDTree(every).query(contacts.reshape(-1, 3))
         whose_contact = np.where(away < _BESIDE_M, whose[near], 0).reshape(-1, 2)
-        found = []
-        for one, (left, right) in zip(candidates, whose_contact.tolist(), strict=True):
+        assigned = []
+        for candidate, (left, right) in zip(candidates, whose_contact.tolist(), strict=True):
             if left and right and left != right:
                 counts["two_objects"] += 1
             elif left or right:
-                found.append(replace(one, segment=int(left or right)))
-        return found
+                assigned.append(replace(candidate, segment=int(left or right)))
+        return assigned
 
     def surface(self, *, without: int = 0) -> Mesh:
         """Return all surfaces, seen and completed, as small squares; ``without`` one object."""
@@ -263,9 +263,11 @@ class _Scene:
 
     def _surfels(self, without: int) -> Mesh:
         points, normals = [], []
-        known = (np.linalg.norm(self.cloud.normals, axis=1) > 0) & (self.owner != (without or -1))
-        points.append(self.cloud.points[known])
-        normals.append(self.cloud.normals[known])
+        has_normal = (np.linalg.norm(self.cloud.normals, axis=1) > 0) & (
+            self.owner != (without or -1)
+        )
+        points.append(self.cloud.points[has_normal])
+        normals.append(self.cloud.normals[has_normal])
         for k, part in self.parts.items():
             if k != without:
                 points.append(part.points[part.completed])
@@ -305,47 +307,54 @@ def _clusters(cloud: SurfaceCloud) -> IntArray:
 
 
 def _ranked(
-    scene: _Scene, found: list[GraspCandidate], gripper: ParallelGripper, options: SceneOptions
+    scene: _Scene, candidates: list[GraspCandidate], gripper: ParallelGripper, options: SceneOptions
 ) -> list[GraspCandidate]:
     """Return the candidates with their scores, best first."""
-    order = sorted(range(len(found)), key=lambda i: -_first_guess(scene, found[i]))
-    kept = diverse([found[i] for i in order], gripper, most=_MAX_SCORED)
+    order = sorted(range(len(candidates)), key=lambda i: -_first_guess(scene, candidates[i]))
+    shortlist = diverse([candidates[i] for i in order], gripper, most=_MAX_SCORED)
     scored = score_grasps(
-        kept, scene.surface(), gripper, options.noise, samples=options.samples,
+        shortlist, scene.surface(), gripper, options.noise, samples=options.samples,
         exact=0, sweep=_SWEEP_M, seed=options.seed,
     )  # fmt: skip
-    told = [
-        replace(one, scores={**one.scores, "moves": _moves(scene, one, gripper, options)})
-        for one in scored
+    rescored = [
+        replace(
+            candidate,
+            scores={**candidate.scores, "moves": _moves(scene, candidate, gripper, options)},
+        )
+        for candidate in scored
     ]
-    return sorted(told, key=lambda one: -_value(scene, one))[: options.most]
+    return sorted(rescored, key=lambda candidate: -_value(scene, candidate))[: options.most]
 
 
-def _first_guess(scene: _Scene, one: GraspCandidate) -> float:
-    return one.scores["geometry"] + _from_above(scene, one)
+def _first_guess(scene: _Scene, candidate: GraspCandidate) -> float:
+    return candidate.scores["geometry"] + _from_above(scene, candidate)
 
 
-def _from_above(scene: _Scene, one: GraspCandidate) -> float:
+def _from_above(scene: _Scene, candidate: GraspCandidate) -> float:
     """Return what speaks for a grasp high over the table and with a steep approach."""
     table = scene.cloud.table
     up, ground = (np.array([0, 0, 1.0]), 0.0) if table is None else (table[:3], float(table[3]))
-    height = float(one.centre @ up) + ground
-    return _PER_M * height - _SIDEWAYS * (1 + float(one.approach @ up))
+    height = float(candidate.centre @ up) + ground
+    return _PER_M * height - _SIDEWAYS * (1 + float(candidate.approach @ up))
 
 
-def _value(scene: _Scene, one: GraspCandidate) -> float:
-    return one.scores["confidence"] + _from_above(scene, one) - _MOVING * one.scores["moves"]
+def _value(scene: _Scene, candidate: GraspCandidate) -> float:
+    return (
+        candidate.scores["confidence"]
+        + _from_above(scene, candidate)
+        - _MOVING * candidate.scores["moves"]
+    )
 
 
 def _moves(
-    scene: _Scene, one: GraspCandidate, gripper: ParallelGripper, options: SceneOptions
+    scene: _Scene, candidate: GraspCandidate, gripper: ParallelGripper, options: SceneOptions
 ) -> float:
     """Return the share of pose errors under which the open gripper touches other objects."""
-    others = scene.surface(without=one.segment or 0)
+    others = scene.surface(without=candidate.segment or 0)
     if len(others.faces) == 0:
         return 0.0
     errors = options.noise.transforms(options.samples, options.seed)
-    poses = np.ascontiguousarray(one.frame_from_gripper @ errors)
-    opening = gripper.max_opening if one.opening is None else one.opening
+    poses = np.ascontiguousarray(candidate.frame_from_gripper @ errors)
+    opening = gripper.max_opening if candidate.opening is None else candidate.opening
     boxes = np.repeat(gripper.boxes(opening, _SWEEP_M)[None], len(poses), axis=0)
     return float(boxes_meet_mesh(*others.tree.arrays, poses, boxes).mean())

@@ -83,11 +83,11 @@ def seals_at(cup: SuctionCup, depth: FloatArray, facing: FloatArray) -> NDArray[
 
 def lip_places(cup: SuctionCup) -> FloatArray:
     """Return places (n, 2) in the plane of the lip, m: on the lip, half way in, in the middle."""
-    found = []
+    rings = []
     for count, radius in ((_LIP, cup.radius), (_INNER, cup.radius / 2)):
         angle = 2 * np.pi * np.arange(count) / count
-        found.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    return np.vstack([*found, np.zeros((1, 2))])
+        rings.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.vstack([*rings, np.zeros((1, 2))])
 
 
 def _loads(up: FloatArray, shaken: bool) -> FloatArray:
@@ -226,8 +226,8 @@ def _plan(
     ]
     if not candidates:
         return Proposals(reason=_NO_ROOM, notes=notes, counts=counts)
-    kept = diverse(candidates, cup, most=_SCORED)
-    scored = _scored(kept, mesh, cup, mass, up, options)
+    chosen = diverse(candidates, cup, most=_SCORED)
+    scored = _scored(chosen, mesh, cup, mass, up, options)
     return Proposals(tuple(rank(scored, up)[: options.most]), notes=notes, counts=counts)
 
 
@@ -284,8 +284,8 @@ def plan_suction_on_cloud(
         return Proposals(reason="no surface is seen of the object", notes=cloud.notes)
     load = ObjectLoad.of(body, options.mass, support)
     around = Surroundings(support, neighbours)
-    found = _plan(replace(surface, com=body.com), cup, around, options, load)
-    return replace(found, notes=(*whole.notes, *found.notes))
+    proposals = _plan(replace(surface, com=body.com), cup, around, options, load)
+    return replace(proposals, notes=(*whole.notes, *proposals.notes))
 
 
 def _facing(points: FloatArray, normals: FloatArray, up: FloatArray) -> FloatArray:
@@ -318,9 +318,9 @@ def _scored(
             for name, shaken in (("lift", False), ("carry", True))
         }
 
-    found = []
+    rated = []
     levers = _levers(np.stack([c.frame_from_gripper for c in candidates]), mesh.com)
-    for one, lever in zip(candidates, levers.tolist(), strict=True):
-        scored = scored_under_errors(one, options.noise, options.samples, options.seed, judge)
-        found.append(replace(scored, scores={**scored.scores, "lever": lever}))
-    return found
+    for candidate, lever in zip(candidates, levers.tolist(), strict=True):
+        scored = scored_under_errors(candidate, options.noise, options.samples, options.seed, judge)
+        rated.append(replace(scored, scores={**scored.scores, "lever": lever}))
+    return rated

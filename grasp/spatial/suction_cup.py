@@ -132,9 +132,9 @@ class SuctionCup:
         if self.wrist is not None:
             x, y, z = self.wrist
             boxes.append([(-x / 2, -y / 2, back - z), (x / 2, y / 2, back)])
-        found = np.array(boxes, dtype=np.float64)
-        found[:, 0, 2] -= sweep_m
-        return found
+        corners = np.array(boxes, dtype=np.float64)
+        corners[:, 0, 2] -= sweep_m
+        return corners
 
     def flanged(self, radius: float, depth: float = _FLANGE_M) -> SuctionCup:
         """Return the cup on a round flange: its wrist is a box of the same section.

@@ -71,8 +71,8 @@ class Dyna(QLearning):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, by name."""
-        kept = slice(self._count)
-        return {**super().arrays(), "steps": self._steps[kept], "rewards": self._rewards[kept]}
+        filled = slice(self._count)
+        return {**super().arrays(), "steps": self._steps[filled], "rewards": self._rewards[filled]}
 
     def take(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over what :meth:`arrays` returned."""

@@ -73,9 +73,9 @@ class RMax(TabularAgent):
         self._rewards[pair][seen] = transition.reward
         self._counts[pair] = seen + 1
         if seen + 1 == self.visits:
-            known = np.argwhere(self._counts == self.visits)
+            pairs = np.argwhere(self._counts == self.visits)
             _iterate(
-                self.values, known, self._after, self._ended, self._rewards, self.settings.gamma
+                self.values, pairs, self._after, self._ended, self._rewards, self.settings.gamma
             )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -100,7 +100,7 @@ class RMax(TabularAgent):
 @numba.njit(cache=True, nogil=True)
 def _iterate(
     values: NDArray[np.float64],
-    known: NDArray[np.int64],
+    pairs: NDArray[np.int64],
     after: NDArray[np.int64],
     ended: NDArray[np.bool_],
     rewards: NDArray[np.float64],
@@ -111,8 +111,8 @@ def _iterate(
     change = 1.0
     while change > _ERROR:
         change = 0.0
-        for i in range(len(known)):
-            state, action = known[i]
+        for i in range(len(pairs)):
+            state, action = pairs[i]
             total = 0.0
             for k in range(visits):
                 total += rewards[state, action, k]

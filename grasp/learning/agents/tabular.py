@@ -282,10 +282,10 @@ def load_arrays(
         raise ValueError(f"{path} is not a saved learner: {error}") from error
     version = header.get("format")
     if version != _FORMAT:
-        known = isinstance(version, int)
+        has_number = isinstance(version, int)
         remedy = (
             "use the release of RTASK that wrote it"
-            if known and version > _FORMAT
+            if has_number and version > _FORMAT
             else "relearn from the outcomes, or go on with the release that wrote it"
         )
         raise ValueError(f"{path} is of version {version}, this release reads {_FORMAT}: {remedy}")

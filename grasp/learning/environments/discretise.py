@@ -77,10 +77,10 @@ class Bins:
         try:
             return self._known[state.tobytes()]
         except KeyError:
-            known = self._number(state)
+            cell = self._number(state)
             if len(self._known) < self.count:
-                self._known[state.tobytes()] = known
-            return known
+                self._known[state.tobytes()] = cell
+            return cell
 
     def _number(self, values: NDArray[Any]) -> int:
         if values.shape != self.low.shape:

@@ -71,11 +71,11 @@ class MountainCar(gymnasium.Env[NDArray[np.float64], int]):
 
     def examples(self) -> list[Transition]:
         """Return one transition near the top and a random one for each action."""
-        found = [self._example(np.array([0.58, 0.03]), 2)]
+        transitions = [self._example(np.array([0.58, 0.03]), 2)]
         for action in range(3):
             state = self.np_random.uniform((-1.2, -0.07), (0.59, 0.07))
-            found.append(self._example(np.asarray(state), action))
-        return found
+            transitions.append(self._example(np.asarray(state), action))
+        return transitions
 
     def _example(self, state: NDArray[np.float64], action: int) -> Transition:
         self._state = state

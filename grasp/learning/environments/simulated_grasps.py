@@ -51,9 +51,9 @@ class SimulatedGrasps(GraspEnv):
         world = make_world(WorldSettings(families=families, objects=objects, seed=world_seed))
         rng = np.random.default_rng((world_seed, 29))
         problems = []
-        for number, (thing, view) in enumerate(zip(world.things, world.views, strict=True)):
-            ratings = rng.random(len(thing)) if quality is None else getattr(thing, quality)
-            columns = (thing.directions.tolist(), ratings.tolist(), thing.chances.tolist())
+        for number, (item, view) in enumerate(zip(world.things, world.views, strict=True)):
+            ratings = rng.random(len(item)) if quality is None else getattr(item, quality)
+            columns = (item.directions.tolist(), ratings.tolist(), item.chances.tolist())
             grasps = [_Grasp(*row) for row in zip(*columns, strict=True)]
             problems.append(Problem(str(number), view, grasps))
         super().__init__(problems, self._push, shuffled=shuffled)

@@ -92,12 +92,12 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
 
     def examples(self) -> list[Transition]:
         """Return two transitions that show the door and the goal, from the real dynamics."""
-        found = []
+        transitions = []
         for state, action in (((2, 1), SOUTH), ((2, 6), WEST)):
             self._state = state
             after, reward, ended, cut, _ = self.step(action)
-            found.append(Transition(np.array(state), action, reward, after, ended, cut))
-        return found
+            transitions.append(Transition(np.array(state), action, reward, after, ended, cut))
+        return transitions
 
 
 @cache

@@ -66,14 +66,14 @@ def _traced(mask: NDArray[np.uint8]) -> list[NDArray[Any]]:
     """Return the largest object's outline (n, 2), px, its holes, and what is not much smaller."""
     import cv2
 
-    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    outer = max((k for k in range(len(found)) if tree[0][k][3] < 0),
-                key=lambda k: cv2.contourArea(found[k]))  # fmt: skip
-    area = cv2.contourArea(found[outer])
-    if len(found[outer]) < 8:
+    contours, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    outer = max((k for k in range(len(contours)) if tree[0][k][3] < 0),
+                key=lambda k: cv2.contourArea(contours[k]))  # fmt: skip
+    area = cv2.contourArea(contours[outer])
+    if len(contours[outer]) < 8:
         raise ValueError("nothing large enough stands out from the image's border")
-    inner = [k for k in range(len(found)) if tree[0][k][3] == outer
-             and cv2.contourArea(found[k]) >= _MIN_HOLE * area]  # fmt: skip
-    beside = [k for k in range(len(found)) if tree[0][k][3] < 0 and k != outer
-              and cv2.contourArea(found[k]) >= _MIN_PART * area]  # fmt: skip
-    return [found[k][:, 0, :].astype(np.float64) for k in (outer, *inner, *beside)]
+    inner = [k for k in range(len(contours)) if tree[0][k][3] == outer
+             and cv2.contourArea(contours[k]) >= _MIN_HOLE * area]  # fmt: skip
+    beside = [k for k in range(len(contours)) if tree[0][k][3] < 0 and k != outer
+              and cv2.contourArea(contours[k]) >= _MIN_PART * area]  # fmt: skip
+    return [contours[k][:, 0, :].astype(np.float64) for k in (outer, *inner, *beside)]

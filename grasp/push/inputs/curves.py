@@ -105,5 +105,5 @@ def _chords(pieces: Sequence[Piece], tolerance: float) -> FloatArray:
         points.append(places)
     joined = np.concatenate(points)
     apart = np.concatenate([[True], np.diff(joined) != 0]) if len(joined) else np.zeros(0, bool)
-    kept = joined[apart]
-    return np.column_stack([kept.real, kept.imag])
+    corners = joined[apart]
+    return np.column_stack([corners.real, corners.imag])

@@ -88,7 +88,7 @@ def rings_from_dxf(text: str) -> DxfOutlines:
     try:
         document = read(io.StringIO(_with_subclasses(text)))
         visible = _Visible(document)
-        curves = [found for entity in visible if (found := _polyline(entity))]
+        curves = [ring for entity in visible if (ring := _polyline(entity))]
     except (DXFError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise ValueError(f"no DXF: {' '.join(str(error).split())}") from error
     rings = [line for line, closed in curves if closed and len(line) > 2]

@@ -99,8 +99,8 @@ def read_outline(path: Path, max_vertices: int = MAX_VERTICES, part: int = 1) ->
         ring, com, holes = outline_from_json(_text(path, "JSON"))
         rings = PartRings(ring, holes)
     elif ending == ".svg":
-        found, unit = rings_from_svg(_text(path, "SVG"))
-        rings = outline_and_holes(found, "SVG", part)
+        rings_read, unit = rings_from_svg(_text(path, "SVG"))
+        rings = outline_and_holes(rings_read, "SVG", part)
     elif ending == ".dxf":
         drawing = rings_from_dxf(path.read_text("utf-8", errors="replace"))
         notes = _dxf_notes(drawing)
@@ -111,8 +111,8 @@ def read_outline(path: Path, max_vertices: int = MAX_VERTICES, part: int = 1) ->
         ring, height = outline_from_cloud(read_cloud(path))
         rings = PartRings(ring, ())
     else:
-        known = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
-        raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(known)}")
+        endings = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
+        raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(endings)}")
     if part != 1 and len(rings.outline) and ending in (".json", *CLOUD_ENDINGS):
         raise ValueError(f"part {part}: a file {ending} holds one part")
     dense = len(rings.outline) > max_vertices
@@ -120,31 +120,31 @@ def read_outline(path: Path, max_vertices: int = MAX_VERTICES, part: int = 1) ->
     if rings.holes and com is None:
         com = plate_centroid(polygon, rings.holes)
     read = len(rings.outline)
-    said = [f"simplified from {read} to {len(polygon)} vertices"] if dense else []
-    said += [*notes, *_notes(rings, part), *([f"lengths in {unit}"] if unit else [])]
-    return Outline(polygon, com, read, "; ".join(said), height, rings.holes, unit)
+    remarks = [f"simplified from {read} to {len(polygon)} vertices"] if dense else []
+    remarks += [*notes, *_notes(rings, part), *([f"lengths in {unit}"] if unit else [])]
+    return Outline(polygon, com, read, "; ".join(remarks), height, rings.holes, unit)
 
 
 def _notes(rings: PartRings, part: int) -> list[str]:
     """Return what people should know about the holes, and about what was left out."""
-    said = []
+    notes = []
     if rings.others:
         parts = "another part was" if rings.others == 1 else f"{rings.others} other parts were"
-        said.append(f"{parts} left out: this is part {part} of {rings.others + 1} by size")
+        notes.append(f"{parts} left out: this is part {part} of {rings.others + 1} by size")
     if rings.holes:
         holes = len(rings.holes)
-        said.append(f"{holes} hole{'s'[: holes > 1]}: they move the centre of mass only")
-    return said
+        notes.append(f"{holes} hole{'s'[: holes > 1]}: they move the centre of mass only")
+    return notes
 
 
 def _dxf_notes(drawing: DxfOutlines) -> list[str]:
-    said = []
+    notes = []
     if drawing.gap:
         unit = f" {drawing.unit}" if drawing.unit else ""
-        said.append(f"the outline is open: a straight line of {drawing.gap:.4g}{unit} closes it")
+        notes.append(f"the outline is open: a straight line of {drawing.gap:.4g}{unit} closes it")
     if drawing.hidden:
-        said.append(f"{drawing.hidden} hidden {_entities(drawing.hidden)} left out")
-    return said
+        notes.append(f"{drawing.hidden} hidden {_entities(drawing.hidden)} left out")
+    return notes
 
 
 def _dxf_name(drawing: DxfOutlines) -> str:
@@ -183,9 +183,9 @@ def without_details(
         return outline
     off = "a quarter of" if correlated else "half"
     count = f"simplified from {outline.read} to {len(polygon)} vertices"
-    said = f"{count}, none of the rest off by more than {off} a deviation of {spread:.3g}"
-    kept = [words for words in outline.note.split("; ") if words and "simplified" not in words]
-    return replace(outline, polygon=polygon, com=part.com, note="; ".join([said, *kept]))
+    comment = f"{count}, none of the rest off by more than {off} a deviation of {spread:.3g}"
+    notes = [words for words in outline.note.split("; ") if words and "simplified" not in words]
+    return replace(outline, polygon=polygon, com=part.com, note="; ".join([comment, *notes]))
 
 
 def outline_from_json(
@@ -218,9 +218,9 @@ def outline_from_json(
         raise ValueError("holes are a list of polygons")
     if not given:
         return ring, mass, ()
-    wanted = [as_polygon(hole) for hole in given]
-    outline, holes, _ = outline_and_holes([as_polygon(ring), *wanted], "JSON")
-    if len(holes) < len(wanted):
+    read_holes = [as_polygon(hole) for hole in given]
+    outline, holes, _ = outline_and_holes([as_polygon(ring), *read_holes], "JSON")
+    if len(holes) < len(read_holes):
         raise ValueError("holes lie inside the outline and apart from one another")
     return outline, mass, holes
 
@@ -257,8 +257,8 @@ def read_cloud(path: Path) -> FloatArray:
             if len(points) == 0:
                 raise ValueError("no points could be read")
     except (OSError, ValueError, EOFError, MemoryError) as error:
-        said = str(error) or "its points do not fit into memory"
-        raise ValueError(f"{path.name} holds no point cloud: {said}") from error
+        reason = str(error) or "its points do not fit into memory"
+        raise ValueError(f"{path.name} holds no point cloud: {reason}") from error
     if points.ndim < 2 or points.shape[-1] < 3 or not np.issubdtype(points.dtype, np.number):
         raise ValueError(f"a cloud has shape (n, 3), got {points.shape}")
     flat = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)

@@ -118,12 +118,12 @@ class _Document:
     def _length(self, element: ElementTree.Element, key: str) -> float:
         """Return an attribute in user units; NaN when it is missing or automatic."""
         text = element.get(key, "")
-        found = _LENGTH.fullmatch(text)
-        if not found:
+        match = _LENGTH.fullmatch(text)
+        if not match:
             if text.strip() in ("", "auto"):
                 return math.nan
             raise ValueError(f"{key}={text!r} is no length")
-        value, unit = float(found.group(1)), found.group(2).lower()
+        value, unit = float(match.group(1)), match.group(2).lower()
         if unit == "%":
             across = self._across[key in ("y", "cy", "height", "ry")]
             return value * across / 100
@@ -143,14 +143,14 @@ def transform_matrix(text: str) -> FloatArray:
     if left:
         raise ValueError(f"transform {text!r} cannot be read")
     for name, inside in re.findall(r"(\w+)\s*\(([^()]*)\)", text):
-        out = out @ _one_transform(name, numbers(inside), text)
+        out = out @ _transform(name, numbers(inside), text)
     return out
 
 
-def _one_transform(name: str, v: list[float], text: str) -> FloatArray:
-    wanted = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3),
+def _transform(name: str, v: list[float], text: str) -> FloatArray:
+    counts = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3),
               "skewX": (1,), "skewY": (1,)}.get(name, ())  # fmt: skip
-    if len(v) not in wanted:
+    if len(v) not in counts:
         raise ValueError(f"transform {text!r} cannot be read: {name} of {len(v)} numbers")
     a, b, c, d, e, f = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0
     if name == "matrix":

@@ -20,10 +20,10 @@ def numbers(text: str) -> list[float]:
     >>> numbers("1,-.5.25e1")
     [1.0, -0.5, 2.5]
     """
-    found = [float(v) for v in re.findall(_NUMBER, text)]
-    if not all(map(math.isfinite, found)):
+    values = [float(v) for v in re.findall(_NUMBER, text)]
+    if not all(map(math.isfinite, values)):
         raise ValueError(f"numbers out of range: {text[:40]!r}")
-    return found
+    return values
 
 
 def basic_shape(name: str, points: str, number: Callable[[str], float]) -> list[list[Piece]]:
@@ -131,11 +131,11 @@ def _arc_numbers(text: str) -> list[float]:
     at = 0
     while True:
         pattern = r"[01]" if len(out) % 7 in (3, 4) else _NUMBER
-        found = re.compile(r"[\s,]*(" + pattern + ")").match(text, at)
-        if not found:
+        match = re.compile(r"[\s,]*(" + pattern + ")").match(text, at)
+        if not match:
             return out
-        out.append(float(found.group(1)))
-        at = found.end()
+        out.append(float(match.group(1)))
+        at = match.end()
 
 
 def _line_end(command: str, group: list[float], at: complex, relative: bool) -> complex:

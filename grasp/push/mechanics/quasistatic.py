@@ -44,7 +44,7 @@ def _corner_edge(px, py, n, x, y, up, near):  # type: ignore[no-untyped-def]
     Index of the edge or -1, and the depth, negative outside.
     """
     behind, ahead = np.inf, np.inf
-    entered, next_one, passed = -1, -1, 0
+    entered, next_edge, passed = -1, -1, 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
         if (px[i] < x) == (px[j] < x):
@@ -52,12 +52,12 @@ def _corner_edge(px, py, n, x, y, up, near):  # type: ignore[no-untyped-def]
         gap = (py[i] + (x - px[i]) / (px[j] - px[i]) * (py[j] - py[i]) - y) * up
         if gap > 0.0:
             if gap < ahead:
-                ahead, next_one = gap, i
+                ahead, next_edge = gap, i
         else:
             passed += 1
             if -gap < behind:
                 behind, entered = -gap, i
-    at = next_one
+    at = next_edge
     if passed % 2:
         at = entered if behind <= near else _nearest_edge(px, py, n, x, y, up)
     if at < 0:
@@ -235,7 +235,7 @@ def _held(c, lam, m, mu):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def simulate_one(vx, vy, mx0, my0, grasp, w, mu, c2, diameter, step, points, body, scratch):  # type: ignore[no-untyped-def]
+def simulate_trial(vx, vy, mx0, my0, grasp, w, mu, c2, diameter, step, points, body, scratch):  # type: ignore[no-untyped-def]
     """Return CLOSED, NOT_HELD or LOST for one grasp on one part.
 
     Parameters
@@ -347,7 +347,7 @@ def simulate(vx, vy, com, valid, grasps, w, mu, c2, diameter, step, out):  # typ
         for g in range(grasps.shape[0]):
             out[g, k] = INVALID
             if valid[k]:
-                out[g, k] = simulate_one(
+                out[g, k] = simulate_trial(
                     vx[k], vy[k], com[k, 0], com[k, 1], grasps[g], w, mu, c2, diameter, step,
                     points, body, scratch,
                 )  # fmt: skip
@@ -359,7 +359,7 @@ def simulate_on_points(vx, vy, com, grasps, w, mu, diameter, step, points, out):
     parts, n = vx.shape
     body, scratch = np.empty((4, n)), np.empty((_MOST, 20))
     for k in range(parts):
-        out[k] = simulate_one(
+        out[k] = simulate_trial(
             vx[k], vy[k], com[k, 0], com[k, 1], grasps[k], w, mu, 0.16, diameter, step,
             points[k], body, scratch,
         )  # fmt: skip

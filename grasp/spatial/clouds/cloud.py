@@ -105,8 +105,10 @@ class SurfaceCloud:
 
     def surface(self) -> Mesh:
         """Return the target, seen and completed, as small squares where its normals are known."""
-        known = self.target & (np.linalg.norm(self.normals, axis=1) > 0)
-        return surfels(self.points[known], self.normals[known], SURFEL_VOXELS * self.voxel)
+        has_normal = self.target & (np.linalg.norm(self.normals, axis=1) > 0)
+        return surfels(
+            self.points[has_normal], self.normals[has_normal], SURFEL_VOXELS * self.voxel
+        )
 
     def with_points(self, points: FloatArray, normals: FloatArray) -> SurfaceCloud:
         """Return the cloud and points (m, 3) with normals that are assumed, not seen."""
@@ -186,24 +188,36 @@ def prepare_cloud(
     if not above.any():
         # A place or a line tells more than that the table, if there is one, is as high.
         little = _shapeless(own, voxel)
-        said = little if "plane" not in little else ""
-        return _nothing(cameras, plane, voxel, notes, said or "nothing stands on the table")
+        trouble = little if "plane" not in little else ""
+        return _nothing(cameras, plane, voxel, notes, trouble or "nothing stands on the table")
     reason = _shapeless(own[above], voxel)
     if reason and not (flat and len(cameras) and "plane" in reason):
         return _nothing(cameras, plane, voxel, notes, reason)
     axes, centre = own_axes(own[above]), own[above].mean(axis=0)
     everything = np.concatenate([own, others])
     kind = np.concatenate([above, np.zeros(len(others), bool)])
-    kept, target, voxel = _thinned(everything, kind, axes, centre, voxel, notes)
+    points_left, target, voxel = _thinned(everything, kind, axes, centre, voxel, notes)
     radius = max(normal_radius, 2.5 * voxel)
-    grid = PointGrid.of(kept, radius)
-    normals, known = estimate_normals(grid, radius)
+    grid = PointGrid.of(points_left, radius)
+    normals, has_normal = estimate_normals(grid, radius)
     normals, counted = _oriented(
-        kept, normals, cameras, kept[target].mean(axis=0), np.cos(np.deg2rad(silhouette_deg))
+        points_left,
+        normals,
+        cameras,
+        points_left[target].mean(axis=0),
+        np.cos(np.deg2rad(silhouette_deg)),
     )
-    assumed = np.zeros(len(kept), bool)
+    assumed = np.zeros(len(points_left), bool)
     return SurfaceCloud(
-        kept, normals, target, counted & known, assumed, voxel, cameras, plane, tuple(notes)
+        points_left,
+        normals,
+        target,
+        counted & has_normal,
+        assumed,
+        voxel,
+        cameras,
+        plane,
+        tuple(notes),
     )
 
 
@@ -284,7 +298,7 @@ def _thinned(
 ) -> tuple[FloatArray, Flags, float]:
     """Return the mean of the points in each voxel, whether most are the object's, the edge."""
     local = (points - centre) @ axes.T
-    wanted = voxel
+    requested = voxel
     while True:
         cells = np.floor(local / voxel).astype(np.int64)
         cells -= cells.min(axis=0)
@@ -295,8 +309,8 @@ def _thinned(
         if len(starts) <= _MAX_VOXELS:
             break
         voxel *= max(1.05, float(np.sqrt(len(starts) / _MAX_VOXELS)))
-    if voxel > wanted:
-        notes.append(f"voxels enlarged from {1e3 * wanted:.3g} to {1e3 * voxel:.3g} mm")
+    if voxel > requested:
+        notes.append(f"voxels enlarged from {1e3 * requested:.3g} to {1e3 * voxel:.3g} mm")
     counts = np.diff(np.append(starts, len(keys)))
     means = np.add.reduceat(points[order], starts, axis=0) / counts[:, None]
     share = np.add.reduceat(kind[order].astype(np.float64), starts) / counts

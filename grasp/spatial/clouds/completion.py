@@ -134,7 +134,7 @@ def _level_axis(cloud: SurfaceCloud) -> FloatArray:
 def _planes(seen: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
     """Return mirrors in vertical planes that stand across the view, through and behind what is
     seen. Planes along the view map what is seen onto itself and tell nothing."""
-    found = []
+    mirrors = []
     for angle in np.linspace(-_ACROSS_RAD, _ACROSS_RAD, _PLANES):
         normal = np.cos(angle) * ahead + np.sin(angle) * side
         along = seen @ normal
@@ -143,8 +143,8 @@ def _planes(seen: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symme
         reach = high + float(np.cos(angle)) * (high - low + 0.01)
         linear = np.eye(3) - 2 * np.outer(normal, normal)
         for d in np.linspace((low + high) / 2 - 0.1 * (high - low), reach, _OFFSETS):
-            found.append(Symmetry(linear, 2 * d * normal, "plane"))
-    return found
+            mirrors.append(Symmetry(linear, 2 * d * normal, "plane"))
+    return mirrors
 
 
 def _turns(seen: FloatArray, up: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
@@ -153,11 +153,11 @@ def _turns(seen: FloatArray, up: FloatArray, ahead: FloatArray, side: FloatArray
     depth, across = seen @ ahead, seen @ side
     near, far = np.quantile(depth, (0.02, 0.98))
     left, right = np.quantile(across, (0.02, 0.98))
-    found = []
+    turns = []
     for d in np.linspace((near + far) / 2, far + (far - near) / 2 + 0.01, _OFFSETS):
         for s in (left + right) / 2 + np.linspace(-0.15, 0.15, _SIDEWAYS) * (right - left):
-            found.append(Symmetry(linear, 2 * (d * ahead + s * side), "turn"))
-    return found
+            turns.append(Symmetry(linear, 2 * (d * ahead + s * side), "turn"))
+    return turns
 
 
 @dataclass(frozen=True)

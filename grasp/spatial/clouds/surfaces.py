@@ -33,8 +33,8 @@ def estimate_normals(grid: PointGrid, radius: float) -> tuple[FloatArray, NDArra
     radius
         Of the neighbourhood, m.
     """
-    normals, known = _normals(*grid.arrays, radius)
-    return normals, known
+    normals, has_normal = _normals(*grid.arrays, radius)
+    return normals, has_normal
 
 
 def surface_frames(
@@ -64,10 +64,10 @@ def surface_frames(
         Take normals from a quadric fitted by Taubin's method instead of the points' own.
     """
     if not quadric:
-        frames, known = _frames(*grid.arrays, normals, samples, radius, along)
-        return frames, known
+        frames, has_frame = _frames(*grid.arrays, normals, samples, radius, along)
+        return frames, has_frame
     frames = np.zeros((len(samples), 3, 3))
-    known = np.zeros(len(samples), bool)
+    has_frame = np.zeros(len(samples), bool)
     near = np.empty(len(grid.points), np.int64)
     for k, i in enumerate(samples):
         count = within(*grid.arrays, grid.points[i], radius, near)
@@ -81,8 +81,8 @@ def surface_frames(
             fitted = own[usable]
         # A quadric has two sides; the points' own normals say which is outside.
         sides = np.where(np.einsum("ij,ij->i", fitted, own[usable]) < 0, -1.0, 1.0)
-        known[k] = _frame_of(np.ascontiguousarray(fitted * sides[:, None]), along, frames[k])
-    return frames, known
+        has_frame[k] = _frame_of(np.ascontiguousarray(fitted * sides[:, None]), along, frames[k])
+    return frames, has_frame
 
 
 def quadric_normals(points: FloatArray) -> FloatArray | None:
@@ -110,13 +110,13 @@ def quadric_normals(points: FloatArray) -> FloatArray | None:
     if scale == 0:
         return None
     x, y, z = ((points - centre) / scale).T
-    one, nil = np.ones_like(x), np.zeros_like(x)
+    ones, nil = np.ones_like(x), np.zeros_like(x)
     value = np.stack([x * x, y * y, z * z, x * y, y * z, x * z, x, y, z])
     gradient = np.stack(
         [
-            [2 * x, nil, nil, y, nil, z, one, nil, nil],
-            [nil, 2 * y, nil, x, z, nil, nil, one, nil],
-            [nil, nil, 2 * z, nil, y, x, nil, nil, one],
+            [2 * x, nil, nil, y, nil, z, ones, nil, nil],
+            [nil, 2 * y, nil, x, z, nil, nil, ones, nil],
+            [nil, nil, 2 * z, nil, y, x, nil, nil, ones],
         ]
     )
     # The constant term has no gradient: its best value is minus the mean of the others.
@@ -177,7 +177,7 @@ def smallest_axis(m, values, vectors):  # type: ignore[no-untyped-def]
 def _normals(points, cell, order, keys, low, shape, radius):  # type: ignore[no-untyped-def]
     n = points.shape[0]
     normals = np.zeros((n, 3))
-    known = np.zeros(n, np.bool_)
+    has_normal = np.zeros(n, np.bool_)
     near = np.empty(n, np.int64)
     m, vectors = np.empty((3, 3)), np.empty((3, 3))
     values = np.empty(3)
@@ -203,10 +203,10 @@ def _normals(points, cell, order, keys, low, shape, radius):  # type: ignore[no-
         smallest_axis(m, values, vectors)
         if values[1] <= 1e-3 * values[2]:
             continue
-        known[i] = True
+        has_normal[i] = True
         for k in range(3):
             normals[i, k] = vectors[k, 0]
-    return normals, known
+    return normals, has_normal
 
 
 @numba.njit(cache=True, nogil=True)
@@ -268,7 +268,7 @@ def _frame_of(normals, along, frame):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def _frames(points, cell, order, keys, low, shape, normals, samples, radius, along):  # type: ignore[no-untyped-def]
     frames = np.zeros((samples.shape[0], 3, 3))
-    known = np.zeros(samples.shape[0], np.bool_)
+    has_frame = np.zeros(samples.shape[0], np.bool_)
     near = np.empty(points.shape[0], np.int64)
     for k in range(samples.shape[0]):
         count = within(points, cell, order, keys, low, shape, points[samples[k]], radius, near)
@@ -282,5 +282,5 @@ def _frames(points, cell, order, keys, low, shape, normals, samples, radius, alo
                 own[used] = normals[i]
                 used += 1
         if used >= _FEW:
-            known[k] = _frame_of(own[:used], along, frames[k])
-    return frames, known
+            has_frame[k] = _frame_of(own[:used], along, frames[k])
+    return frames, has_frame

@@ -193,8 +193,8 @@ class GraspClassifier:
     ) -> list[GraspCandidate]:
         """Return the candidates with :meth:`judge`'s probability as ``scores["classifier"]``."""
         return [
-            replace(one, scores={**one.scores, "classifier": float(p)})
-            for one, p in zip(candidates, self.judge(cloud, candidates, gripper), strict=True)
+            replace(candidate, scores={**candidate.scores, "classifier": float(p)})
+            for candidate, p in zip(candidates, self.judge(cloud, candidates, gripper), strict=True)
         ]
 
     def save(self, path: Path) -> None:
@@ -222,14 +222,14 @@ class GraspClassifier:
 
     def _check(self, path: Path) -> None:
         """Refuse arrays with which evaluation would leave its bounds or never end."""
-        wanted = {"scores", "probabilities"}
-        wanted |= (
+        required = {"scores", "probabilities"}
+        required |= (
             {"weights", "bias"}
             if self.kind == "svm"
             else {"feature", "threshold", "left", "right", "value", "roots", "start"}
         )
         a = self.arrays
-        good = self.kind in ("svm", "boosting") and wanted <= set(a)
+        good = self.kind in ("svm", "boosting") and required <= set(a)
         good = good and len(a["scores"]) == len(a["probabilities"]) > 0
         if good and self.kind == "svm":
             good = a["weights"].shape == (HOG_LENGTH,)
@@ -371,7 +371,7 @@ def _boosted(
     return total
 
 
-def _read(path: Path, wanted: str) -> dict[str, NDArray[Any]]:
+def _read(path: Path, expected: str) -> dict[str, NDArray[Any]]:
     try:
         if not zipfile.is_zipfile(path):
             raise ValueError("it is no .npz archive")
@@ -379,6 +379,8 @@ def _read(path: Path, wanted: str) -> dict[str, NDArray[Any]]:
             data = {name: file[name] for name in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path}: no file of grasp samples or models: {error}") from error
-    if str(data.get("format")) != wanted:
-        raise ValueError(f"{path}: expected {wanted}, found {data.get('format', 'something else')}")
+    if str(data.get("format")) != expected:
+        raise ValueError(
+            f"{path}: expected {expected}, found {data.get('format', 'something else')}"
+        )
     return data

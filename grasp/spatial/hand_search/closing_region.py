@@ -109,10 +109,10 @@ def closing_statistics(
     if len(candidates) == 0:
         return np.zeros((0, len(STATISTICS)), np.float32)
     low, high = gripper.fingertip - gripper.finger_length, gripper.fingertip
-    poses = np.stack([one.frame_from_gripper for one in candidates])
+    poses = np.stack([candidate.frame_from_gripper for candidate in candidates])
     signs = np.array([_turned(cloud, pose) for pose in poses])
-    widths = np.array([one.width for one in candidates])
-    openings = np.array([one.opening or gripper.max_opening for one in candidates])
+    widths = np.array([candidate.width for candidate in candidates])
+    openings = np.array([candidate.opening or gripper.max_opening for candidate in candidates])
     boxes = np.empty((len(candidates), 5))
     boxes[:, 0], boxes[:, 1] = openings / 2, gripper.finger_width / 2 + _SLICE_M
     boxes[:, 2:4], boxes[:, 4] = (low, high), widths / 6
@@ -127,7 +127,10 @@ def closing_statistics(
     heights = (heights / np.maximum(parts, 1.0) - low) / gripper.finger_length
     table = np.zeros(len(candidates))
     if cloud.table is not None:
-        table = np.stack([one.centre for one in candidates]) @ cloud.table[:3] + cloud.table[3]
+        table = (
+            np.stack([candidate.centre for candidate in candidates]) @ cloud.table[:3]
+            + cloud.table[3]
+        )
     rays = np.stack([_view_ray(cloud, pose[:3, 3]) for pose in poses])
     between = np.column_stack(
         [
@@ -135,7 +138,7 @@ def closing_statistics(
             np.where(parts > 0, heights, 0.0),
             sums[:, 7:11] / count,
             widths / gripper.max_opening,
-            np.array([one.depth for one in candidates]) / gripper.finger_length,
+            np.array([candidate.depth for candidate in candidates]) / gripper.finger_length,
             table / _SCALE_M,
             1.0 - np.linalg.norm(sums[:, 11:], axis=1) / count[:, 0],
             np.einsum("ni,ni->n", poses[:, :3, 2], rays),
@@ -155,7 +158,7 @@ def _placed(
 ) -> FloatArray:
     """Return the features (n, 11) of where each grasp is on the object."""
     body, support = body_of(cloud.points[cloud.target]), cloud.support
-    rows = [with_features(one, body, gripper, support).features for one in candidates]
+    rows = [with_features(candidate, body, gripper, support).features for candidate in candidates]
     return np.array([row[_FIRST_PLACED:] for row in rows if row is not None])
 
 
@@ -184,7 +187,7 @@ def hog(pictures: NDArray[np.bool_]) -> NDArray[np.float32]:
     place = np.mod(np.arctan2(dy, dx), np.pi) * (_BINS / np.pi) - 0.5
     lower = np.floor(place)
     share = (place - lower).astype(np.float32)
-    found = []
+    histograms = []
     for left in (0, _WINDOW // 2):
         window = np.s_[:, :_WINDOW, left : left + _WINDOW]
         cells = np.zeros((len(image), _SIDE, _SIDE, _BINS), np.float32)
@@ -200,8 +203,8 @@ def hog(pictures: NDArray[np.bool_]) -> NDArray[np.float32]:
         blocks /= np.linalg.norm(blocks, axis=-1, keepdims=True) + 1e-3
         blocks = np.minimum(blocks, 0.2)
         blocks /= np.linalg.norm(blocks, axis=-1, keepdims=True) + 1e-3
-        found.append(blocks.reshape(len(image), -1))
-    return np.concatenate(found, axis=1)
+        histograms.append(blocks.reshape(len(image), -1))
+    return np.concatenate(histograms, axis=1)
 
 
 def _view_ray(cloud: SurfaceCloud, at: FloatArray) -> FloatArray:

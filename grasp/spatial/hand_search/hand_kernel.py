@@ -75,12 +75,12 @@ def best_slot(local, count, thick, opening, depth, bite, slots, free, filled):  
             usable += 1
     if usable == 0:
         return -1
-    wanted = usable // 2
+    run = usable // 2
     for s in range(slots):
         if filled[s] and free[s] >= bite:
-            if wanted == 0:
+            if run == 0:
                 return s
-            wanted -= 1
+            run -= 1
     return -1
 
 
@@ -208,7 +208,7 @@ def search_samples(grid, normals, flags, samples, frames, cameras, table, counts
     thick, opening, depth, half, _, _, _ = hand
     outer = opening + 2 * thick
     reach = np.sqrt(outer * outer + (depth + rule[0]) ** 2 + half * half)
-    found = np.empty((samples.shape[0] * turns, 16))
+    rows = np.empty((samples.shape[0] * turns, 16))
     total = 0
     near = np.empty(points.shape[0], np.int64)
     local = np.empty((points.shape[0], 3))
@@ -220,29 +220,29 @@ def search_samples(grid, normals, flags, samples, frames, cameras, table, counts
         origin = points[samples[s]]
         around = within(*grid, origin, reach, near)  # type: ignore[call-arg]
         # The slice that the hand can touch is the same for all turns about the axis.
-        kept = _sliced(points, origin, frames[s, 0], half, near, around)
-        for k in range(kept):
+        count_near = _sliced(points, origin, frames[s, 0], half, near, around)
+        for k in range(count_near):
             own_flags[k] = flags[near[k]]
         for turn in range(turns):
             _turn(frames[s], 2 * np.pi * turn / turns, rotation)
             if not _seen_from_behind(origin, rotation[1], cameras):
                 continue
-            _to_hand(points, origin, rotation, near, kept, local)
-            slot = best_slot(local, kept, thick, opening, depth, rule[0], slots, free, filled)
+            _to_hand(points, origin, rotation, near, count_near, local)
+            slot = best_slot(local, count_near, thick, opening, depth, rule[0], slots, free, filled)
             if slot < 0:
                 continue
-            for k in range(kept):
+            for k in range(count_near):
                 n = normals[near[k]]
                 along_x[k] = rotation[0, 0] * n[0] + rotation[0, 1] * n[1] + rotation[0, 2] * n[2]
             centre = slot * (opening + thick) / (slots - 1) - opening / 2
-            row = found[total]
+            row = rows[total]
             if _placed(
-                local, along_x, own_flags, kept, centre, free[slot], origin, rotation, table,
+                local, along_x, own_flags, count_near, centre, free[slot], origin, rotation, table,
                 hand, rule, row,
             ):  # fmt: skip
                 row[0], row[1] = s, turn
                 total += 1
-    return found[:total].copy()
+    return rows[:total].copy()
 
 
 @numba.njit(cache=True, nogil=True)
@@ -262,48 +262,48 @@ def _placed(  # type: ignore[no-untyped-def]
     support(local, along_x, flags, count, centre, opening, bite - depth, bite, cos_angle, touch,
             out)  # fmt: skip
     # Close around the middle of what lies between; less open where neighbours are near.
-    middle, width, wanted = (out[0] + out[1]) / 2, out[1] - out[0], opening
-    limit = _free_bite(local, count, middle, thick, wanted, depth)
+    middle, width, margin = (out[0] + out[1]) / 2, out[1] - out[0], opening
+    limit = _free_bite(local, count, middle, thick, margin, depth)
     if limit < init_bite:
-        wanted = min(opening, width + 2 * (room + step))
-        limit = _free_bite(local, count, middle, thick, wanted, depth)
+        margin = min(opening, width + 2 * (room + step))
+        limit = _free_bite(local, count, middle, thick, margin, depth)
     if limit < init_bite:
         return False
     bite = min(bite, _deepest(limit, init_bite, step, depth))
     if table[0] != 0 or table[1] != 0 or table[2] != 0:
-        outer = wanted + 2 * thick
+        outer = margin + 2 * thick
         bite = _bite_over_table(
             origin, rotation, middle, outer, slim, wide, bite, depth, tip_room, table
         )
         if bite < _MIN_BITE * init_bite:
             return False
-    if not support(local, along_x, flags, count, middle, wanted, bite - depth, bite, cos_angle,
+    if not support(local, along_x, flags, count, middle, margin, bite - depth, bite, cos_angle,
                    touch, out):  # fmt: skip
         return False
     # Too deep is as bad as too shallow: the pads shall meet what the jaws would touch first.
     pads = (out[7] + out[9]) / 2 + tip
     if pads < bite:
         bite = max(pads, min(bite, init_bite))
-        support(local, along_x, flags, count, middle, wanted, bite - depth, bite, cos_angle, touch,
+        support(local, along_x, flags, count, middle, margin, bite - depth, bite, cos_angle, touch,
                 out)  # fmt: skip
     middle, width = (out[0] + out[1]) / 2, out[1] - out[0]
-    row[2], row[3], row[4], row[5] = middle, bite, width, wanted
+    row[2], row[3], row[4], row[5] = middle, bite, width, margin
     return True
 
 
 @numba.njit(cache=True, nogil=True)
 def _sliced(points, origin, axis, half, near, count):  # type: ignore[no-untyped-def]
     """Keep of the first ``count`` numbers in ``near`` those within ``half`` along the axis."""
-    kept = 0
+    count_near = 0
     for k in range(count):
         i = near[k]
         z = 0.0
         for j in range(3):
             z += (points[i, j] - origin[j]) * axis[j]
         if abs(z) < half:
-            near[kept] = i
-            kept += 1
-    return kept
+            near[count_near] = i
+            count_near += 1
+    return count_near
 
 
 @numba.njit(cache=True, nogil=True)

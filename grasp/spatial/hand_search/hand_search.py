@@ -187,8 +187,10 @@ def _judged(
 ) -> list[GraspCandidate]:
     """Return candidates with the classifier's probability, best first."""
     judged = [
-        replace(one, scores={**one.scores, "confidence": one.scores["classifier"]})
-        for one in classifier.judged(cloud, candidates, gripper)
+        replace(
+            candidate, scores={**candidate.scores, "confidence": candidate.scores["classifier"]}
+        )
+        for candidate in classifier.judged(cloud, candidates, gripper)
     ]
     # Calibration makes ties; geometry breaks them.
     return sorted(judged, key=lambda c: (-c.scores["classifier"], -c.scores["geometry"]))

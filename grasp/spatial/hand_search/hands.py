@@ -124,7 +124,7 @@ def find_hands(
     usable = np.flatnonzero(cloud.target)
     drawn = rng.choice(usable, size=min(samples, len(usable)), replace=False)
     grid = cloud.grid(max(options.normal_radius, 2.5 * cloud.voxel))
-    frames, known = surface_frames(
+    frames, has_frame = surface_frames(
         grid,
         np.where(cloud.counted[:, None], cloud.normals, 0.0),
         drawn,
@@ -132,7 +132,7 @@ def find_hands(
         cloud.axes[0],
         options.frames == "quadric",
     )
-    drawn, frames = drawn[known], np.ascontiguousarray(frames[known])
+    drawn, frames = drawn[has_frame], np.ascontiguousarray(frames[has_frame])
     palm = gripper.palm or (0.0, 2 * gripper.finger_width, 0.0)
     flags = cloud.counted.astype(np.int64) + 2 * cloud.completed
     depth = gripper.finger_length - _PALM_ROOM_M

@@ -51,10 +51,10 @@ def chosen_filter(classifier: Filter, gripper: ParallelGripper) -> GraspClassifi
     """
     if classifier != "shipped":
         return classifier
-    found = shipped_classifier(gripper)
-    if found is None:
+    shipped = shipped_classifier(gripper)
+    if shipped is None:
         raise ValueError(
             f"no filter comes with rtask for {gripper_key(gripper)!r}: train one with "
             "rtask grasp train"
         )
-    return found
+    return shipped

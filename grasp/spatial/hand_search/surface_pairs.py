@@ -50,16 +50,16 @@ def propose_pairs(
     Candidates with label ``full``, not scored yet; ``completed`` where a contact was not seen.
     """
     around = Surroundings(support, cloud.obstacles)
-    found = propose_on_mesh(surface, gripper, around, tries=tries, noise=noise, seed=seed)
-    if not found:
-        return found
-    contacts = np.stack([one.contacts for one in found if one.contacts is not None])
+    proposals = propose_on_mesh(surface, gripper, around, tries=tries, noise=noise, seed=seed)
+    if not proposals:
+        return proposals
+    contacts = np.stack([pair.contacts for pair in proposals if pair.contacts is not None])
     points, guessed = cloud.points[cloud.target], cloud.completed[cloud.target]
     hidden = guessed[cKDTree(points).query(contacts.reshape(-1, 3))[1]].reshape(-1, 2).any(axis=1)
     return replace(
-        found,
+        proposals,
         candidates=tuple(
-            replace(one, source="cloud", completed=bool(unseen))
-            for one, unseen in zip(found, hidden, strict=True)
+            replace(pair, source="cloud", completed=bool(unseen))
+            for pair, unseen in zip(proposals, hidden, strict=True)
         ),
     )

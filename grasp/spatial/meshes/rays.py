@@ -131,8 +131,8 @@ def crossings(
         none = np.zeros((len(origins), MAX_HITS))
         return none, np.full(none.shape, -1), np.zeros(len(origins), np.int64)
     lines = np.ascontiguousarray(np.hstack([origins, directions]), dtype=np.float64)
-    found: tuple[FloatArray, IntArray, IntArray] = _all_of_lines(*tree.arrays, lines, low, high)
-    return found
+    hits: tuple[FloatArray, IntArray, IntArray] = _all_of_lines(*tree.arrays, lines, low, high)
+    return hits
 
 
 _FAST = {"nnan", "nsz", "arcp", "contract"}

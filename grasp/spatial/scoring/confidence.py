@@ -299,17 +299,17 @@ def score_grasps(
     openings = np.array(
         [gripper.max_opening if c.opening is None else c.opening for c in candidates]
     )
-    found = confidences(
+    estimates = confidences(
         mesh, poses, gripper, noise, samples=samples, openings=openings, quality=quality,
         weighting=weighting, sweep=sweep, load=load, middles=middles, seed=seed,
     )  # fmt: skip
-    best = set(np.argsort(-found.value, kind="stable")[:exact].tolist())
+    best = set(np.argsort(-estimates.value, kind="stable")[:exact].tolist())
     scored = []
     for i, candidate in enumerate(candidates):
         scores = {
             **candidate.scores,
-            "confidence": float(found.value[i]),
-            "lower_95": float(found.lower_95[i]),
+            "confidence": float(estimates.value[i]),
+            "lower_95": float(estimates.lower_95[i]),
             "lever": float(np.linalg.norm(middles[i] - mesh.com)),
         }
         if candidate.contacts is not None and candidate.normals is not None:

@@ -154,15 +154,15 @@ def with_holding(
     means = {name: hold_shares(contacts, demand, g).mean(axis=1) for name, g in shares.items()}
     patch = contacts.rays.min(axis=-1).mean(axis=1) / (ACROSS * ALONG)
     taper = np.minimum(demand.taper, _STEEPEST).mean(axis=1)
-    found = []
-    for i, one in enumerate(candidates):
-        sure = _UNSURE + (1 - _UNSURE) * one.scores.get("confidence", 1.0)
-        middle = one.centre if one.contacts is None else one.contacts.mean(axis=0)
+    scored = []
+    for i, candidate in enumerate(candidates):
+        sure = _UNSURE + (1 - _UNSURE) * candidate.scores.get("confidence", 1.0)
+        middle = candidate.centre if candidate.contacts is None else candidate.contacts.mean(axis=0)
         scores = {name: float(mean[i]) * sure for name, mean in means.items()}
         chances = {name: FACTORY[name].chance(v) for name, v in scores.items()}
         scores |= {f"{name}_chance": chance for name, chance in chances.items()}
         scores |= {f"{n}_at_least": max(p - MARGIN[n], 0.0) for n, p in chances.items()}
         lever = float(np.linalg.norm(middle - mesh.com))
         scores |= {"lever": lever, "patch": float(patch[i]), "taper": float(taper[i])}
-        found.append(replace(one, scores={**one.scores, **scores}))
-    return found
+        scored.append(replace(candidate, scores={**candidate.scores, **scores}))
+    return scored

@@ -140,14 +140,14 @@ def diverse(
         m and rad: nearer than both to a better one is a repetition. A gripper with equal jaws is
         the same after half a turn about its approach.
     """
-    kept: list[GraspCandidate] = []
+    chosen: list[GraspCandidate] = []
     taken = _Taken.for_most(len(candidates), gripper.symmetric, distance, angle)
     for candidate in candidates:
         if taken.adds(candidate):
-            kept.append(candidate)
-        if len(kept) == most:
+            chosen.append(candidate)
+        if len(chosen) == most:
             break
-    return kept
+    return chosen
 
 
 def hedged(
@@ -180,13 +180,13 @@ def hedged(
         for queue, share in zip(queues, (_GUESSED, _SEEN), strict=True):
             count = len(order)
             while queue and len(order) < count + share:
-                one = queue.pop(0)
-                if places.adds(one):
-                    taken.adds(one)
-                    order.append(one)
+                candidate = queue.pop(0)
+                if places.adds(candidate):
+                    taken.adds(candidate)
+                    order.append(candidate)
                 else:
-                    turned.append(one)
-    return [*order, *(one for one in turned if taken.adds(one))][:most]
+                    turned.append(candidate)
+    return [*order, *(candidate for candidate in turned if taken.adds(candidate))][:most]
 
 
 @dataclass

@@ -138,10 +138,10 @@ def _cones(
     w = np.empty((len(pushes) * each, 6))
     for c in range(len(pushes)):
         push, arm = pushes[c], arms[c]
-        one, two = _tangents(push, towards[c])
+        first, two = _tangents(push, towards[c])
         for k in range(len(angle)):
             row = w[c * each + k]
-            row[:3] = push + friction * (np.cos(angle[k]) * one + np.sin(angle[k]) * two)
+            row[:3] = push + friction * (np.cos(angle[k]) * first + np.sin(angle[k]) * two)
             row[3:] = _cross(arm, row[:3])
         if gamma > 0:
             for k in range(2):
@@ -154,15 +154,15 @@ def _cones(
 @njit(cache=True, nogil=True)
 def _tangents(push: FloatArray, towards: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two unit vectors across ``push``, the first as far ``towards`` as that allows."""
-    one = towards - (towards * push).sum() * push
-    length = np.sqrt((one * one).sum())
+    first = towards - (towards * push).sum() * push
+    length = np.sqrt((first * first).sum())
     if length < 1e-6:
         axis = np.zeros(3)
         axis[np.argmin(np.abs(push))] = 1.0
-        one = _cross(push, axis)
-        length = np.sqrt((one * one).sum())
-    one = one / length
-    return one, _cross(push, one)
+        first = _cross(push, axis)
+        length = np.sqrt((first * first).sum())
+    first = first / length
+    return first, _cross(push, first)
 
 
 def _frame(contacts: Contacts) -> FloatArray:

@@ -101,8 +101,8 @@ def _met(
 
 def _touching(at: FloatArray) -> NDArray[np.bool_]:
     """Return which fingers (n, 3) touch when the first ones do: all have the same radius."""
-    known = np.where(np.isnan(at), -np.inf, at)
-    return np.asarray(known >= known.max(axis=1, keepdims=True) - _SAME_M) & np.isfinite(at)
+    depths = np.where(np.isnan(at), -np.inf, at)
+    return np.asarray(depths >= depths.max(axis=1, keepdims=True) - _SAME_M) & np.isfinite(at)
 
 
 def _contacts(

@@ -155,9 +155,9 @@ class ThreeFingerHand:
             x, y, z = self.wrist
             end = root - size[2]
             boxes.append([(-x / 2, -y / 2, end - z), (x / 2, y / 2, end)])
-        found = np.array(boxes, dtype=np.float64)
-        found[:, 0, 2] -= sweep_m
-        return found
+        corners = np.array(boxes, dtype=np.float64)
+        corners[:, 0, 2] -= sweep_m
+        return corners
 
     def joint_positions(self, opening_m: float) -> dict[str, float]:
         """Return the value of each joint at an opening: the radius, m."""

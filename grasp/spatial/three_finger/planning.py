@@ -121,8 +121,8 @@ def plan_three_finger(
     if not candidates:
         reason = "the open hand touches something, or cannot be brought there, wherever it closes"
         return Proposals(reason=reason, notes=notes, counts=counts)
-    kept = diverse(candidates, hand, most=_SCORED)
-    scored = [_scored(one, mesh, hand, mass, up, around, options) for one in kept]
+    shortlist = diverse(candidates, hand, most=_SCORED)
+    scored = [_scored(candidate, mesh, hand, mass, up, around, options) for candidate in shortlist]
     return Proposals(tuple(rank(scored, up)[: options.most]), notes=notes, counts=counts)
 
 
@@ -159,8 +159,8 @@ def plan_three_finger_on_cloud(
     surface = cloud.surface()
     if not len(surface.faces):
         return Proposals(reason="no surface is seen of the object", notes=cloud.notes)
-    found = plan_three_finger(surface, hand, Surroundings(support, neighbours), options)
-    return replace(found, notes=(*cloud.notes, *found.notes))
+    proposals = plan_three_finger(surface, hand, Surroundings(support, neighbours), options)
+    return replace(proposals, notes=(*cloud.notes, *proposals.notes))
 
 
 def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> FloatArray:
@@ -170,7 +170,7 @@ def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> Flo
     points = points - mesh.com
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     ways = [-up, *axes, *-axes]
-    found = []
+    starts = []
     for way in (way for way in ways if way @ up < 0.5):  # no hand comes from below
         # A finger along the longest side that is seen along the way, or across it.
         level = axes - np.outer(axes @ way, way)
@@ -193,8 +193,8 @@ def _starts(mesh: Mesh, hand: ThreeFingerHand, up: FloatArray, seed: int) -> Flo
                 poses = np.tile(np.eye(4), (len(places), 1, 1))
                 poses[:, :3, :3] = turn
                 poses[:, :3, 3] = mesh.com + places + np.outer(depth - places @ way, way)
-                found.append(poses)
-    return np.concatenate(found)
+                starts.append(poses)
+    return np.concatenate(starts)
 
 
 def _first_of_each(poses: FloatArray) -> NDArray[np.intp]:
@@ -208,7 +208,7 @@ def _first_of_each(poses: FloatArray) -> NDArray[np.intp]:
 
 
 def _scored(
-    one: GraspCandidate,
+    candidate: GraspCandidate,
     mesh: Mesh,
     hand: ThreeFingerHand,
     mass: float,
@@ -219,7 +219,7 @@ def _scored(
     """Return a candidate with its scores under errors of the pose."""
 
     def judge(poses: FloatArray) -> Judged:
-        opening = np.full(len(poses), one.opening)
+        opening = np.full(len(poses), candidate.opening)
         free = room_around(poses, opening, hand, Surroundings(sweep=around.sweep), mesh).free
         closed = close(mesh, hand, poses)
         return closed.holds & free, {
@@ -227,6 +227,6 @@ def _scored(
             for name, g in (("lift", LIFT_G), ("carry", CARRY_G))
         }
 
-    scored = scored_under_errors(one, options.noise, options.samples, options.seed, judge)
-    lever = float(np.linalg.norm(mesh.com - one.frame_from_gripper[:3, 3]))
+    scored = scored_under_errors(candidate, options.noise, options.samples, options.seed, judge)
+    lever = float(np.linalg.norm(mesh.com - candidate.frame_from_gripper[:3, 3]))
     return replace(scored, scores={**scored.scores, "lever": lever})

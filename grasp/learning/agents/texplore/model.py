@@ -108,25 +108,29 @@ class Model:
             self._visited[transition.action].append(np.asarray(transition.state, float))
         return changed or bool(self.novelty)
 
-    def predict_into(self, kept: Prediction, cell: int, state: FloatArray, action: int) -> None:
+    def predict_into(
+        self, prediction: Prediction, cell: int, state: FloatArray, action: int
+    ) -> None:
         """Write the prediction for a cell and action."""
         x = self._input(state, action)
         forests = [forest.predict(x) for forest in self.changes]
-        kept.fit(max((len(shares) for shares in forests), default=1))
-        kept.changes[cell, action] = 0.0
-        kept.shares[cell, action] = 0.0
+        prediction.fit(max((len(shares) for shares in forests), default=1))
+        prediction.changes[cell, action] = 0.0
+        prediction.shares[cell, action] = 0.0
         for feature, (forest, shares) in enumerate(zip(self.changes, forests, strict=True)):
             if not len(shares):
-                kept.shares[cell, action, feature, 0] = 1.0  # untrained: it stays
+                prediction.shares[cell, action, feature, 0] = 1.0  # untrained: it stays
                 continue
-            kept.changes[cell, action, feature, : len(shares)] = forest.outputs
-            kept.shares[cell, action, feature, : len(shares)] = shares
+            prediction.changes[cell, action, feature, : len(shares)] = forest.outputs
+            prediction.shares[cell, action, feature, : len(shares)] = shares
         rewards = self.reward.predict(x)
         reward = float(rewards @ self.reward.outputs) if len(rewards) else _UNTRAINED_REWARD
         ends = self.end.predict(x)
-        kept.end[cell, action] = float(np.clip(ends @ self.end.outputs, 0, 1)) if len(ends) else 0.0
-        kept.reward[cell, action] = reward + self._exploration(x, state, action)
-        kept.known[cell, action] = True
+        prediction.end[cell, action] = (
+            float(np.clip(ends @ self.end.outputs, 0, 1)) if len(ends) else 0.0
+        )
+        prediction.reward[cell, action] = reward + self._exploration(x, state, action)
+        prediction.known[cell, action] = True
 
     def _exploration(self, x: FloatArray, state: FloatArray, action: int) -> float:
         bonus = 0.0
@@ -141,12 +145,12 @@ class Model:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, by name."""
-        found: dict[str, NDArray[Any]] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         for name, forest in self._named():
-            found.update(forest.arrays(name))
+            arrays.update(forest.arrays(name))
         rows = [(a, *s) for a, states in enumerate(self._visited) for s in states]
-        found["visited"] = np.array(rows, dtype=np.float64).reshape(-1, 1 + len(self.low))
-        return found
+        arrays["visited"] = np.array(rows, dtype=np.float64).reshape(-1, 1 + len(self.low))
+        return arrays
 
     def take(self, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over what :meth:`arrays` returned."""

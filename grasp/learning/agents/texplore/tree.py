@@ -129,8 +129,8 @@ class Forest:
         return result
 
     def _class_of(self, output: float) -> int:
-        for number, known in enumerate(self.outputs):
-            if abs(known - output) < self.resolution:
+        for number, existing in enumerate(self.outputs):
+            if abs(existing - output) < self.resolution:
                 return number
         self.outputs.append(output)
         missing = len(self.outputs) - self.counts.shape[2]
@@ -180,11 +180,11 @@ class Forest:
 
     def arrays(self, name: str) -> dict[str, NDArray[np.generic]]:
         """Return everything learned, by names that start with ``name``."""
-        kept = ("random", "x", "y", "members", "sizes", "nodes", "limits", "counts", "used")
-        found = {f"{name}_{part}": getattr(self, part) for part in kept}
-        found[f"{name}_outputs"] = np.array(self.outputs)
-        found[f"{name}_count"] = np.array(self.count)
-        return found
+        parts = ("random", "x", "y", "members", "sizes", "nodes", "limits", "counts", "used")
+        arrays = {f"{name}_{part}": getattr(self, part) for part in parts}
+        arrays[f"{name}_outputs"] = np.array(self.outputs)
+        arrays[f"{name}_count"] = np.array(self.count)
+        return arrays
 
     def take(self, name: str, arrays: dict[str, NDArray[np.generic]]) -> None:
         """Take over what :meth:`arrays` returned."""
@@ -257,8 +257,8 @@ def predict(
         while True:
             total = counts[tree, node].sum() + above
             for k in range(len(result)):
-                kept = above * shares[k] if above else 0.0
-                shares[k] = (counts[tree, node, k] + kept) / total
+                prior = above * shares[k] if above else 0.0
+                shares[k] = (counts[tree, node, k] + prior) / total
             if nodes[tree, node, 0] == _LEAF:
                 break
             node, above = _child_of(x, node, nodes[tree], limits[tree]), smoothing

@@ -19,7 +19,7 @@ Ints = NDArray[np.int64]
 
 _DEEPEST = 200
 _RATE = 10.0
-_KEPT_VISITS = 10.0
+_MAX_VISITS = 10.0
 
 
 class Planner:
@@ -59,8 +59,8 @@ class Planner:
 
     def model_changed(self) -> None:
         """Trust what was found with the model before only so much."""
-        np.minimum(self.visits, _KEPT_VISITS * self.tries.shape[1], out=self.visits)
-        np.minimum(self.tries, _KEPT_VISITS, out=self.tries)
+        np.minimum(self.visits, _MAX_VISITS * self.tries.shape[1], out=self.visits)
+        np.minimum(self.tries, _MAX_VISITS, out=self.tries)
 
     def rollouts(
         self,
@@ -121,7 +121,7 @@ def _roll(
     start: FloatArray,
     number: int,
     done: int,
-    known: NDArray[np.bool_],
+    is_predicted: NDArray[np.bool_],
     rewards: FloatArray,
     ends: FloatArray,
     changes: FloatArray,
@@ -161,7 +161,7 @@ def _roll(
                 result = values[cell].max()
                 break
             action = _best(values[cell], visits[cell], tries[cell], scale)
-            if not known[cell, action]:
+            if not is_predicted[cell, action]:
                 for d in range(depth):
                     on_path[cells[d]] = 0
                 return done, cell, action
