@@ -26,6 +26,7 @@ from endpoint.sparql.answers import SlowerThanItLooksError
 from rtask.errors import AccessError, RtaskError, TooLargeError
 from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
+from rtask.knowledge_base import KnowledgeBase
 
 THREADS = 32
 POINT_THREADS = 8
@@ -296,6 +297,8 @@ class Application:
     def drain(self) -> None:
         """Report from now on that this server is not ready."""
         self.context.health.draining = True
+        if isinstance(self.context.kb, KnowledgeBase):
+            self.context.kb.stop_deriving()
 
     def close(self) -> bool:
         """Accept no more work and wait for the work in progress; tell whether all of it ended.

@@ -21,6 +21,7 @@ from endpoint.monitoring.running_queries import RunningQueries
 from endpoint.rosbridge.services import Engine
 from endpoint.served import ServedGraph
 from endpoint.settings import Config
+from rtask.knowledge_base import KnowledgeBase
 from rtask.services import ServiceHost
 
 
@@ -101,9 +102,14 @@ class ServerContext:
         gauges: dict[str, Callable[[], float]] = {}
         if writer is not None:
             gauges["rtask_log_lines_dropped_total"] = lambda: writer.dropped
+        if isinstance(kb, KnowledgeBase):
+            gauges["rtask_writers_waiting"] = lambda: kb.write_queue()[0]
+            gauges["rtask_writer_wait_seconds"] = lambda: kb.write_queue()[1]
         if following is not None:
             gauges["rtask_follower_commits_behind"] = lambda: following.commits_behind
             gauges["rtask_follower_seconds_behind"] = lambda: following.seconds_behind
+            gauges["rtask_follower_records_waiting"] = lambda: following.records_waiting
+            gauges["rtask_follower_records_dropped_total"] = lambda: following.records_dropped
         return cls(
             kb=kb,
             engine=engine,

@@ -22,7 +22,8 @@ from endpoint.api.services import methods_of as service_methods
 from endpoint.api.tools import ADDRESS as TOOLS
 from endpoint.api.tools import plan_tools
 from endpoint.context import ServerContext
-from endpoint.follow.replication import SNAPSHOT, require_replicate, snapshot
+from endpoint.follow.asked_records import plan_asked_records
+from endpoint.follow.replication import ASKED, SNAPSHOT, require_replicate, snapshot
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
@@ -59,6 +60,7 @@ _EXACT = frozenset(
         TICKET,
         TOOLS,
         SNAPSHOT,
+        ASKED,
     )
 )
 _PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/", REASONER)
@@ -138,6 +140,8 @@ class Router:
         if address.startswith(REASONER):
             kb = embedded(context.kb, "the reasoner")
             return plan_reasoner(kb, context.auth, request, caller)
+        if address == ASKED:
+            return plan_asked_records(context.engine, context.tokens, request, caller)
         if address == SNAPSHOT:
             require_replicate(caller)
             own = embedded(context.kb, "a snapshot")

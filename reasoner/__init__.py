@@ -10,11 +10,12 @@ from reasoner.entail import Entailment, entails
 from reasoner.proofs import Decision, Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
-from reasoner.rules.work import ClosureTooLargeError
+from reasoner.rules.work import ChangeBudget, ClosureTooLargeError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
     "Cause",
+    "ChangeBudget",
     "Closure",
     "ClosureTooLargeError",
     "Config",

@@ -23,6 +23,7 @@ from reasoner.glosses import Name, local_name
 from reasoner.proofs import Decision, GraphsOf, Proof
 from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
+from reasoner.rules.work import ChangeBudget
 from reasoner.saved.image import Contents, Image, fingerprint
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, GivenTriple, Term, Triple
@@ -62,6 +63,7 @@ class Staged:
         self._version = closure._version
         self.inferred_kept: Collection[Triple] | None
         self.inferred_added, self.inferred_removed, self.inferred_kept = closure._difference(draft)
+        draft.layer.work = None
         earlier = closure._state.clashes
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]
         self.contradictions = closure._describe(self._news, draft)
@@ -174,6 +176,7 @@ class Closure:
         remove: Iterable[GivenTriple] = (),
         rules: Iterable[str | LabelledRule] | None = None,
         accepted: bool = False,
+        budget: ChangeBudget | None = None,
     ) -> Staged:
         """Compute the consequences of a change of the asserted triples, without applying it.
 
@@ -188,11 +191,16 @@ class Closure:
         accepted : bool
             Whether the change was made before, perhaps in many smaller ones, so that
             `Config.max_joins` does not bound the work of rules.
+        budget : ChangeBudget, optional
+            Closer bounds for this change, on top of those of the configuration.
 
         Raises
         ------
         RuleError, StratificationError
             If a rule cannot be used.
+        ClosureTooLargeError
+            If more follows than the budget or the configuration allows, or more work is needed to
+            find that out; nothing has changed then.
         InconsistentError
             If the change contradicts known statements and `Config.on_contradiction` is "reject".
         """
@@ -205,7 +213,7 @@ class Closure:
             frozenset(asserted.among(minus - plus)),
         )
         former, now = self._rules, self._rules if rules is None else tuple(rules)
-        maintainer = self._maintainer(len(asserted) + len(plus), now, not accepted)
+        maintainer = self._maintainer(len(asserted) + len(plus), now, not accepted, budget)
         draft = maintainer.draft(self._state, changed, former if now != former else None)
         staged = Staged(self, draft, now)
         if staged.contradictions and self._config.on_contradiction == "reject":
@@ -360,7 +368,11 @@ class Closure:
     # Inside.
 
     def _maintainer(
-        self, size: int, rules: tuple[str | LabelledRule, ...], bounded: bool = True
+        self,
+        size: int,
+        rules: tuple[str | LabelledRule, ...],
+        bounded: bool = True,
+        budget: ChangeBudget | None = None,
     ) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,
@@ -368,6 +380,7 @@ class Closure:
             bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
             user_rules=rules,
+            budget=budget,
         )
         return Maintainer(self._terms, settings)
 

@@ -69,6 +69,16 @@ class Budget:
         if self._calls % 256 == 0 and time.thread_time() > self._deadline:
             raise OutOfBudgetError
 
+    def count(self, candidates: int, rule: Any = None) -> None:
+        """Count work outside of the steps of rules.
+
+        Raises
+        ------
+        OutOfBudgetError
+            There is not that much left.
+        """
+        self.spend(candidates)
+
 
 @dataclass(frozen=True)
 class Need:

@@ -26,6 +26,8 @@ from reasoner.terms.dictionary import Dictionary, Fact, Triple
 from reasoner.terms.vocabulary import LITERAL, SAME, TYPE
 
 _DATATYPES = frozenset(v.DATATYPES.values())
+_FORM_WORK = 5
+"""Candidates that one form of a derived fact counts as, for the store has to take it."""
 Pattern = tuple[int | None, int | None, int | None]
 
 
@@ -147,9 +149,12 @@ class Reading:
 
     def inferred(self, about: Iterable[Fact]) -> Iterator[Fact]:
         """Yield the exported forms of those facts, given on representatives, that are derived."""
+        work = self.facts.work
         for fact in about:
             if self.facts.has(*fact):
                 for form in self.equality.expand(fact):
+                    if work is not None:
+                        work.count(_FORM_WORK)
                     if form not in self.asserted and is_exported(form, self.terms):
                         yield form
 
@@ -192,9 +197,12 @@ class Reading:
 
     def _expanded(self) -> Iterator[Fact]:
         asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
+        work = self.facts.work
         for p in self.facts.predicates():
             is_special = p in (TYPE, SAME) or p in v.SCHEMA_PREDICATES
             for s, o in self.facts.pairs(p):
+                if work is not None:
+                    work.count(1)
                 for form in self.equality.expand((s, p, o)):
                     if form not in asserted and not (
                         is_special and not is_exported(form, self.terms)
@@ -204,6 +212,8 @@ class Reading:
 
     def _pairs(self, members: Iterable[int]) -> Iterator[Fact]:
         for representative in {self.equality.find(member) for member in members}:
+            if self.facts.work is not None:
+                self.facts.work.count(len(self.equality.members(representative)))
             yield from self.equality.pairs(representative)
 
 

@@ -26,6 +26,7 @@
     │   ├── VersionConflictError    somebody else wrote first
     │   ├── ConflictError           later data stand in the way
     │   ├── TooLargeError           beyond a stated limit
+    │   │   └── TooMuchFollowsError more follows from a change than it may cause
     │   ├── UnknownTermError        a name or IRI that the graph does not contain
     │   └── FieldError              a value that does not fit a field of an object
     ├── AccessError                 the caller is not allowed to
@@ -38,6 +39,7 @@
     ├── ServiceError                a service says that it cannot do what was asked
     │   ├── ServiceFailedError      a service raised something else, or answered wrongly
     │   ├── StartupFailedError      a service could not be made ready
+    │   │   └── UnusableServiceError    nor will it be without a change
     │   ├── StateChangedError       a call left the state of its service changed
     │   ├── WorkerDiedError         the process that carried out a call ended
     │   ├── MissingDataError        a data resource that a service needs was not named
@@ -49,7 +51,8 @@
 
 A message says what was wrong, where, what was expected and what to do. The command line prints it
 as one line and exits with :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
-details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`.
+details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`. Whether trying again may help is
+:attr:`RtaskError.is_transient`, over every protocol the member ``transient``.
 """
 
 from __future__ import annotations
@@ -58,6 +61,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 __all__ = [
+    "TRANSIENT_STATUSES",
     "AccessError",
     "AuthenticationError",
     "BusyError",
@@ -96,14 +100,20 @@ __all__ = [
     "StoreFormatError",
     "StoreLockedError",
     "TooLargeError",
+    "TooMuchFollowsError",
     "UnknownTermError",
     "UnsupportedError",
+    "UnusableServiceError",
     "UsageError",
     "ValidationError",
     "VersionConflictError",
     "WorkerDiedError",
     "nearest",
 ]
+
+
+TRANSIENT_STATUSES = frozenset((429, 502, 503, 504, 507))
+"""HTTP statuses of errors after which the same call may succeed later."""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
@@ -134,7 +144,22 @@ class RtaskError(Exception):
 
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
-    exit_code: ClassVar[int] = 3
+    exit_code: ClassVar[int] = 1
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether the same call may succeed later, without any change on the caller's side.
+
+        ``transient`` of the details decides, or else the status.
+
+        Examples
+        --------
+        >>> QueueFullError("too many calls wait").is_transient, UsageError("no such").is_transient
+        (True, False)
+        """
+        given = self.details.get("transient")
+        status = self.details.get("http_status", self.status)
+        return status in TRANSIENT_STATUSES if given is None else bool(given)
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -279,6 +304,16 @@ class TooLargeError(DataError):
     status, slug = 413, "too-large"
 
 
+class TooMuchFollowsError(TooLargeError):
+    """More follows from a change than one change may cause, or is too much work to find.
+
+    ``rule``, ``statement`` and ``allowed`` name the rule that was at work, the axiom behind it and
+    the bound. Nothing was stored.
+    """
+
+    status, slug = 422, "too-much-follows"
+
+
 class UnknownTermError(DataError):
     """A name or IRI that the graph does not contain; ``did_you_mean`` where one is similar."""
 
@@ -349,6 +384,12 @@ class StartupFailedError(ServiceError):
     """A service could not be made ready; ``retry_after_s`` says when that is tried again."""
 
     status, slug = 503, "startup-failed"
+
+
+class UnusableServiceError(StartupFailedError):
+    """A service cannot be made ready before its code, data or installation has changed."""
+
+    status, slug = 500, "service-unusable"
 
 
 class StateChangedError(ServiceError):

@@ -11,17 +11,19 @@ import sys
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import httpx
 
 from endpoint.access.tokens import TokenStore
-from endpoint.follow.replication import RECORDS, SNAPSHOT
+from endpoint.follow.record_spool import RecordSpool
+from endpoint.follow.replication import ASKED, RECORDS, SNAPSHOT
 from endpoint.follow.versions import minimum_version
 from endpoint.http.messages import RefusedError, Request, Response
 from rtask.errors import MissingBlobError, RemoteUnavailableError, RtaskError, UsageError
+from rtask.kb.commit.access import Access
 from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import Record
 from rtask.kb.feed.outage import Outage
@@ -38,6 +40,7 @@ __all__ = ["Follower", "prepare"]
 
 _log = logging.getLogger(__name__)
 LOST_S = 5.0
+LEASE_S = 60.0
 _RETRY_S = 0.25
 _MAX_BATCH = 500
 _PASSED_ON = frozenset(
@@ -125,6 +128,11 @@ class Follower:
         Whether writes are passed on; clients are redirected otherwise.
     start_over
         Called when the copy cannot go on, after it has been marked as incomplete.
+    lease_s
+        Time without contact after which no token is let in any more, because the writer may have
+        revoked it, s; 0 = never.
+    clock
+        Returns seconds; tests pass their own.
     """
 
     def __init__(
@@ -135,6 +143,8 @@ class Follower:
         token: str | None,
         forwards: bool = True,
         start_over: Callable[[], None] | None = None,
+        lease_s: float = LEASE_S,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.url = url.rstrip("/")
         self._kb = kb
@@ -142,6 +152,8 @@ class Follower:
         self._token = token
         self.forwards = forwards
         self._start_over = start_over or _start_again
+        self._lease_s, self._clock = lease_s, clock
+        tokens.is_current = self.has_authority
         self._writer_seq = 0
         self._current_at = self._heard_at = float("-inf")
         self._closed = threading.Event()
@@ -152,6 +164,9 @@ class Follower:
             threading.Thread(target=target, name=name, daemon=True)
             for target, name in ((self._run, "rtask-follow"), (self._fetch_all, "rtask-blobs"))
         ]
+        assert kb.folder is not None
+        self._dropped = 0
+        self._records = RecordSpool(kb.folder / "asked.db", self._send_records, self._count_dropped)
         kb.follow(self.url)
         kb.blobs.fetch = self._fetch
 
@@ -159,11 +174,13 @@ class Follower:
         """Start following."""
         for thread in self._threads:
             thread.start()
+        self._records.start()
 
     def close(self) -> None:
         """Stop following."""
         self._closed.set()
         self._blobs.put(None)
+        self._records.close()
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout=LOST_S + 5.0)
@@ -172,17 +189,21 @@ class Follower:
     @property
     def seconds_behind(self) -> float:
         """Age of the newest state that is known to be here, s."""
-        return min(time.monotonic() - self._current_at, 1e9)
+        return min(self._clock() - self._current_at, 1e9)
 
     @property
     def commits_behind(self) -> int:
         """Number of commits of the writer that are not here yet, as far as is known."""
         return max(0, self._writer_seq - self._kb.seq)
 
+    def has_authority(self) -> bool:
+        """Return whether the writer was heard recently enough to trust the copy of its tokens."""
+        return not self._lease_s or self._clock() - self._heard_at <= self._lease_s
+
     @property
     def is_connected(self) -> bool:
         """Whether the writer has been heard of in the last five seconds."""
-        return time.monotonic() - self._heard_at <= LOST_S
+        return self._clock() - self._heard_at <= LOST_S
 
     # Taking in
 
@@ -217,8 +238,9 @@ class Follower:
             _log.info("following %s from commit %d", self.url, self._kb.seq)
             frames = _Frames()
             for piece in answer.iter_raw():
-                self._heard_at = time.monotonic()
+                heard_at = self._clock()
                 self._take(frames.feed(piece))
+                self._heard_at = heard_at  # the tokens in it were taken over before
                 if self._closed.is_set():
                     return
 
@@ -233,7 +255,7 @@ class Follower:
                 batch = []
                 self._writer_seq = int(frame.header["seq"])
                 if self._kb.seq >= self._writer_seq:
-                    self._current_at = self._heard_at
+                    self._current_at = self._clock()
             elif frame.header.get("partial"):
                 self._apply(batch)
                 raise _StartOverError("a bulk load, which the journal does not hold")
@@ -285,6 +307,39 @@ class Follower:
 
     # Passing on
 
+    def record(self, record: dict[str, Any], author: Access) -> None:
+        """Keep what a robot asked here until the writer has it."""
+        self._records.put(record, author)
+
+    @property
+    def records_waiting(self) -> int:
+        """Number of records that the writer does not have yet."""
+        return self._records.waiting
+
+    @property
+    def records_dropped(self) -> int:
+        """Number of records that were dropped since the start."""
+        return self._dropped
+
+    def deliver_records(self) -> None:
+        """Wait, for two seconds at most, until the writer has the records that wait."""
+        if self._records.waiting:
+            self._records.wait_until_sent(2.0)
+
+    def _count_dropped(self, reason: str, count: int) -> None:
+        self._dropped += count
+        _log.warning("%d records of what robots asked were dropped: %s", count, reason)
+
+    def _send_records(self, records: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """Give records to the writer; return those that it refused."""
+        answer = self._http.post(
+            ASKED, json={"records": list(records)}, headers=authorization(self._token)
+        )
+        if answer.status_code != 200:
+            raise RemoteUnavailableError(_detail(answer))
+        refused: list[dict[str, Any]] = answer.json()["refused"]
+        return refused
+
     def forward(self, request: Request) -> Response:
         """Let the writer answer a request, with the token of the caller.
 
@@ -293,6 +348,7 @@ class Follower:
         RefusedError
             503: the writer does not answer.
         """
+        self.deliver_records()
         target = request.raw_path + (f"?{request.query_string}" if request.query_string else "")
         if not self.forwards:
             return Response(307, b"", "", (("Location", self.url + target),))

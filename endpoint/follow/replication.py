@@ -27,10 +27,11 @@ from rtask.errors import ForbiddenError
 from rtask.kb.maintenance.replica import write_snapshot
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["RECORDS", "SNAPSHOT", "RecordStream", "require_replicate", "snapshot"]
+__all__ = ["ASKED", "RECORDS", "SNAPSHOT", "RecordStream", "require_replicate", "snapshot"]
 
 RECORDS = "/replicate/records"
 SNAPSHOT = "/replicate/snapshot"
+ASKED = "/replicate/asked"
 HEARTBEAT_S = 1.0
 _FEW = 4
 _LOOK_S = 0.25

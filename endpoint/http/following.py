@@ -32,6 +32,17 @@ class Following(Protocol):
     def forwards(self) -> bool:
         """Whether writes are passed on; if not, answers name the address that takes them."""
 
+    @property
+    def records_waiting(self) -> int:
+        """Number of records of what robots asked that the other server does not have yet."""
+
+    @property
+    def records_dropped(self) -> int:
+        """Number of such records that were dropped, because there were too many or it refused."""
+
+    def deliver_records(self) -> None:
+        """Wait a moment until the other server has the records that wait."""
+
     def forward(self, request: Request) -> Response:
         """Let the other server answer a request."""
 

@@ -11,10 +11,12 @@ from endpoint.http.messages import JSON_TYPE, RefusedError, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
 from rtask import __version__
+from rtask.knowledge_base import KnowledgeBase
 
 _MIN_FREE_BYTES = 1 << 30
 _TIMEOUT_S = 5.0
 MAX_BEHIND_S = 10.0
+MAX_WRITER_WAIT_S = 2.0
 
 
 class Health:
@@ -72,6 +74,8 @@ class Health:
             failing.append("store")
         if self._following is not None and self._following.seconds_behind > MAX_BEHIND_S:
             failing.append("behind")
+        if isinstance(self._kb, KnowledgeBase) and self._kb.write_queue()[1] > MAX_WRITER_WAIT_S:
+            failing.append("writers")
         folder = self._kb.folder
         if folder is not None and shutil.disk_usage(folder).free < _MIN_FREE_BYTES:
             failing.append("disk")

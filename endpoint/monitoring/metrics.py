@@ -55,11 +55,15 @@ _GAUGE_HELP = {
     "rtask_queries_running": "Queries that run or wait.",
     "rtask_service_dropped_total": "Results of services that came after their calls had ended.",
     "rtask_ready": "Whether the server is ready for requests.",
+    "rtask_writers_waiting": "Changes that wait for another one to be stored.",
+    "rtask_writer_wait_seconds": "Time for which the first of these has waited.",
     "rtask_journal_bytes": "Size of the journal.",
     "rtask_disk_free_bytes": "Free disk space for the data folder.",
     "rtask_subscribers": "Followers of changes.",
     "rtask_robots_connected": "Open websocket connections of robots.",
     "rtask_upload_bytes_held": "Bytes of request bodies that are being received.",
+    "rtask_follower_records_waiting": "Records of what robots asked that wait for the writer.",
+    "rtask_follower_records_dropped_total": "Such records that were dropped: too many, or refused.",
     "rtask_log_lines_dropped_total": "Log lines dropped because nobody read them in time.",
 }
 # The creation time of each counter would double the number of samples.

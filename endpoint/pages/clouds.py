@@ -8,7 +8,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
-from endpoint.pages.objects import known_object
+from endpoint.pages.objects import resolve_object
 from endpoint.pages.render import blueprint, context, embedded_graph
 from rtask.engine.engine import Engine
 from rtask.engine.stored import stored_models
@@ -31,7 +31,7 @@ _GREY = 128
 @blueprint.route("/object/cloud.ply", methods=["GET"])
 def cloud() -> WerkzeugResponse:
     """Return the cloud of an object's model, or of one of its views, as binary PLY."""
-    thing = iri(known_object("iri"))
+    thing = iri(resolve_object("iri"))
     asked = flask.request.args
     view, most = asked.get("view", ""), asked.get("max", DEFAULT_POINTS, type=int)
     if not 1 <= most <= MAX_POINTS:

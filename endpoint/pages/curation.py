@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri, by_words, without
-from endpoint.pages.objects import known_object, list_objects
+from endpoint.pages.objects import list_objects, resolve_object
 from endpoint.pages.render import (
     Model,
     blueprint,
@@ -34,13 +34,13 @@ _RECENT_COMMITS = 2_000
 @page("/object/merge", "merge.html")
 def merge() -> Model:
     """Return candidates for a merge or, with ``into``, both objects side by side."""
-    thing = known_object("iri")
+    thing = resolve_object("iri")
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
         chosen = f"{by_words(words)} {without(thing)}"
         found = list_objects(MAX_FOUND, chosen=chosen)
         return {"iri": thing, "object": side(thing), "find": words, "found": found}
-    into = known_object("into")
+    into = resolve_object("into")
     if into == thing:
         raise RefusedError(422, "usage", f"both names mean {thing}: there is nothing to merge")
     return {"iri": thing, "object": side(thing), "into": side(into)}
@@ -49,14 +49,14 @@ def merge() -> Model:
 @page("/object/split", "split.html")
 def split() -> Model:
     """Return the views to choose from, for a split."""
-    thing = known_object("iri")
+    thing = resolve_object("iri")
     return {"iri": thing, "object": side(thing)}
 
 
 @page("/object/forget", "forget.html")
 def forget() -> Model:
     """Return what would be forgotten."""
-    thing = known_object("iri")
+    thing = resolve_object("iri")
     return {"iri": thing, "object": side(thing)}
 
 

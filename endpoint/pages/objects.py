@@ -48,7 +48,7 @@ def _count(row: Model) -> None:
     row["mean"] = row["successes"] / row["attempts"] if row["attempts"] else None
 
 
-def known_object(argument: str) -> str:
+def resolve_object(argument: str) -> str:
     """Return the present name of the object that the address names.
 
     Raises
@@ -83,7 +83,7 @@ def objects() -> Model:
 @page("/object", "object.html")
 def object_() -> Model:
     """Return the facts, views, grasps and outcomes of one object; four queries."""
-    name = known_object("iri")
+    name = resolve_object("iri")
     term = iri(name)
     (facts,) = select("object", object=term)
     grasps = select("object_grasps", object=term)

@@ -9,7 +9,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.pages.choosing import by_iri, by_words, unnamed, without
 from endpoint.pages.curation import back_to, carry_out, side
-from endpoint.pages.objects import known_object, list_objects
+from endpoint.pages.objects import list_objects, resolve_object
 from endpoint.pages.render import Model, blueprint, context, current_request, page
 from rtask.engine.engine import Engine
 from rtask.engine.operations.teach import TeachObject
@@ -26,7 +26,7 @@ def teach() -> Model:
     """Return the unnamed objects or, with ``iri``, one of them and what it may be."""
     if "iri" not in flask.request.args:
         return {"unnamed": list_objects(chosen=unnamed())}
-    thing = known_object("iri")
+    thing = resolve_object("iri")
     name, description = (
         " ".join(flask.request.args.get(field, "").split()) for field in ("name", "description")
     )

@@ -1,8 +1,8 @@
 """A robot's second connection, from a follower to the writer.
 
-What only reads the graph is answered by the follower, near the robot. Everything else goes on to
-the writer as it came: writes, topics, actions, and services that robots and workers offer. So
-robots hear each other wherever they are connected.
+What reads the graph, and what records that it was asked, is answered by the follower, near the
+robot. Everything else goes on to the writer as it came: writes, topics, actions, and services that
+robots and workers offer. So robots hear each other wherever they are connected.
 """
 
 from __future__ import annotations
@@ -82,6 +82,8 @@ class Upstream:
                 self._may_have_written = False
                 await asyncio.to_thread(self._following.catch_up)
             return False
+        if self._following.records_waiting:
+            await asyncio.to_thread(self._following.deliver_records)
         await self._frames.put(frame)
         if self._has_ended:
             self._drop()

@@ -33,6 +33,7 @@ from rtask.errors import (
     RtaskError,
     VersionConflictError,
 )
+from rtask.kb.commit.budget import OF_OPERATORS
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.line import Answer
@@ -280,6 +281,7 @@ def _commit(
         text = federation.answer_services(text, outgoing, deadline, update.base)
     limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
     version = _expected(kb, update.if_version)
+    reasoning = OF_OPERATORS if caller.access.role == "admin" else None
 
     def run(text: str) -> Commit | None:
         text = without_services(text)
@@ -293,7 +295,7 @@ def _commit(
             access=caller.access,
             base=update.base,
             if_version=version,
-            limits=UpdateLimits(limit_s),
+            limits=UpdateLimits(limit_s, reasoning=reasoning),
         )
 
     if config.allow_load and federation.mentions(text, "LOAD"):

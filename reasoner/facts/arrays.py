@@ -20,8 +20,10 @@ Ids = NDArray[np.uint64]
 
 HALF = np.uint64(32)
 LOW = np.uint64(0xFFFFFFFF)
-MAX_ROWS = 20_000_000
+MAX_ROWS = 2_000_000
 """A join with more rows is done in parts."""
+MAX_ROWS_OF_ONE = 20_000_000
+"""Rows of a join that cannot be parted, because one fact gives them."""
 
 
 class TooManyRowsError(Exception):
@@ -156,7 +158,7 @@ def _slice(keys: Keys, high: int) -> Ids:
     return lower(keys[start:end])
 
 
-def expand(keys: Keys, highs: Ids) -> tuple[NDArray[np.intp], Ids]:
+def expand(keys: Keys, highs: Ids, most: int = MAX_ROWS) -> tuple[NDArray[np.intp], Ids]:
     """Join ids with the upper halves of sorted keys.
 
     Returns
@@ -176,13 +178,13 @@ def expand(keys: Keys, highs: Ids) -> tuple[NDArray[np.intp], Ids]:
     Raises
     ------
     TooManyRowsError
-        If there are more matches than fit into memory with ease.
+        If there are more matches than may be made at once; none is made then.
     """
     first = highs << HALF
     start = np.searchsorted(keys, first)
     counts = np.searchsorted(keys, first | LOW, side="right") - start
     total = int(counts.sum())
-    if total > MAX_ROWS:
+    if total > most:
         raise TooManyRowsError
     index = np.repeat(np.arange(len(highs)), counts)
     offset = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)

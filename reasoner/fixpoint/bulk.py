@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from reasoner.facts import arrays
 from reasoner.facts.arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
 from reasoner.facts.equality import Equality, ranking
-from reasoner.fixpoint.delta import too_large
 from reasoner.fixpoint.paths import reachable, transitive_property
 from reasoner.rules.rule import Atom, Clash, Condition, Differ, InDatatype, Rule, Step, arrange
 from reasoner.rules.strata import Program
@@ -55,13 +54,20 @@ class Bulk:
     """
 
     def __init__(
-        self, terms: Dictionary, equality: Equality, max_facts: int, work: Work | None = None
+        self,
+        terms: Dictionary,
+        equality: Equality,
+        max_facts: int,
+        refusal: Callable[[int], ClosureTooLargeError],
+        work: Work | None = None,
     ) -> None:
         self.columns: dict[int, Column] = {}
         self.touched_schema = False
         self._terms = terms
         self._equality = equality
         self._max_facts = max_facts
+        self._refusal = refusal
+        self._rows = arrays.MAX_ROWS
         self._work = work
         self._merged: Ids = arrays.NO_KEYS
         self._representatives: Ids = arrays.NO_KEYS
@@ -99,11 +105,14 @@ class Bulk:
                 others = [rule for rule in others if transitive_property(rule) is None]
             if number >= LONG_PATHS:
                 for p in paths & delta.keys():
-                    pairs = reachable(self.columns[p], self._max_facts, self._terms, p)
+                    pairs = reachable(self.columns[p], self._max_facts, self._work)
+                    if pairs is None:
+                        raise self._refusal(p)
                     pending[p].append(_proper(p, pairs))
             tables = self._changed(others, delta) if number else self._all(others)
             for rule, table in tables:
                 self._conclude(rule, table, pending)
+                self._bound(pending)
             delta = self._absorb(pending)
             united = self._unite(np.concatenate(pending.get(SAME, [NO_KEYS])))
             if united:
@@ -111,8 +120,18 @@ class Bulk:
                 delta = self._rewrite(delta)
             if sum(map(len, self.columns.values())) > self._max_facts:
                 largest = max(delta, key=lambda p: len(delta[p]), default=TYPE)
-                raise too_large(self._max_facts, self._terms, largest)
+                raise self._refusal(largest)
         return left
+
+    def _bound(self, found: dict[int, list[Keys]]) -> None:
+        """Keep what one round gathers within memory: the same heads arrive again and again."""
+        if self._work is not None:
+            self._work.count(1)
+        for p, parts in found.items():
+            if len(parts) > 1 and sum(map(len, parts)) > arrays.MAX_ROWS:
+                parts[:] = [arrays.distinct(np.concatenate(parts))]
+                if len(parts[0]) > self._max_facts:
+                    raise self._refusal(p)
 
     def suspects(self, checks: Iterable[Rule], program: Program) -> list[Rule]:
         """Return the checks that have an instance, or that columns cannot tell about."""
@@ -191,13 +210,17 @@ class Bulk:
         subjects, objects = pairs
         if not len(subjects):
             return
+        is_one = len(subjects) == 1
+        self._rows = arrays.MAX_ROWS_OF_ONE if is_one else arrays.MAX_ROWS
         try:
             yield self._solve(rule, start, pairs)
         except TooManyRowsError:
             half = len(subjects) // 2
             if not half:
+                name = rule.name.removeprefix("rule:")
                 raise ClosureTooLargeError(
-                    f"one fact gives too many joins in {rule.name}"
+                    f"one fact gives more than {self._rows} combinations in the rule {name}",
+                    rule=name,
                 ) from None
             yield from self._solutions(rule, start, (subjects[:half], objects[:half]))
             yield from self._solutions(rule, start, (subjects[half:], objects[half:]))
@@ -226,10 +249,10 @@ class Bulk:
         if s is not None and o is not None:
             return _rows(table, arrays.is_in(arrays.pack(s, o), column.keys))
         if s is not None:
-            index, targets = arrays.expand(column.keys, s)
+            index, targets = arrays.expand(column.keys, s, self._rows)
             return {**_rows(table, index), step.o: targets}
         assert o is not None
-        index, targets = arrays.expand(column.inverse, o)
+        index, targets = arrays.expand(column.inverse, o, self._rows)
         return {**_rows(table, index), step.s: targets}
 
     def _test(self, condition: Condition, table: Table) -> NDArray[np.bool_]:
@@ -297,6 +320,9 @@ class Bulk:
             if a == b or b >= LITERAL:
                 continue
             winner, loser = sorted((a, b), key=lambda x: ranking(x, self._terms))
+            if self._work is not None:
+                members = self._equality.members
+                self._work.count(len(members(a)) + len(members(b)))
             self._equality.union(winner, loser)
             losers.add(loser)
         return losers

@@ -39,10 +39,17 @@ class Inconsistency:
         return self.rule, frozenset(self.premises), self.because
 
 
+_FINDING_WORK = 10
+"""Candidates that recording a contradiction counts as."""
+
+
 def find_all(view: View, terms: Dictionary, checks: Iterable[Rule]) -> Iterator[Inconsistency]:
     """Yield all that checks find in a view."""
     for rule in checks:
-        yield from _instances(rule, view, terms)
+        for finding in _instances(rule, view, terms):
+            if view.work is not None:
+                view.work.count(_FINDING_WORK)
+            yield finding
 
 
 def find_new(layer: Layer, terms: Dictionary, program: Program) -> Iterator[Inconsistency]:
@@ -52,6 +59,8 @@ def find_new(layer: Layer, terms: Dictionary, program: Program) -> Iterator[Inco
         for key in keys_of(fact):
             for trigger in checks.triggers.get(key, ()):
                 for env in trigger.fire(layer, terms, fact):
+                    if layer.work is not None:
+                        layer.work.count(_FINDING_WORK)
                     yield _finding(trigger.rule, env)
 
 

@@ -91,11 +91,16 @@ class Retraction:
         limit = max(REBUILD_FROM, len(self._layer.base) // REBUILD_RATIO)
         while self._queue:
             self._follow(stratum, self._queue.pop())
+            self._count(1)
             if len(self._gone) > limit:
                 raise CannotRetractError(f"more than {limit} facts may be gone")
         for fact in self._gone:
             self._layer.discard(*fact)
         return list(self._gone)
+
+    def _count(self, candidates: int) -> None:
+        if self._layer.work is not None:
+            self._layer.work.count(candidates)
 
     def _delete(self, fact: Fact) -> None:
         s, p, o = fact
@@ -139,12 +144,14 @@ class Retraction:
                 if rule.head.p == SAME:
                     # On representatives the two are one already, so conditions tell nothing.
                     for env in trigger.unconditional(base, self._terms, fact):
+                        self._count(1)
                         self._split(rule.conclude(env)[0])
                     continue
                 # Of a latest or a best one it is cheaper to ask for the conclusion than to search.
                 is_easy = bool(rule.absences) and trigger.is_bound_by_atoms
                 fire = trigger.unconditional if is_easy else trigger.fire
                 for env in fire(base, self._terms, fact):
+                    self._count(1)
                     self._delete(rule.conclude(env))
 
     def is_derivable(self, fact: Fact) -> bool:

@@ -19,11 +19,8 @@ from reasoner.terms.vocabulary import LITERAL, REFLEXIVE_PREDICATES, RESERVED, S
 log = logging.getLogger(__name__)
 
 
-def too_large(most: int, terms: Dictionary, p: int) -> ClosureTooLargeError:
-    """Return the error that names the bound and the property that broke it."""
-    return ClosureTooLargeError(
-        f"more than {most} facts follow; the last ones were about {terms.iri(p)}"
-    )
+_REWRITTEN_WORK = 10
+"""Candidates that moving a fact to another representative counts as."""
 
 
 class TooMuchWorkError(Exception):
@@ -41,6 +38,8 @@ class Derivation:
         Staged facts, on representatives.
     equality : Equality
         Staged classes of equal terms.
+    max_facts : int
+        Bound on the facts of the layer.
     schema_changed : bool
         A fact arrived that changes the compiled rules.
     """
@@ -52,13 +51,17 @@ class Derivation:
         terms: Dictionary,
         is_asserted: Callable[[Fact], bool],
         max_facts: int,
+        is_new: Callable[[Fact], bool],
+        allowed: int | None = None,
     ) -> None:
         self.layer = layer
         self.equality = equality
         self.terms = terms
         self.schema_changed = False
         self._is_asserted = is_asserted
-        self._max_facts = max_facts
+        self.max_facts = max_facts
+        self._is_new = is_new
+        self._allowed = allowed
         self.budget: int | None = None
         self._done = 0
         self._queue: list[Fact] = []
@@ -86,6 +89,42 @@ class Derivation:
             self._queue.append((s, p, o))
             if is_schema(p, o):
                 self.schema_changed = True
+            if len(self._queue) > self.max_facts:
+                raise self.refusal(p)
+
+    def refusal(self, p: int) -> ClosureTooLargeError:
+        """Return the error for more facts than may follow, the last of them about a property.
+
+        It names a rule that derives such facts: rather one of an axiom of this change, or one that
+        goes on from what it derives.
+        """
+        rules = self._program.rules if self._program is not None else ()
+        makers = [rule for rule in rules if rule.head is not None and rule.head.p == p]
+
+        def rank(rule: Rule) -> tuple[bool, bool]:
+            is_new = any(map(self._is_new, rule.because))
+            return not is_new, not any(atom.p == p for atom in rule.body)
+
+        if not any(any(map(self._is_new, rule.because)) for rule in makers):
+            makers += [rule for rule in rules if any(map(self._is_new, rule.because))]
+        maker = min(makers, key=rank, default=None)
+        new = [] if maker is None else [*filter(self._is_new, maker.because)]
+        axiom = next(iter(new or (maker.because if maker is not None else ())), None)
+        allowed = self._allowed
+        most = f"{self.max_facts} facts follow"
+        message = most if allowed is None else f"{allowed} facts follow from this change"
+        message = f"more than {message}; the last ones were about {self.terms.iri(p)}"
+        statement = None if axiom is None else self.terms.decode_fact(axiom)
+        if maker is not None:
+            message += f", derived by the rule {maker.name}"
+        if statement is not None:
+            message += f" from the statement {' '.join(map(str, statement))}"
+        return ClosureTooLargeError(
+            message,
+            rule=None if maker is None else maker.name,
+            statement=statement,
+            limit=self.max_facts if allowed is None else allowed,
+        )
 
     def evaluate(self, rules: Iterable[Rule]) -> None:
         """Fire rules on everything that holds, as when they are new."""
@@ -109,14 +148,16 @@ class Derivation:
 
     def run(self, stratum: Stratum) -> None:
         """Work the queue off: derive all that follows within a stratum."""
-        queue = self._queue
+        queue, work = self._queue, self.layer.work
         while queue:
             fact = queue.pop()
             if self.equality and not self.layer.has(*fact):
                 continue  # rewritten since; the new form is queued
             self._fire(stratum, fact)
-            if len(self.layer) > self._max_facts:
-                raise too_large(self._max_facts, self.terms, fact[1])
+            if len(self.layer) > self.max_facts:
+                raise self.refusal(fact[1])
+            if work is not None:
+                work.count(1)
             if self.budget is not None and self._done > self.budget:
                 raise TooMuchWorkError
 
@@ -141,6 +182,8 @@ class Derivation:
                 rule = trigger.rule
                 instances = trigger.fire(layer, self.terms, fact)
                 heads = [rule.conclude(env) for env in instances]
+                if layer.work is not None:
+                    layer.work.count(len(heads))
                 self._done += len(heads)
                 for head in heads:
                     self.insert(head)
@@ -157,11 +200,17 @@ class Derivation:
             return
         assert self._program is not None
         winner, loser = sorted((a, b), key=lambda x: ranking(x, self.terms))
+        work = self.layer.work
+        if work is not None:
+            work.count(len(self.equality.members(a)) + len(self.equality.members(b)))
         self.equality.union(winner, loser)
         if loser in self._program.constants:
             log.info("%s is now %s: recompiling", self.terms.iri(loser), self.terms.iri(winner))
             self.schema_changed = True
-        for fact in self.layer.about(loser):
+        about = self.layer.about(loser)
+        if work is not None:
+            work.count(_REWRITTEN_WORK * len(about))
+        for fact in about:
             self.layer.discard(*fact)
             # Facts of higher strata rest on absences that the merge may fill: derive them again.
             if self._program.level(fact) == 0 or self._is_asserted(fact):

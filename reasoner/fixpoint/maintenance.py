@@ -26,7 +26,7 @@ from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import LabelledRule, compile_rule
-from reasoner.rules.work import Work
+from reasoner.rules.work import ChangeBudget, Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -54,6 +54,7 @@ class Settings:
     bulk_from: int
     keep_ill_typed: bool
     user_rules: tuple[str | LabelledRule, ...]
+    budget: ChangeBudget | None = None
 
 
 @dataclass
@@ -127,26 +128,53 @@ class Maintainer:
         """
         size = len(asserted.added) + len(asserted.removed)
         if former_rules is not None and (size or set(former_rules) - set(self.settings.user_rules)):
-            return self.rebuild(asserted)
+            return self.rebuild(asserted, len(state.facts))
         if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
-            return self.rebuild(asserted)
+            return self.rebuild(asserted, len(state.facts))
         try:
             if any(is_schema(p, o) for _, p, o in asserted.removed):
                 raise CannotRetractError("schema is retracted")
             return _Revision(self, state, asserted).run(former_rules is not None)
         except CannotRetractError as reason:
             log.info("deriving everything again: %s", reason)
-            return self.rebuild(asserted)
+            return self.rebuild(asserted, len(state.facts))
         except TooMuchWorkError:
             log.info("deriving everything again: too much follows to go fact by fact")
-            return self.rebuild(asserted, in_bulk=True)
+            return self.rebuild(asserted, len(state.facts), in_bulk=True)
 
-    def rebuild(self, asserted: Asserted, in_bulk: bool = False) -> Draft:
-        """Return the state that follows from what is asserted alone."""
+    def max_facts(self, before: int, asserted: Asserted) -> int:
+        """Return the number of facts that may hold after a change.
+
+        Parameters
+        ----------
+        before : int
+            Number of facts before it.
+        """
+        budget = self.settings.budget
+        if budget is None:
+            return self.settings.max_facts
+        return min(self.settings.max_facts, before + len(asserted.added) + budget.derived)
+
+    def work(self, everything: bool) -> Work:
+        """Return the counter for a change, or for deriving everything again."""
+        joins, budget = self.settings.max_joins, self.settings.budget
+        if budget is None:
+            return Work(joins)
+        firings = budget.firings + joins if everything else budget.firings
+        return Work(joins, firings, budget.watch, self.terms.decode_fact)
+
+    def rebuild(self, asserted: Asserted, before: int = 0, in_bulk: bool = False) -> Draft:
+        """Return the state that follows from what is asserted alone.
+
+        Parameters
+        ----------
+        before : int
+            Number of facts that held before the change.
+        """
         layer = Layer(Facts())
-        layer.work = Work(self.settings.max_joins)
+        layer.work = self.work(everything=True)
         equality = Equality()
-        derivation = self._derivation(layer, equality, asserted)
+        derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
         program = Program(CLOSING_RULES)
         derivation.use(program)
         draft = Draft(asserted, layer, equality, program, (), is_rebuilt=True)
@@ -172,7 +200,6 @@ class Maintainer:
             *self.ill_typed(facts),
         ]
         draft.clashes = {finding.identity: finding for finding in findings}
-        layer.work = None
         return draft
 
     def _derive_in_bulk(
@@ -194,7 +221,7 @@ class Maintainer:
 
     def _join_columns(self, draft: Draft, derivation: Derivation, facts: Iterable[Fact]) -> Bulk:
         """Derive what follows from facts and the layer within the lowest stratum."""
-        bulk = Bulk(self.terms, draft.equality, self.settings.max_facts, draft.layer.work)
+        bulk = self._bulk(draft, derivation, draft.equality)
         bulk.load((*facts, *draft.layer.added))
         stratum = draft.program.strata[0]
         left = bulk.run(stratum.rules, draft.program.constants)
@@ -215,7 +242,7 @@ class Maintainer:
         if draft.equality:
             return False
         merged = Equality()
-        bulk = Bulk(self.terms, merged, self.settings.max_facts, draft.layer.work)
+        bulk = self._bulk(draft, derivation, merged)
         bulk.adopt(draft.layer.added.columns())
         left = bulk.run(stratum.rules, draft.program.constants)
         if merged:
@@ -263,13 +290,22 @@ class Maintainer:
         """Return the contradictions of ill-typed literals, if the configuration minds them."""
         return [] if self.settings.keep_ill_typed else list(find_ill_typed(facts, self.terms))
 
-    def _derivation(self, layer: Layer, equality: Equality, asserted: Asserted) -> Derivation:
+    def _bulk(self, draft: Draft, derivation: Derivation, equality: Equality) -> Bulk:
+        most, work = derivation.max_facts, draft.layer.work
+        return Bulk(self.terms, equality, most, derivation.refusal, work)
+
+    def _derivation(
+        self, layer: Layer, equality: Equality, asserted: Asserted, max_facts: int
+    ) -> Derivation:
         def is_asserted(fact: Fact) -> bool:
             if not equality:
                 return fact in asserted
             return any(form in asserted for form in equality.forms(fact))
 
-        return Derivation(layer, equality, self.terms, is_asserted, self.settings.max_facts)
+        budget = self.settings.budget
+        allowed = None if budget is None or max_facts >= self.settings.max_facts else budget.derived
+        is_new = asserted.added.__contains__
+        return Derivation(layer, equality, self.terms, is_asserted, max_facts, is_new, allowed)
 
 
 class _Revision:
@@ -281,10 +317,11 @@ class _Revision:
         self.state = state
         self.asserted = asserted
         self.layer = Layer(state.facts)
-        self.layer.work = Work(maintainer.settings.max_joins)
+        self.layer.work = maintainer.work(everything=False)
         self.equality = state.equality.copy()
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
-        self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
+        max_facts = maintainer.max_facts(len(state.facts), asserted)
+        self.derivation = maintainer._derivation(self.layer, self.equality, asserted, max_facts)
         self.derivation.use(state.program)
         self.derivation.budget = WORTH_A_REBUILD + len(state.asserted)
         self.restored: dict[int, list[Fact]] = defaultdict(list)
@@ -299,7 +336,6 @@ class _Revision:
                 new_rules = self.grow()
             level += 1
         self.check(new_rules)
-        self.layer.work = None
         return self.draft
 
     def retract(self, level: int) -> None:

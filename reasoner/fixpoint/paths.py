@@ -11,9 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from reasoner.facts.arrays import Column, Keys, distinct, pack
-from reasoner.fixpoint.delta import too_large
-from reasoner.rules.rule import Differ, Rule
-from reasoner.terms.dictionary import Dictionary
+from reasoner.rules.rule import Counter, Differ, Rule
 from reasoner.terms.vocabulary import REFLEXIVE_PREDICATES
 
 
@@ -34,24 +32,19 @@ def transitive_property(rule: Rule) -> int | None:
     return rule.head.p if is_path and is_open else None
 
 
-def reachable(column: Column, most: int, terms: Dictionary, p: int) -> Keys:
-    """Return all pairs that paths of one step or more connect.
+def reachable(column: Column, most: int, work: Counter | None = None) -> Keys | None:
+    """Return all pairs that paths of one step or more connect, or None if there are too many.
 
     Parameters
     ----------
     most : int
         Bound on the number of pairs.
-    terms, p
-        For the message.
-
-    Raises
-    ------
-    ClosureTooLargeError
-        As soon as there are more pairs than allowed.
+    work
+        Counts the sets that are joined.
 
     Examples
     --------
-    >>> keys = reachable(Column.of([1, 2, 3], [2, 3, 2]), 100, Dictionary(), 0)
+    >>> keys = reachable(Column.of([1, 2, 3], [2, 3, 2]), 100)
     >>> list(Column(keys))
     [(1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 3)]
     """
@@ -72,11 +65,13 @@ def reachable(column: Column, most: int, terms: Dictionary, p: int) -> Keys:
         for near in sorted(onward, key=component.__getitem__, reverse=True):
             if component[near] != number and near not in covered:
                 covered |= reach[component[near]]
+                if work is not None:
+                    work.count(1 + len(reach[component[near]]) // 8)
         pairs |= covered
         reach.append(pairs)
         total += len(pairs) * len(members)
         if total > most:
-            raise too_large(most, terms, p)
+            return None
         ids = np.fromiter(pairs, np.uint64, len(pairs))
         for member in members:
             subjects.append(np.full(len(ids), member, np.uint64))

@@ -15,6 +15,12 @@ from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact
 
 _X, _Y, _Z = -1, -2, -3
+MAX_BODY = 256
+"""Atoms in the body of a rule; an axiom that needs more is ignored and reported as a problem."""
+_RULE_WORK = 20
+"""Candidates that compiling a rule counts as."""
+_IN_BODIES = (v.CHAIN, v.INTERSECTION, v.HAS_KEY)
+"""Lists that become the body of one rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +81,14 @@ class _Compiler:
             self.disjoint,
             self.negative_assertions,
         )
+        work = self.view.work
         for family in families:
-            self.out.rules += family()
+            for rule in family():
+                if work is not None:
+                    # The order of a body is sought for each of its atoms.
+                    effort = _RULE_WORK + len(rule.body) ** 3 // 8 + len(rule.because) // 8
+                    work.count(effort, rule)
+                self.out.rules.append(rule)
         self.all_different()
         self.out.rules += self.types_as_owl_thing()
         return self.out
@@ -89,6 +101,12 @@ class _Compiler:
             except BadListError as error:
                 self.out.problems.append(SchemaProblem(axiom, str(error)))
             else:
+                if self.view.work is not None:
+                    self.view.work.count(len(members))
+                if p in _IN_BODIES and len(members) > MAX_BODY:
+                    message = f"the list has {len(members)} members, more than {MAX_BODY}"
+                    self.out.problems.append(SchemaProblem(axiom, message))
+                    continue
                 yield members, ((axiom, p, head), *facts)
 
     def typed(self, kind: int) -> list[int]:
@@ -127,7 +145,9 @@ class _Compiler:
                     yield Rule("dt-not-type", body, None, because, outside)
 
     def _is_implied(self, side: int, p: int, c: int) -> bool:
-        has = self.view.has
+        has, work = self.view.has, self.view.work
+        if work is not None:
+            work.count(1 + len(self.view.objects(side, p)))
         return any(
             b != c and has(b, v.SUB_CLASS, c) and not has(c, v.SUB_CLASS, b)
             for b in self.view.objects(side, p)
@@ -362,6 +382,8 @@ def _reduced(view: View, p: int) -> list[tuple[int, int]]:
             edges.append((a, ring[(ring.index(a) + 1) % len(ring)]))
             if a != ring[0]:
                 continue  # what is above the ring hangs on its first member
+        if view.work is not None:
+            view.work.count(len(above) + sum(len(up.get(b, none)) for b in above))
         strict = above - equal
         implied = {c for b in strict for c in up.get(b, none) if b not in up.get(c, none)}
         for b in sorted(strict - implied):

@@ -44,6 +44,9 @@ class Counter(Protocol):
     def spend(self, candidates: int, steps: Sequence[Step]) -> None:
         """Count candidates of one step of a rule; raises where they are too many."""
 
+    def count(self, candidates: int, rule: Rule | None = None) -> None:
+        """Count other work; raises where it is too much."""
+
 
 class View(Protocol):
     """Protocol of a set of facts that rules are matched against."""

@@ -242,10 +242,16 @@ class Program:
 
 def constants_of(rules: Iterable[Rule]) -> Iterator[int]:
     """Yield the terms outside the vocabulary that rules mention, schema facts included."""
+    reasons: dict[int, tuple[Fact, ...]] = {}
     for rule in rules:
         atoms = [*rule.body, *(atom for atom, _ in _negated_atoms(rule.absences, ()))]
-        for atom in (*atoms, *((rule.head,) if rule.head else ()), *rule.because):
+        for atom in (*atoms, *((rule.head,) if rule.head else ())):
             yield from (x for x in atom if x >= RESERVED)
+        # All rules of one axiom share its facts, a long list perhaps.
+        reasons[id(rule.because)] = rule.because
+    for facts in reasons.values():
+        for fact in facts:
+            yield from (x for x in fact if x >= RESERVED)
 
 
 def require_end(rules: Iterable[Rule], terms: Dictionary | None) -> None:

@@ -17,7 +17,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
-from rtask.cli.things import known_object
+from rtask.cli.things import resolve_object
 
 __all__ = ["objects"]
 
@@ -83,7 +83,7 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
     from rtask.rdf.terms import iri, python_value
 
     with open_graph(data, server) as kb:
-        name = known_object(lambda text: kb.select(text).to_dicts(), name)
+        name = resolve_object(lambda text: kb.select(text).to_dicts(), name)
         thing = iri(present_name(kb, name))
         if not kb.match(thing, RT.objectId):
             raise UnknownTermError(
@@ -255,7 +255,7 @@ def _carry_out(
     given = {name: value for name, value in request.items() if value is not None}
     with connection(*where) as client:
         for role in given.keys() & {"object", "into"}:
-            given[role] = known_object(client.query, given[role])
+            given[role] = resolve_object(client.query, given[role])
         done = client.call(called, **given)
     if as_json:
         print_json(done)

@@ -17,7 +17,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
-from rtask.cli.things import known_object
+from rtask.cli.things import resolve_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def ask(
         request["gripper_id"] = gripper
     with connection(data, server, agent) as client:
         if objects:
-            request["objects"] = [known_object(client.query, name) for name in objects]
+            request["objects"] = [resolve_object(client.query, name) for name in objects]
         if not (gripper or agent or server):
             raise UsageError("whose hand is to hold it? --agent ROBOT, or --gripper NAME")
         answer = client.resolve_request(**request)

@@ -11,7 +11,7 @@ from rtask.errors import UnknownTermError, UsageError, nearest
 if TYPE_CHECKING:
     from rtask.asking.terms import Reader
 
-__all__ = ["Select", "find_object", "known_object"]
+__all__ = ["Select", "find_object", "resolve_object"]
 
 _PREFIXES = {*ontology.PREFIXES, "kb"}
 Select = Callable[[str], Sequence[Mapping[str, Any]]]
@@ -40,7 +40,7 @@ def find_object(select: Select, name: str) -> str | None:
     return found[0] if found else None
 
 
-def known_object(select: Select, name: str) -> str:
+def resolve_object(select: Select, name: str) -> str:
     """Return the IRI of the object that a command is about.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.decisions import Decision
 from rtask.engine.embeddings import Embeddings
@@ -14,14 +14,17 @@ from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.stored import Models, Recent
-from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, known_reasons
+from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, failure_reasons
+from rtask.engine.upkeep import Upkeep
 from rtask.engine.view_index import ViewIndex
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import datetime as dt
+    from collections.abc import Callable, Mapping
 
     from rtask.kb.commit.commit import Change, Commit
     from rtask.kb.core import GraphCore
@@ -38,6 +41,7 @@ SCOPES: Mapping[str, frozenset[str]] = {
 """Scopes of each role."""
 
 _OBSERVATIONS, _DECISIONS = 32, 2048
+_QUIET_S = 0.2
 
 
 class Context:
@@ -73,6 +77,11 @@ class Context:
     decisions
         Recent decisions by task, so that an outcome can be stored with its reasons. Kept in memory
         only: after a restart an outcome is stored without them.
+    pass_on
+        Takes what is recorded on the way, with its author, where the graph is the copy of another
+        server's; None = it is stored here.
+    refusals
+        Latest refusals that were passed on, and may not be in the copy yet.
     """
 
     def __init__(
@@ -90,14 +99,37 @@ class Context:
         self.classes = ClassCatalogue(kb)
         self.functions = FunctionCatalogue(kb)
         self.honesty = HonestyCatalogue(kb)
-        self.reasons = known_reasons(kb)
+        self.reasons = failure_reasons(kb)
         self.models = Models(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
         self.decisions: Recent[Decision] = Recent(_DECISIONS)
+        self.pass_on: Callable[[dict[str, Any], Access], None] | None = None
+        self.refusals: Recent[tuple[NamedNode, dt.datetime]] = Recent(_DECISIONS)
         embeddings = None if embedder is None else Embeddings(kb, embedder, self.writing)
         self.views = ViewIndex(kb, index_folder, self.writing, embeddings)
+        self._learning: Upkeep | None = None
         self._stop_listening = kb.on_commit(self._on_commit)
         self.views.sync()
+
+    def be_copy(
+        self, pass_on: Callable[[dict[str, Any], Access], None], quiet_s: float = _QUIET_S
+    ) -> None:
+        """Be the context of a copy: records are passed on, and views are learned as they come.
+
+        Parameters
+        ----------
+        pass_on
+            See the attribute.
+        quiet_s
+            Time without a commit about views after which new ones are learned.
+        """
+        self.pass_on = pass_on
+        self._learning = Upkeep("rtask-copy", self._learn_views, quiet_s)
+        self._learning.announce()
+
+    def _learn_views(self) -> int:
+        self.views.sync()
+        return 0
 
     def require(self, access: Access, scope: str) -> None:
         """Refuse a caller whose role lacks a scope.
@@ -142,6 +174,8 @@ class Context:
     def close(self) -> None:
         """Close the index; the knowledge base stays open."""
         self._stop_listening()
+        if self._learning is not None:
+            self._learning.close()
         self.views.close()
 
     def _on_commit(self, change: Change) -> None:
@@ -150,3 +184,14 @@ class Context:
         self.functions.forget_if_changed(change)
         self.honesty.forget_if_changed(change)
         self.names.forget_new()
+        if self._learning is not None and self._is_about_views(change):
+            self._learning.announce()
+
+    def _is_about_views(self, change: Change) -> bool:
+        """Whether views came or went, or an object that has some has another class."""
+        for quad in (*change.added, *change.removed):
+            if quad.predicate in (RT.hasView, RT.viewContent):
+                return True
+            if quad.predicate == RDF.type and self.kb.match(quad.subject, RT.hasView):
+                return True
+        return False

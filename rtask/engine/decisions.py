@@ -18,9 +18,9 @@ from rtask.rdf.terms import iri
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["MIN_TOLD", "Decision", "Option", "told_and_alone"]
+__all__ = ["MIN_EVIDENCE", "Decision", "Option", "graph_against_geometry"]
 
-MIN_TOLD = 0.05
+MIN_EVIDENCE = 0.05
 """Evidence on a grasp, in outcomes, below which the graph is taken to know nothing of it."""
 
 _SAME_M, _SAME_RAD = 0.005, 0.17
@@ -106,7 +106,7 @@ class Decision:
     seed: int = 0
 
 
-def told_and_alone(first: Option, alone: Option) -> str:
+def graph_against_geometry(first: Option, alone: Option) -> str:
     """Return in words how the graph changed the choice: what it says of the first grasp, and where
     the robot would have grasped without it.
     """
@@ -155,7 +155,7 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
             f"{one['attempts']} of these from {who} count {one['weight']:.2f} each, because its "
             "reports differ from those of others"
         )
-    if max(won, lost) >= MIN_TOLD:
+    if max(won, lost) >= MIN_EVIDENCE:
         count = len(option.sources)
         where = f" on {count} object{'' if count == 1 else 's'}" if count else ""
         said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")

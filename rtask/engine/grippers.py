@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
     from rtask.kb.core import GraphCore
 
-__all__ = ["GripperCatalogue", "KnownGripper", "hand_of", "jaws_modelled", "with_friction"]
+__all__ = ["GripperCatalogue", "StoredGripper", "hand_of", "jaws_modelled", "with_friction"]
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class KnownGripper:
+class StoredGripper:
     """An end effector in the graph."""
 
     iri: NamedNode
@@ -44,7 +44,7 @@ class GripperCatalogue:
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
-        self._known: list[KnownGripper] | None = None
+        self._known: list[StoredGripper] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about robots."""
@@ -55,7 +55,7 @@ class GripperCatalogue:
             with self._lock:
                 self._known = None
 
-    def all(self) -> list[KnownGripper]:
+    def all(self) -> list[StoredGripper]:
         """Return every end effector, in the order of their IRIs."""
         with self._lock:
             if self._known is None:
@@ -71,7 +71,7 @@ class GripperCatalogue:
                 found[kind] = max(one.max_force, found.get(kind, 0.0))
         return found
 
-    def find(self, gripper_id: str | None, agent: str | None) -> KnownGripper:
+    def find(self, gripper_id: str | None, agent: str | None) -> StoredGripper:
         """Return the end effector that a message names.
 
         Parameters
@@ -102,7 +102,7 @@ class GripperCatalogue:
         raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
 
 
-def _listed(known: list[KnownGripper]) -> str:
+def _listed(known: list[StoredGripper]) -> str:
     return ", ".join(sorted({g.gripper.name for g in known})) or "none yet"
 
 
@@ -187,8 +187,8 @@ def with_friction(hand: EndEffector, friction: float) -> EndEffector:
     return replace(hand, friction=friction)
 
 
-def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
-    found: dict[str, KnownGripper] = {}
+def _read_grippers(kb: GraphCore) -> list[StoredGripper]:
+    found: dict[str, StoredGripper] = {}
     for row in kb.select(_GRIPPERS):
         given = {name: value for name, value in row.to_dict().items() if value is not None}
         part, robot, camera = row["part"], row["robot"], row["camera"]
@@ -202,7 +202,7 @@ def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
             # One invalid gripper must not prevent the others from being used.
             log.warning("%s is left out: %s", part.value, error)
             continue
-        known = KnownGripper(
+        known = StoredGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
             camera if isinstance(camera, NamedNode) else None, sizes.get("max_force"),
         )  # fmt: skip

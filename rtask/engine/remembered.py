@@ -13,7 +13,7 @@ from grasp.spatial.candidate import Contacts
 from grasp.spatial.frames import matrix_from_pose, pose_from_planar
 from grasp.spatial.gripper import ContactKind
 
-__all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial"]
+__all__ = ["Memory", "Remembered", "RememberedObject", "Tally", "Trial"]
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class KnownObject:
+class RememberedObject:
     """A stored object."""
 
     iri: str
@@ -134,7 +134,7 @@ class KnownObject:
 class Memory:
     """The answer to a :class:`Question`."""
 
-    objects: Mapping[str, KnownObject] = field(default_factory=dict)
+    objects: Mapping[str, RememberedObject] = field(default_factory=dict)
     grasps: tuple[Remembered, ...] = ()
     trials: tuple[Trial, ...] = ()
     viewpoints: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)

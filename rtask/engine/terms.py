@@ -22,10 +22,10 @@ __all__ = [
     "ClassCatalogue",
     "FunctionCatalogue",
     "ObjectClass",
+    "failure_reasons",
     "find_function",
     "find_task",
     "folded",
-    "known_reasons",
 ]
 
 _TASKS = {
@@ -85,7 +85,7 @@ def find_function(kb: GraphCore, text: str) -> NamedNode:
     return found
 
 
-def known_reasons(kb: GraphCore) -> frozenset[str]:
+def failure_reasons(kb: GraphCore) -> frozenset[str]:
     """Return the codes of all outcome reasons of the ontology."""
     rows = kb.select(f"{PREFIXES} SELECT ?code {{ ?r a rt:OutcomeReason ; rt:code ?code }}")
     return frozenset(str(row.value("code")) for row in rows)

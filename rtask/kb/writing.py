@@ -73,12 +73,17 @@ class Writing(Searching):
             The text does not parse; gives line and column.
         QueryTimeout, QueryTooExpensive, BusyError
             The update exceeds ``limits``, or too many such updates are waiting; nothing is stored.
+        TooMuchFollowsError
+            More follows from the change than it may cause; nothing is stored.
         ForbiddenError
             The caller may not write a graph, which the error names; nothing is stored.
         InconsistentError
             The change contradicts stored data or the ontology; nothing is stored.
         """
-        request = Request(self.access(agent, access), note, if_version=if_version)
+        reasoning = None if limits is None else limits.reasoning
+        request = Request(
+            self.access(agent, access), note, if_version=if_version, reasoning=reasoning
+        )
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
         text = self._expand_text_search(text)
         if limits is not None and self.readers.evaluate_updates and needs_reader(text):
@@ -125,6 +130,17 @@ class Writing(Searching):
     def commit_block(self, request: Request) -> Transaction:
         """Return a transaction with all conditions of a request."""
         return Transaction(self._writer, self.blobs, request)
+
+    def write_queue(self) -> tuple[int, float]:
+        """Return how many threads wait to write, and for how long the first has waited (s)."""
+        return self._writer.queue()
+
+    def stop_deriving(self) -> None:
+        """End the derivation under way, e.g. before closing; its commit is refused.
+
+        Commits from which little follows are still stored; others raise `BusyError`.
+        """
+        self._writer.stop_deriving()
 
     def bulk_add(
         self, quads: Iterable[Quad] | TripleText, graph: GraphName, request: Request

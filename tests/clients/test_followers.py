@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 import rtask
+from features.codec import encode_frame, to_wire
+from features.geometry import Frame, Intrinsics
 from rtask.loader import load
 from rtask.model import RTASK
 from rtask.remote.served import ServedKnowledgeBase
@@ -157,6 +160,18 @@ def _call(robot: ClientConnection, service: str, **args: Any) -> dict[str, Any]:
             return answer
 
 
+def _unknown_object() -> dict[str, Any]:
+    """Return the request of a robot that sees something unknown, and wants a decision."""
+    camera = Intrinsics.from_fov(64, 48, 1.0)
+    rng = np.random.default_rng(0)
+    depth = np.full((48, 64), 0.5, np.float32)
+    depth[10:30, 20:40] = 0.45
+    colours = rng.integers(0, 255, (48, 64, 3), np.uint8)
+    frame = Frame(depth, camera, colours, depth < 0.48, frame_id="optical")
+    data = to_wire(encode_frame(frame.crop(depth < 0.48)))
+    return {"task": "pick", "gripper_id": "hand", "data": data, "decide": True}
+
+
 def _has_come(server: RunningServer, seq: int) -> bool:
     return int(httpx.get(server.url + "/health").json()["seq"]) >= seq
 
@@ -172,6 +187,7 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
         pass
     robot = bearer(_rtask("token", "create", "-d", str(folder), "--robot", "nao-2"))
     reader = bearer(_rtask("token", "create", "-d", str(folder), "--role", "reader"))
+    admin = bearer(_rtask("token", "create", "-d", str(folder), "--role", "admin"))
     with running_server(folder) as writer, follow(writer.url) as follower:
         with _websocket(follower, robot) as near, _websocket(writer, robot) as far:
             for number in range(3):
@@ -181,6 +197,11 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
                 seq = httpx.get(writer.url + "/health").json()["seq"]
                 assert _call(near, "/rtask/compare_contributors")["result"] is True
                 _wait(partial(_has_come, follower, seq))
+            refused = _call(near, "/rtask/recognise_for_grasp", **_unknown_object())
+            assert refused["result"] is True, refused
+            refusal = refused["values"]["decision"]["refusal"]
+            done = _call(near, "/rtask/report_refusal", refusal=refusal, response="left_alone")
+            assert done["values"]["stored"] == 1, "the writer had the refusal before the response"
             far.send(json.dumps({"op": "subscribe", "topic": "/hello", "type": "std_msgs/String"}))
             _call(far, "/rosapi/get_time")  # the subscription before it has been carried out
             message = {"topic": "/hello", "msg": {"data": "here"}}
@@ -205,6 +226,10 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
             )
             assert (refused["result"], refused["status"]) == (False, 503)
             assert writer.url in refused["values"]
+            again = _call(near, "/rtask/recognise_for_grasp", **_unknown_object())
+            assert again["values"]["decision"]["refusal"], "it is answered, and waits on disk"
+            waits = httpx.get(follower.url + "/metrics", headers=admin).text
+            assert "rtask_follower_records_waiting 2" in waits
             assert _call(near, "/rtask/compare_contributors")["result"] is True
 
 

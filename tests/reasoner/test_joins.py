@@ -1,13 +1,15 @@
-"""A rule that tries too many combinations of facts is refused, by counting and not by the clock."""
+"""What too much follows from, or too much work, is refused: by counting and not by the clock."""
 
 from __future__ import annotations
 
 import pytest
 
 import rtask
-from reasoner import Closure, ClosureTooLargeError, Config, LabelledRule
+from reasoner import ChangeBudget, Closure, ClosureTooLargeError, Config, LabelledRule
+from reasoner.facts import arrays
 from rtask.errors import TooLargeError
 from rtask.rdf.terms import Literal, NamedNode
+from tests.reasoner.ttl import triples
 
 HEAD = "PREFIX ex: <urn:ex:> CONSTRUCT { ?a ex:bad ?c } WHERE "
 NEVER = "FILTER(?x = ?y && ?y = ?z && ?x != ?z)"
@@ -105,3 +107,95 @@ def test_a_commit_that_a_rule_makes_too_much_of_is_refused_whole() -> None:
         assert not kb.match(None, node("p"))
         store(kb, hub(10))
         assert kb.seq == before + 1
+
+
+SMALL = ChangeBudget(derived=2_000, firings=100_000)
+CLASSES = " ".join(f":c{i} a owl:Class ; rdfs:subClassOf :c{i // 2} ." for i in range(1, 200))
+MEMBERS = " ".join(f":c{i}" for i in range(2_000))
+CASES = {
+    "prp-symp": "rdfs:subClassOf a owl:SymmetricProperty .",
+    "prp-trp": ":p a owl:TransitiveProperty . "
+    + " ".join(f":x{i} :p :x{i + 1} ." for i in range(150)),
+    "prp-spo2": ":q owl:propertyChainAxiom (:p :p) . "
+    + " ".join(f":x{i} :p :h . :h :p :y{i} ." for i in range(60)),
+    "prp-key": ":K owl:hasKey (:k) . " + " ".join(f":x{i} a :K ; :k 1 ." for i in range(300)),
+    "cax-adc": f"[] a owl:AllDisjointClasses ; owl:members ({MEMBERS}) .",
+    "scm-uni": f":U owl:unionOf ({MEMBERS}) .",
+    "many ranges": " ".join(f":p rdfs:range :r{i} ." for i in range(1_600)),
+}
+
+
+@pytest.fixture(scope="module")
+def closure() -> Closure:
+    return Closure.build(triples(CLASSES), triples(":x a :c150 . :x :p :y ."))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_change_from_which_too_much_follows_is_refused_and_changes_nothing(
+    closure: Closure, name: str
+) -> None:
+    before, added = closure.digest(), triples(CASES[name])
+    with pytest.raises(ClosureTooLargeError) as refused:
+        closure.stage(add=added, budget=SMALL)
+    assert str(refused.value.limit) in str(refused.value)
+    if not name.startswith("many"):
+        assert refused.value.rule == name
+        assert refused.value.statement in added
+    assert closure.digest() == before
+    closure.stage(add=triples(":z a :c150 ."), budget=SMALL).discard()
+
+
+def test_whole_relations_are_bounded_as_single_facts_are(closure: Closure) -> None:
+    """From two thousand statements on, and one in eight, everything is derived again."""
+    ring = " ".join(f":x{i} :p :x{(i + 1) % 2_500} ." for i in range(2_500))
+    with pytest.raises(ClosureTooLargeError) as refused:
+        closure.stage(add=triples(":p a owl:TransitiveProperty . " + ring), budget=SMALL)
+    assert (refused.value.rule, refused.value.limit) == ("prp-trp", SMALL.derived)
+
+
+def test_the_count_is_of_what_the_change_causes_however_much_was_derived_before() -> None:
+    text = ":p a owl:TransitiveProperty . " + " ".join(f":x{i} :p :x{i + 1} ." for i in range(80))
+    closure = Closure.build(triples(text), [])
+    assert len(list(closure.inferred())) > SMALL.derived
+    closure.stage(add=triples(":x80 :p :x81 ."), budget=SMALL).apply()
+    with pytest.raises(ClosureTooLargeError):
+        closure.stage(add=triples(":x81 :p :x0 ."), budget=SMALL)
+
+
+@pytest.mark.parametrize("name", ["prp-trp", "scm-uni"])
+def test_the_watch_can_end_the_work_at_any_time(closure: Closure, name: str) -> None:
+    class StopError(Exception):
+        pass
+
+    calls = 0
+
+    def watch() -> None:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise StopError
+
+    before = closure.digest()
+    with pytest.raises(StopError):
+        closure.stage(add=triples(CASES[name]), budget=ChangeBudget(10**6, 10**9, watch))
+    assert calls == 3
+    assert closure.digest() == before
+
+
+def test_a_body_of_more_atoms_than_a_rule_may_have_is_a_problem_of_its_axiom(
+    closure: Closure,
+) -> None:
+    links = " ".join(f":l{i}" for i in range(300))
+    staged = closure.stage(add=triples(f":p owl:propertyChainAxiom ({links}) ."))
+    staged.apply()
+    assert any("300 members, more than 256" in str(p) for p in closure.stats()["problems"])
+
+
+def test_joins_done_in_parts_give_what_one_join_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    facts = triples(
+        ":q owl:propertyChainAxiom (:p :p) . :q rdfs:subPropertyOf :r . "
+        + " ".join(f":x{i} :p :x{i * 7 % 300} ." for i in range(300))
+    )
+    whole = Closure.build(facts, []).digest()
+    monkeypatch.setattr(arrays, "MAX_ROWS", 50)
+    assert Closure.build(facts, []).digest() == whole

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["find_kept_from_other", "merge_objects", "move_frame", "withdraw_models"]
+__all__ = ["find_target_from_other", "merge_objects", "move_frame", "withdraw_models"]
 
 MAX_PAIRS = 6
 MIN_AGREED = 8
@@ -63,7 +63,7 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
         raise UsageError(f"into: {kept.value} cannot be merged with itself", field="into")
     with context.writing:
         kb = context.kb
-        kept_from_other = find_kept_from_other(context, kept, other)
+        kept_from_other = find_target_from_other(context, kept, other)
         edit = Edit(kb)
         names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
         move_frame(
@@ -117,7 +117,7 @@ def withdraw_models(edit: Edit, thing: NamedNode) -> None:
             edit.remove(edit.match(node))
 
 
-def find_kept_from_other(
+def find_target_from_other(
     context: Context, kept: NamedNode, other: NamedNode
 ) -> NDArray[np.float64]:
     """Return ``kept_from_other`` (4, 4): yaw and translation on the table, from matching views.

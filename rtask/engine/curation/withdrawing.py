@@ -31,7 +31,7 @@ from rtask.rdf.terms import GraphName, NamedNode, Quad, Triple, literal
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
-    from rtask.engine.grippers import KnownGripper
+    from rtask.engine.grippers import StoredGripper
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
@@ -296,7 +296,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
     def _recalibrate(self, changed: Iterable[Judged]) -> None:
         """Restate the maps of hands whose attempts are judged otherwise now."""
         context = self.context
-        found: dict[tuple[NamedNode, str], tuple[KnownGripper, list[tuple[Judged, float]]]] = {}
+        found: dict[tuple[NamedNode, str], tuple[StoredGripper, list[tuple[Judged, float]]]] = {}
         for one in changed:
             score = score_of(context, one.attempt)
             hands = {quad.object for quad in context.kb.match(one.attempt, RT.activates)}

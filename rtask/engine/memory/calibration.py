@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from grasp.learning.calibration import ScoreMap, fit_map
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import slug, tail
 from rtask.engine.triples import Triples
@@ -76,7 +76,7 @@ SELECT DISTINCT ?attempt ?kind ?score ?held WHERE {{
 def calibrate(
     context: Context,
     triples: Triples,
-    gripper: KnownGripper,
+    gripper: StoredGripper,
     kind: str,
     more: Sequence[Scored],
     graph: NamedNode,
@@ -124,7 +124,7 @@ def calibrate(
     return old
 
 
-def score_maps(context: Context, gripper: KnownGripper) -> Mapping[str, ScoreMap]:
+def score_maps(context: Context, gripper: StoredGripper) -> Mapping[str, ScoreMap]:
     """Return a hand's stored maps by kind of score; a kind without one is believed as it is."""
     graph = context.kb.graphs.agent(tail(gripper.robot))
     found: dict[str, ScoreMap] = {}
@@ -156,6 +156,6 @@ def _numbers(found: ScoreMap) -> tuple[float, ...]:
     return found.offset, found.slope, *found.variances, found.covariance
 
 
-def _node(context: Context, gripper: KnownGripper, kind: str) -> NamedNode:
+def _node(context: Context, gripper: StoredGripper, kind: str) -> NamedNode:
     name = f"{tail(gripper.robot)}-{tail(gripper.iri)}-{slug(kind)}"
     return context.names.named("calibration", name)

@@ -146,9 +146,14 @@ def choose(
         return []
     at = np.array([option.in_object for option in candidates])
     weights = Weights(
-        policy, confidence, scene.gripper, scene.size, now or dt.datetime.now(dt.UTC),
-        scene.forces, scene.is_fast,
-    )  # fmt: skip
+        policy,
+        confidence,
+        scene.gripper,
+        scene.size,
+        now or dt.datetime.now(dt.UTC),
+        scene.forces,
+        scene.is_fast,
+    )
     memory = _of_kind(memory, scene.gripper.contact_kind)
     told = _relevant(without_trials(memory), confidence)
     evidence = gather(
@@ -340,10 +345,14 @@ def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
                 contacts = contacts.within(one.object_from_gripper)
             found.append(
                 Option(
-                    one.grasp, grasp, (one.x, one.y, one.z, one.theta), one,
-                    quaternion=one.quaternion, contacts=contacts,
+                    one.grasp,
+                    grasp,
+                    (one.x, one.y, one.z, one.theta),
+                    one,
+                    quaternion=one.quaternion,
+                    contacts=contacts,
                 )
-            )  # fmt: skip
+            )
     return found
 
 
@@ -378,11 +387,13 @@ def _planned(
         contacts = contacts_of(one, scene.gripper)
         found.append(
             Option(
-                f"candidate:{k}", one, (x, y, z, closing_yaw(in_object)),
+                f"candidate:{k}",
+                one,
+                (x, y, z, closing_yaw(in_object)),
                 quaternion=(qx, qy, qz, qw),
                 contacts=None if contacts is None else contacts.within(placed),
             )
-        )  # fmt: skip
+        )
     return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
 from rtask.engine.policy import UNJUDGED, Policy
 from rtask.rdf.namespaces import PREFIXES, RT, reason, values
@@ -208,7 +208,7 @@ def question_for(
     seen: Observation,
     recognition: Recognition,
     tracked: str | None,
-    gripper: KnownGripper | None,
+    gripper: StoredGripper | None,
     only: tuple[str, ...] = (),
 ) -> Question:
     """Return the question about an observation: its matches, its class, the robot's attempts."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from grasp.spatial.candidate import Contacts
 from grasp.spatial.frames import closing_yaw, matrix_from_pose
 from rtask.engine.memory.question import Question, query_text
-from rtask.engine.remembered import KnownObject, Memory, Remembered, Tally, Trial
+from rtask.engine.remembered import Memory, Remembered, RememberedObject, Tally, Trial
 from rtask.rdf.namespaces import RT, local_name
 
 if TYPE_CHECKING:
@@ -87,14 +87,14 @@ def _pose(row: Row) -> NDArray[np.float64]:
     return np.asarray(matrix_from_pose(position, quaternion), dtype=np.float64)
 
 
-def _objects(rows: Iterable[Row]) -> dict[str, KnownObject]:
+def _objects(rows: Iterable[Row]) -> dict[str, RememberedObject]:
     grouped: dict[str, list[Row]] = {}
     for row in rows:
         grouped.setdefault(_text(row, "object"), []).append(row)
     return {iri: _object(iri, grouped[iri]) for iri in sorted(grouped)}
 
 
-def _object(iri: str, mine: list[Row]) -> KnownObject:
+def _object(iri: str, mine: list[Row]) -> RememberedObject:
     """Combine the rows of one object, with the most specific of several classes."""
     classes: dict[str, set[str]] = {}
     for row in mine:
@@ -107,7 +107,7 @@ def _object(iri: str, mine: list[Row]) -> KnownObject:
     sizes = sorted(size for row in mine if (size := _size(row)) is not None)
     orders = {_number(row, "order") for row in mine if row["order"] is not None}
     name = names[0] if names else ""
-    return KnownObject(
+    return RememberedObject(
         iri=iri,
         name=name,
         class_iri=best or RT.ManipulableObject.value,

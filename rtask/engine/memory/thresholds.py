@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from grasp.spatial.collision import SLIDE
 from rtask.engine.decisions import Option
 from rtask.engine.policy import Policy
-from rtask.engine.remembered import KnownObject, Memory
+from rtask.engine.remembered import Memory, RememberedObject
 
 if TYPE_CHECKING:
     from features.pose import PoseEstimate
@@ -71,7 +71,7 @@ class Assessment:
 
     recognition: Recognition
     memory: Memory
-    known: KnownObject | None
+    known: RememberedObject | None
     pose: PoseEstimate | None
     chosen: Sequence[Option]
     lies_flat: bool = False

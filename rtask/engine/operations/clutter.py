@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from grasp.spatial.candidate import GraspCandidate
     from grasp.spatial.gripper import EndEffector
     from rtask.engine.context import Context
-    from rtask.engine.grippers import KnownGripper
+    from rtask.engine.grippers import StoredGripper
     from rtask.engine.perception.clutter import ClutterView
 
 __all__ = ["PlanOnScene", "SceneGrasp", "SceneGrasps", "SceneSegment", "plan_on_scene"]
@@ -191,7 +191,7 @@ def _recognised(
     frame: Frame,
     view: ClutterView,
     segment: int,
-    gripper: KnownGripper,
+    gripper: StoredGripper,
 ) -> _Known:
     """Look a segment up in the graph."""
     from features.codec import encode_frame

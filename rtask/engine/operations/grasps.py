@@ -15,7 +15,7 @@ from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import GraspStatistics, lower_95, summary
 from rtask.engine.operations.operation import operation
-from rtask.engine.records.objects import frame_id_of, known_object
+from rtask.engine.records.objects import frame_id_of, resolve_object
 from rtask.engine.remembered import Remembered
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import (
@@ -41,9 +41,9 @@ __all__ = [
     "RecalledGrasps",
     "as_messages",
     "contact_messages",
-    "known_object",
     "recall_grasps",
     "recalled",
+    "resolve_object",
 ]
 
 
@@ -144,7 +144,7 @@ class RecalledGrasps(Answer):
 @operation("read", "reads", "list the known grasps of a known object")
 def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> RecalledGrasps:
     """Return the grasps of an object in its own frame, most reliable first."""
-    name = known_object(context, request.object)
+    name = resolve_object(context, request.object)
     memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
     known = memory.objects[name]
     grasps = memory.of(name)

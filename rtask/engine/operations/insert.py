@@ -210,9 +210,15 @@ class _Writer:
         question = Question(objects=(before.thing,))
         known = recall(self.context.kb, question).objects.get(before.thing)
         return _entry(
-            before.thing, known.class_iri if known else "", known.short_id if known else "",
-            known.label if known else "", before.grasp, before.view, False, 0,
-        )  # fmt: skip
+            before.thing,
+            known.class_iri if known else "",
+            known.short_id if known else "",
+            known.label if known else "",
+            before.grasp,
+            before.view,
+            False,
+            0,
+        )
 
     def _write_new(self, one: Prepared, task_id: str) -> dict[str, Any]:
         context, is_new = self.context, one.known is None
@@ -227,20 +233,33 @@ class _Writer:
         time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
         camera = one.gripper.camera if one.gripper else None
         state_view(
-            context, self.triples, thing,
-            Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time,
-                  self._grown(one, thing)),
-        )  # fmt: skip
+            context,
+            self.triples,
+            thing,
+            Sight(
+                one.seen,
+                one.placement,
+                view,
+                event,
+                camera,
+                self.agent,
+                task_id,
+                time,
+                self._grown(one, thing),
+            ),
+        )
         if one.located is not None:
             moved = None
             if one.outcome is not None and may_have_moved(one.outcome):
                 _, moved = one.outcome.span(now)
             robot = one.gripper.robot if one.gripper else self.agent
             self.withdrawn += state_seen(
-                context, self.triples,
-                Sighting(thing, one.located, robot, self.agent, self.graph, time, event,
-                         moved=moved),
-            )  # fmt: skip
+                context,
+                self.triples,
+                Sighting(
+                    thing, one.located, robot, self.agent, self.graph, time, event, moved=moved
+                ),
+            )
         embeddings = context.views.embeddings
         if embeddings is not None and one.vector is not None:
             embeddings.state(self.triples, view, one.vector)
@@ -249,9 +268,15 @@ class _Writer:
         self.views.append((view, thing, class_iri, one.seen))
         features = len(one.seen.features)
         entry = _entry(
-            thing.value, class_iri, short_id, label, grasp.value if grasp else "", view.value,
-            is_new, features,
-        )  # fmt: skip
+            thing.value,
+            class_iri,
+            short_id,
+            label,
+            grasp.value if grasp else "",
+            view.value,
+            is_new,
+            features,
+        )
         return {**entry, **self._resembled(one, thing)}
 
     def _resembled(self, one: Prepared, thing: NamedNode) -> dict[str, Any]:
@@ -275,9 +300,13 @@ class _Writer:
             if thing in self._grown_things:
                 return None
             growth = grow(
-                context.models, thing, one.seen, growth.registration.object_from_camera, one.view,
+                context.models,
+                thing,
+                one.seen,
+                growth.registration.object_from_camera,
+                one.view,
                 one.placement is not None and one.placement.is_round,
-            )  # fmt: skip
+            )
             if growth is None:
                 return None
         self._grown_things.add(thing)
@@ -297,11 +326,22 @@ class _Writer:
             return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)[0]
         decision = self.context.decisions.get(one.item.task_id)
         recorded = record(
-            self.context, self.triples,
-            Entry(thing, one.gripper, one.grasp, one.outcome, one.item.task, task_id, now,
-                  self.graph, decision, event),
+            self.context,
+            self.triples,
+            Entry(
+                thing,
+                one.gripper,
+                one.grasp,
+                one.outcome,
+                one.item.task,
+                task_id,
+                now,
+                self.graph,
+                decision,
+                event,
+            ),
             self.pending,
-        )  # fmt: skip
+        )
         self.withdrawn += recorded.withdrawn
         return recorded.grasp
 
@@ -321,7 +361,8 @@ class _Writer:
         name = one.item.name or f"{label} {tail(thing)}"
         function = one.item.function
         state_object(
-            context, self.triples,
+            context,
+            self.triples,
             ObjectRecord(
                 iri=thing,
                 object_id=f"{slug(self.author.agent or 'shared')}/{tail(thing)}",
@@ -331,7 +372,7 @@ class _Writer:
                 function=find_function(context.kb, function) if function else None,
             ),
             one.seen,
-        )  # fmt: skip
+        )
         short_id = short_id_of(context, self.triples, class_iri or RT.ManipulableObject)
         return thing, (class_iri or RT.ManipulableObject).value, short_id, name
 
@@ -356,9 +397,15 @@ def _others(context: Context, entry: Mapping[str, Any], stored: Collection[str])
 
 
 def _entry(
-    thing: str, class_iri: str, short_id: str, label: str, grasp: str, view: str, is_new: bool,
+    thing: str,
+    class_iri: str,
+    short_id: str,
+    label: str,
+    grasp: str,
+    view: str,
+    is_new: bool,
     features: int,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     return {
         "object": thing,
         "class_": short_id,

@@ -7,6 +7,7 @@ reports the outcome under the task that the answer names.
 
 from __future__ import annotations
 
+import contextlib
 import datetime as dt
 import time
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.engine.context import SCOPES
-from rtask.engine.decisions import MIN_TOLD, Decision, Option
+from rtask.engine.decisions import MIN_EVIDENCE, Decision, Option
 from rtask.engine.memory.calibration import score_maps
 from rtask.engine.memory.choice import Scene, choose, options, unaided
 from rtask.engine.memory.question import question_for
@@ -42,20 +43,20 @@ from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate
+from rtask.engine.records.asked import DecisionRecord, PlaceRecord, RefusalRecord, keep
 from rtask.engine.records.objects import stored_mass
-from rtask.engine.records.places import Sighting, located, state_seen
-from rtask.engine.records.refusals import Refusal, store_refusal
-from rtask.engine.remembered import KnownObject, Memory
+from rtask.engine.records.places import located
+from rtask.engine.records.refusals import Refusal, refusal_iri
+from rtask.engine.remembered import Memory, RememberedObject
 from rtask.engine.terms import find_task
-from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError
-from rtask.rdf.terms import iri
 from rtask.wire.message import Message
 from rtask.wire.types import Flag, Iri, Points, Probability, Text, Texts, Whole
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition as Matches
     from rtask.engine.context import Context
+    from rtask.engine.grippers import StoredGripper
     from rtask.kb.commit.access import Access
 
 __all__ = ["Clock", "RecogniseForGrasp", "recognise_for_grasp"]
@@ -63,6 +64,7 @@ __all__ = ["Clock", "RecogniseForGrasp", "recognise_for_grasp"]
 _MAX_CANDIDATES = 50
 _TRIES, _SAMPLES = 1500, 100
 _MAX_MATCHES = 10
+_REFUSED_BY = ("too_low", "confidence", "threshold", "text", "advice")
 _STEPS = (
     "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
 )  # fmt: skip
@@ -177,16 +179,11 @@ def recognise_for_grasp(
     _remember_place(context, situation, request, access)
     clock.times["total_s"] = clock.total()
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
-    context.decisions.put(
-        task,
-        Decision(
-            known.iri if known else "",
-            recognition,
-            {option.id: option for option in situation.chosen},
-            dict(clock.times),
-            request.seed,
-        ),
+    offered = {option.id: option for option in situation.chosen}
+    made = Decision(
+        known.iri if known else "", recognition, offered, dict(clock.times), request.seed
     )
+    _remember_decision(context, task, made, gripper, access)
     return Recognition(**fields, task_id=task, decision=decision, times=times)
 
 
@@ -203,7 +200,7 @@ def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> flo
     return max(thresholds.identity, FusionParams().min_confidence)
 
 
-def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:
+def _known(tracked: str | None, recognition: Matches, memory: Memory) -> RememberedObject | None:
     """Return the object in question: the tracked one, else the recognised one."""
     if tracked:
         known = memory.objects.get(tracked)
@@ -241,7 +238,7 @@ def _choose(
     maps = score_maps(context, situation.gripper)
     chosen = choose(found, scene, situation.memory, confidence, context.policy, maps=maps)
     alone = None
-    if any(max(one.explanation["graph"]) >= MIN_TOLD for one in chosen):
+    if any(max(one.explanation["graph"]) >= MIN_EVIDENCE for one in chosen):
         alone = unaided(found, scene, situation.memory, context.policy, maps)
     clock.lap("choice_s")
     return chosen, alone
@@ -302,8 +299,18 @@ def _refused(
         return ""
     known, matches = situation.known, situation.recognition.matches
     thing = known.iri if known else matches[0].object_iri if matches else ""
-    refusal = Refusal(task, situation.gripper, thing, decision)
-    return store_refusal(context, refusal, access).value
+    gripper, at = situation.gripper, dt.datetime.now(dt.UTC)
+    author = context.author(access, gripper.robot_name)
+    refusal = Refusal(task, gripper.robot, gripper.iri, thing, decision, at)
+    stated = {name: decision[name] for name in _REFUSED_BY}
+    # A copy stores nothing, and learns views under that lock, for which no robot should wait.
+    with context.writing if context.pass_on is None else contextlib.nullcontext():
+        node = refusal_iri(context, refusal, author).value
+        record = RefusalRecord(
+            node, task, gripper.robot.value, gripper.iri.value, thing, stated, at.isoformat()
+        )
+        keep(context, record, author)
+    return node
 
 
 def _remember_place(
@@ -319,22 +326,25 @@ def _remember_place(
     )  # fmt: skip
     if found is None:
         return
-    author = context.author(access, gripper.robot_name)
     at = dt.datetime.now(dt.UTC)
     if seen.stamp_s is not None:
         at = dt.datetime.fromtimestamp(seen.stamp_s, dt.UTC)
-    triples = Triples()
-    withdrawn = state_seen(
-        context, triples,
-        Sighting(iri(known.iri), found, gripper.robot, context.agent_iri(author),
-                 context.home_graph(author), at),
+    pose = tuple(float(number) for number in found.frame_from_object.ravel())
+    record = PlaceRecord(
+        context.names.unique("pose-estimate").value, known.iri, gripper.robot.value,
+        found.frame_id, pose, found.confidence, found.is_round, at.isoformat(),
     )  # fmt: skip
-    if not triples:
-        return
-    with context.writing, context.kb.transaction(access=author, note="see an object") as tx:
-        for subject, predicate, value in withdrawn:
-            tx.remove(subject, predicate, value)
-        triples.write(tx)
+    keep(context, record, context.author(access, gripper.robot_name))
+
+
+def _remember_decision(
+    context: Context, task: str, decision: Decision, gripper: StoredGripper, access: Access
+) -> None:
+    """Remember a decision for the report of its outcome, also where that is stored."""
+    context.decisions.put(task, decision)
+    if context.pass_on is not None and "write" in SCOPES[access.role]:
+        record = DecisionRecord(task, decision.object, decision.seed, decision.times)
+        keep(context, record, context.author(access, gripper.robot_name))
 
 
 def _assessment(situation: Situation) -> Assessment:

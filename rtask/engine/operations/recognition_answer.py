@@ -10,8 +10,8 @@ from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_mes
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.frames import closing_yaw
 from grasp.spatial.gripper import ParallelGripper
-from rtask.engine.decisions import Option, told_and_alone
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.decisions import Option, graph_against_geometry
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.statistics import GraspStatistics, summary
 from rtask.engine.observation import Observation
 from rtask.engine.operations.grasps import (
@@ -24,7 +24,7 @@ from rtask.engine.operations.search import SimilarObject, match_message, similar
 from rtask.engine.perception.identity import verdict
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, pose_fields
-from rtask.engine.remembered import KnownObject, Memory
+from rtask.engine.remembered import Memory, RememberedObject
 from rtask.wire.message import Answer, named
 from rtask.wire.types import Json
 
@@ -92,9 +92,9 @@ class Situation:
     observation: Observation
     recognition: Matches
     memory: Memory
-    known: KnownObject | None
+    known: RememberedObject | None
     placement: Placement | None
-    gripper: KnownGripper
+    gripper: StoredGripper
     pose: ObjectPose | None = None
     chosen: Sequence[Option] = ()
     alone: Option | None = None
@@ -168,7 +168,7 @@ def _alone(situation: Situation) -> dict[str, Any] | None:
         "in_object": dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True)),
         "mean": option.choice.mean,
         "quality": option.quality,
-        "text": told_and_alone(situation.chosen[0], option),
+        "text": graph_against_geometry(situation.chosen[0], option),
     }
 
 

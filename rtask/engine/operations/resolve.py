@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Ge, Le, MaxLen
 from pydantic import Field
 
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.capability import Bounds, Verdict, can_hold
 from rtask.engine.memory.confidence import posterior
 from rtask.engine.memory.meaning import Meaning, Sense, meaning
@@ -24,7 +24,7 @@ from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, recalled
 from rtask.engine.operations.operation import operation
-from rtask.engine.remembered import KnownObject, Memory, Remembered
+from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
 from rtask.rdf.terms import NamedNode, Value, iri
@@ -169,11 +169,14 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
         found = sorted((_known(one, memory, gripper, context) for one in found), key=_order)
     excluded = set(request.exclude)
     offered = [
-        one for one in found
+        one
+        for one in found
         if one.is_seen and one.verdict.capability != "no" and one.iri not in excluded
-    ]  # fmt: skip
+    ]
     best = offered[0] if offered else None
-    known = memory.objects.get(best.iri, KnownObject(best.iri)) if best else KnownObject("")
+    known = (
+        memory.objects.get(best.iri, RememberedObject(best.iri)) if best else RememberedObject("")
+    )
     reasons = _reasons(context, request.wanted, meant, found, excluded)
     return ResolvedRequest(
         task_response="object" if best else "unmet",
@@ -200,7 +203,7 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
 
 
 def _found(
-    context: Context, meant: Meaning, gripper: KnownGripper, request: ResolveRequest
+    context: Context, meant: Meaning, gripper: StoredGripper, request: ResolveRequest
 ) -> list[Found]:
     """Return the objects that fit the words, visible ones first; one query."""
     given = request.objects
@@ -226,7 +229,7 @@ def _found(
     return found
 
 
-def _query(senses: Sequence[Sense], gripper: KnownGripper, given: Sequence[str] | None) -> str:
+def _query(senses: Sequence[Sense], gripper: StoredGripper, given: Sequence[str] | None) -> str:
     """Return the query for the objects that fit, and for those that the robot names."""
     named = f"VALUES ?object {{ {values(given or ())} }}"
     return f"""{PREFIXES}
@@ -288,13 +291,14 @@ def _place(row: Row) -> dict[str, Any] | None:
 # Choice
 
 
-def _known(one: Found, memory: Memory, gripper: KnownGripper, context: Context) -> Found:
+def _known(one: Found, memory: Memory, gripper: StoredGripper, context: Context) -> Found:
     """Return an object with name, class and the probability of its most reliable grasp."""
-    known = memory.objects.get(one.iri, KnownObject(one.iri))
+    known = memory.objects.get(one.iri, RememberedObject(one.iri))
     chances = [
-        _chance(context, g) for g in memory.of(one.iri)
+        _chance(context, g)
+        for g in memory.of(one.iri)
         if g.gripper_type == gripper.gripper.gripper_type
-    ]  # fmt: skip
+    ]
     label = known.label or local_name(one.iri)
     chance = max(chances, default=None)
     return replace(one, label=label, class_iri=known.class_iri, chance=chance)
@@ -312,7 +316,7 @@ def _order(one: Found) -> tuple[bool, bool, float, str]:
 
 
 def _grasps(
-    context: Context, memory: Memory, best: Found | None, gripper: KnownGripper, most: int
+    context: Context, memory: Memory, best: Found | None, gripper: StoredGripper, most: int
 ) -> list[RecalledGrasp]:
     if best is None:
         return []
@@ -403,7 +407,7 @@ def _sentence(
     return said + over
 
 
-def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper) -> list[str]:
+def _proof(context: Context, meant: Meaning, best: Found, gripper: StoredGripper) -> list[str]:
     """Return the lines of a proof that the object fits and that the robot can hold it."""
     thing = iri(best.iri)
     lines = []

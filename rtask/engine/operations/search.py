@@ -14,7 +14,7 @@ from rtask.engine.operations.operation import operation
 from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import place
-from rtask.engine.remembered import KnownObject, Memory, Remembered
+from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.engine.stored import view_features
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
@@ -158,7 +158,7 @@ def similar_objects(
     return answer
 
 
-def _entry(known: KnownObject, confidence: float, **at: Any) -> SimilarObject:
+def _entry(known: RememberedObject, confidence: float, **at: Any) -> SimilarObject:
     """Return an entry of the answer, with the position of its best grasp or nulls."""
     return SimilarObject(
         class_=known.short_id,

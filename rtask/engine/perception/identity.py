@@ -15,7 +15,7 @@ import numpy as np
 
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
-from rtask.engine.remembered import KnownObject, Memory
+from rtask.engine.remembered import Memory, RememberedObject
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -124,7 +124,7 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
     return f"may be {name}; another view may decide"
 
 
-def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:
+def is_plausible(known: RememberedObject, seen: Observation, policy: Policy) -> bool:
     """Tell whether the measured size can be that of a known object.
 
     The three extents are compared in order of size, since an object that has fallen over shows

@@ -21,7 +21,7 @@ from rtask.rdf.terms import iri
 if TYPE_CHECKING:
     from features.pose import PoseEstimate, PoseModel
     from features.recognition.recogniser import Match, Recognition
-    from rtask.engine.remembered import KnownObject, Memory
+    from rtask.engine.remembered import Memory, RememberedObject
     from rtask.engine.stored import Models
     from rtask.kb.core import GraphCore
 
@@ -72,7 +72,7 @@ def locate(
     models: Models,
     seen: Observation,
     recognition: Recognition,
-    known: KnownObject | None,
+    known: RememberedObject | None,
     memory: Memory,
 ) -> tuple[Placement | None, ObjectPose | None]:
     """Return the placement of an object, and its pose if stored data determine it.
@@ -113,7 +113,7 @@ def _given(seen: Observation, frame_from_object: NDArray[np.float64]) -> ObjectP
 def find_pose(
     models: Models,
     seen: Observation,
-    known: KnownObject | None,
+    known: RememberedObject | None,
     match: Match | None,
     memory: Memory,
     upright: Placement | None = None,

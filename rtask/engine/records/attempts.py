@@ -11,7 +11,7 @@ import numpy as np
 
 from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_2pi
 from grasp.spatial.gripper import ContactKind
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.verdicts import Verdict
 from rtask.engine.perception.images import check_picture
@@ -65,7 +65,7 @@ class Attempt:
     attempt: NamedNode
     thing: NamedNode
     grasp: NamedNode
-    gripper: KnownGripper
+    gripper: StoredGripper
     task: NamedNode
     task_class: NamedNode
     task_name: str
@@ -286,8 +286,12 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
 
 
 def state_verdict(
-    context: Context, triples: Triples, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
-) -> NamedNode:  # fmt: skip
+    context: Context,
+    triples: Triples,
+    outcome: NamedNode,
+    said: Verdict,
+    votes: tuple[int, int],
+) -> NamedNode:
     """Add a person's verdict on an outcome; the majority outweighs the robot's report.
 
     Parameters

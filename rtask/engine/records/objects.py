@@ -31,7 +31,7 @@ __all__ = [
     "Sight",
     "body_frame",
     "frame_id_of",
-    "known_object",
+    "resolve_object",
     "state_frame",
     "state_object",
     "state_recognition",
@@ -87,7 +87,7 @@ class Sight:
     object_from_camera: NDArray[np.float64] | None = None
 
 
-def known_object(context: Context, name: str) -> str:
+def resolve_object(context: Context, name: str) -> str:
     """Return the IRI of the object with this IRI, objectId or name.
 
     Raises

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
@@ -87,6 +87,8 @@ class Sighting:
         Stored observation from which the pose was derived, if any.
     moved
         When an attempt that followed may have moved the object.
+    estimate
+        IRI of the estimate; None for a new one.
     """
 
     thing: NamedNode
@@ -97,6 +99,7 @@ class Sighting:
     time: dt.datetime
     event: NamedNode | None = None
     moved: dt.datetime | None = None
+    estimate: NamedNode | None = None
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,7 @@ def state_seen(
     ):
         return []
     state_frame_of(triples, sighting.robot, found.frame_id)
-    estimate = context.names.unique("pose-estimate")
+    estimate = sighting.estimate or context.names.unique("pose-estimate")
     pose = iri(f"{estimate.value}/pose")
     triples.node(
         estimate,
@@ -203,7 +206,7 @@ def state_moved(
     context: Context,
     triples: Triples,
     thing: NamedNode,
-    gripper: KnownGripper,
+    gripper: StoredGripper,
     outcome: Outcome,
     ended: dt.datetime,
     graph: NamedNode,

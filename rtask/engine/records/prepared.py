@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
 from rtask.engine.observation import Observation
@@ -23,7 +23,7 @@ from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
 from rtask.engine.records.received import Received, received
 from rtask.engine.records.record import Earlier, earlier
-from rtask.engine.remembered import KnownObject
+from rtask.engine.remembered import RememberedObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.durability.blobs import Blob
@@ -100,9 +100,9 @@ class Prepared:
     item: NewObject
     where: str
     seen: Observation
-    known: KnownObject | None
+    known: RememberedObject | None
     placement: Placement | None
-    gripper: KnownGripper | None
+    gripper: StoredGripper | None
     grasp: Received | None
     outcome: Outcome | None
     view: NamedNode
@@ -110,7 +110,7 @@ class Prepared:
     generation: int = 0
     vector: NDArray[np.float32] | None = None
     located: Located | None = None
-    resembles: tuple[KnownObject, float] | None = None
+    resembles: tuple[RememberedObject, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Repeated:
 
     task_id: str
     before: Earlier
-    gripper: KnownGripper | None
+    gripper: StoredGripper | None
 
 
 def prepare(context: Context, item: NewObject, where: str, access: Access) -> Prepared | Repeated:
@@ -196,7 +196,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
 
 def _viewpoint(
     seen: Observation,
-    known: KnownObject | None,
+    known: RememberedObject | None,
     placement: Placement | None,
     pose: ObjectPose | None,
 ) -> NDArray[np.float64] | None:
@@ -209,7 +209,7 @@ def _viewpoint(
 
 
 def stored_before(
-    context: Context, task_id: str | None, access: Access, gripper: KnownGripper | None
+    context: Context, task_id: str | None, access: Access, gripper: StoredGripper | None
 ) -> Earlier | None:
     """Return the result of an earlier request with this id and author."""
     if task_id is None:
@@ -238,7 +238,7 @@ SELECT ?view WHERE {{ ?content rt:hasBlob {blob} . ?view rt:viewContent ?content
     return next((str(row.value("view")) for row in rows), "")
 
 
-def _gripper(context: Context, item: NewObject, access: Access) -> KnownGripper | None:
+def _gripper(context: Context, item: NewObject, access: Access) -> StoredGripper | None:
     try:
         return context.grippers.find(item.gripper_id, access.agent)
     except UnknownTermError:

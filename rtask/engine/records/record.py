@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.decisions import Decision
-from rtask.engine.grippers import KnownGripper
+from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.calibration import Scored, calibrate
 from rtask.engine.memory.causes import Causes, Tried, place_along
 from rtask.engine.memory.confidence import believe
@@ -74,7 +74,7 @@ class Entry:
     """
 
     thing: NamedNode
-    gripper: KnownGripper
+    gripper: StoredGripper
     received: Received
     outcome: Outcome
     task: str

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from typing import Literal as OneOf
 
-from rtask.engine.grippers import KnownGripper
 from rtask.engine.triples import Triples, rounded, stamp
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import Literal, NamedNode, Quad, Value, iri, literal, moment
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
-__all__ = ["Refusal", "Response", "store_refusal", "store_response"]
+__all__ = ["Refusal", "Response", "refusal_iri", "store_refusal", "store_response"]
 
 Response = OneOf[
     "second_look",
@@ -45,59 +44,86 @@ class Refusal:
     ----------
     task
         Id that the answer carries.
-    gripper
-        That was asked for.
-    thing
+    robot, gripper
+        The robot that asked, and the end effector.
+    object
         IRI of the object, known or most alike; empty where nothing resembles it.
     decision
         As :func:`rtask.engine.memory.thresholds.decide` answers it.
+    at
+        When it was refused.
     """
 
     task: str
-    gripper: KnownGripper
-    thing: str
+    robot: NamedNode
+    gripper: NamedNode
+    object: str
     decision: Mapping[str, Any]
+    at: dt.datetime
+
+    def facts(self) -> dict[NamedNode, Value | None]:
+        """Return what a repetition of it has in common with it."""
+        decision = self.decision
+        return {
+            PROV.wasAssociatedWith: self.robot,
+            RT.refusedWith: self.gripper,
+            RT.refusedObject: iri(self.object) if self.object else None,
+            RT.lackingConfidence: str(decision["too_low"]),
+            RT.foundConfidence: rounded(float(decision["confidence"])),
+            RT.requiredConfidence: rounded(float(decision["threshold"])),
+            RT.refusalReason: str(decision["text"]),
+            RT.refusalAdvice: str(decision["advice"]) or None,
+        }
 
 
-def store_refusal(context: Context, refusal: Refusal, access: Access) -> NamedNode:
-    """Store a refusal in the robot's own graph; return its IRI.
+def refusal_iri(context: Context, refusal: Refusal, author: Access) -> NamedNode:
+    """Return the IRI for a refusal.
 
     A robot that asks again before it has responded, or after it has put the object off, gets the
     same refusal if nothing changed: it then has the time and the task of the latest answer, and
-    waits for the response to that.
+    waits for the response to that. Where the graph is a copy, the earlier one may not be in it yet.
     """
-    decision = refusal.decision
-    author = context.author(access, refusal.gripper.robot_name)
-    home, now = context.home_graph(author), dt.datetime.now(dt.UTC)
-    told: dict[NamedNode, Value | None] = {
-        PROV.wasAssociatedWith: refusal.gripper.robot,
-        RT.refusedWith: refusal.gripper.iri,
-        RT.refusedObject: iri(refusal.thing) if refusal.thing else None,
-        RT.lackingConfidence: str(decision["too_low"]),
-        RT.foundConfidence: rounded(float(decision["confidence"])),
-        RT.requiredConfidence: rounded(float(decision["threshold"])),
-        RT.refusalReason: str(decision["text"]),
-        RT.refusalAdvice: str(decision["advice"]) or None,
-    }
-    latest: dict[NamedNode, Value | None] = {RT.requestId: refusal.task, RT.atTime: stamp(now)}
+    facts = refusal.facts()
+    key = repr(sorted((str(name), str(value)) for name, value in facts.items()))
+    node = _repeated(context, facts, context.home_graph(author), refusal.at)
+    if node is None and context.pass_on is not None and refusal.object:
+        passed_on = context.refusals.get(key)
+        if passed_on is not None and refusal.at - passed_on[1] <= _REPEATED_WITHIN:
+            is_ended = any(
+                quad.object != _STILL_OPEN
+                for quad in context.kb.match(passed_on[0], RT.refusalResponse)
+            )
+            node = None if is_ended else passed_on[0]
+    node = node or context.names.unique("refusal")
+    if context.pass_on is not None:
+        context.refusals.put(key, (node, refusal.at))
+    return node
+
+
+def store_refusal(context: Context, refusal: Refusal, node: NamedNode, author: Access) -> None:
+    """Store a refusal in the robot's own graph; one that is there has its latest time and task."""
+    home = context.home_graph(author)
+    latest: dict[NamedNode, Value | None] = {
+        RT.requestId: refusal.task, RT.atTime: stamp(refusal.at),
+    }  # fmt: skip
     with context.writing:
         triples = Triples()
-        node = _repeated(context, told, home, now)
+        times = [_time(quad) for quad in context.kb.match(node, RT.atTime, None, home)]
+        if times and max(times) >= refusal.at:
+            return  # it has arrived before
         before: list[Quad] = []
-        if node is None:
-            node = context.names.unique("refusal")
-            triples.node(node, [RT.GraspRefusal], told)
-        else:
+        if times:
             before = [
                 quad
                 for predicate in (*latest, RT.refusalResponse)
                 for quad in context.kb.match(node, predicate, None, home)
             ]
+        else:
+            triples.node(node, [RT.GraspRefusal], refusal.facts())
         triples.node(node, [], latest)
         with context.kb.transaction(access=author, note="refuse to grasp") as tx:
             tx.remove_quads(before)
             triples.write(tx)
-    return node
 
 
 def _repeated(

@@ -18,7 +18,7 @@ from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.perception.observation import stored_frame
-from rtask.engine.records.objects import known_object
+from rtask.engine.records.objects import resolve_object
 from rtask.errors import DataError, MissingBlobError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import iri
@@ -112,7 +112,7 @@ def object_shape(context: Context, name: str) -> ObjectShape:
     DataError
         No shape of it is stored.
     """
-    thing = known_object(context, name)
+    thing = resolve_object(context, name)
     for node, blob in _meshes(context, thing):
         mesh = _read_mesh(context, blob)
         if mesh is not None and _is_closed(mesh):
@@ -153,7 +153,7 @@ def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]
     DataError
         No view has a cloud with a known viewpoint.
     """
-    return _views(context, known_object(context, name))[:2]
+    return _views(context, resolve_object(context, name))[:2]
 
 
 Views = tuple[str, NDArray[np.float64], tuple[str, ...], NDArray[np.float64]]

@@ -19,7 +19,7 @@ from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 __all__ = ["RIGHTS", "Access", "Role"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
-RIGHTS = frozenset(("rules", "replicate", "deploy"))
+RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
 _READ = "read:"
 _GRAPH = re.compile(r"read:[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]+")
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")

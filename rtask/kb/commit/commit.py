@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
+import threading
 from collections import Counter
 from collections.abc import Collection, Mapping
 from contextlib import nullcontext
@@ -22,6 +23,7 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.budget import OF_ROBOTS, UNBOUNDED, Guard, ReasoningLimits
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
 from rtask.kb.commit.quarantine import set_aside
@@ -136,6 +138,9 @@ class Request:
         Refuse contradictory statements even where the policy is to quarantine them.
     cause_ms
         How long to look for the causes of a contradiction, in milliseconds.
+    reasoning
+        Bounds on what may follow; those of robots where none are given and the author is no
+        admin.
     """
 
     access: Access
@@ -149,7 +154,15 @@ class Request:
     strict: bool = False
     max_quads: int = MAX_QUADS
     cause_ms: float = CAUSE_BUDGET_MS
+    reasoning: ReasoningLimits | None = None
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
+
+    @property
+    def reasoning_limits(self) -> ReasoningLimits | None:
+        """Bounds on what may follow; ``None`` for those of the closure."""
+        if self.reasoning is None and self.access.role != "admin":
+            return OF_ROBOTS
+        return self.reasoning
 
 
 @dataclass
@@ -171,6 +184,8 @@ class Committer:
         Move contradictory statements to quarantine instead of refusing the whole commit.
     late
         Where the notes of small commits wait; ``None`` without notes.
+    stop
+        Set to end the derivation under way, and each later one.
     """
 
     store: GraphStore
@@ -186,6 +201,7 @@ class Committer:
     interrupted: bool = False
     quarantines: bool = False
     late: LateNotes | None = None
+    stop: threading.Event = field(default_factory=threading.Event)
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
@@ -275,11 +291,16 @@ class Committer:
         rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
             return Derived(), None, 0
+        limits = request.reasoning_limits
+        guard = Guard(limits, self.stop)
+        size = len(change.added) + len(change.removed)
+        budget = (limits or UNBOUNDED).budget(size, guard)
         # Notes say nothing about the world, so those that wait do not matter here.
         with self.late.quiet() if self.late is not None else nullcontext():
             if self.quarantines and not request.strict:
-                return set_aside(change, self.inference, self.graphs, self.last_seq + 1, rules)
-            return *self.inference.stage(change, rules, request.cause_ms), 0
+                seq = self.last_seq + 1
+                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
+            return *self.inference.stage(change, rules, request.cause_ms, budget), 0
 
     def _store(
         self, change: Overlay, derived: Derived, staged: Staged | None, request: Request

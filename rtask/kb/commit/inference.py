@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from pyoxigraph import NamedNode, Quad
 
 import ontology
-from rtask.errors import InconsistentError, TooLargeError
+from rtask.errors import DataError, InconsistentError, TooLargeError, TooMuchFollowsError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.conflict import describe_cause, inconsistent
 from rtask.kb.durability.saved_closures import Held, SavedClosures
@@ -200,6 +200,7 @@ class Inference:
         change: Overlay,
         rules: Sequence[Rule] | None = None,
         cause_ms: float = CAUSE_BUDGET_MS,
+        budget: Any = None,
     ) -> tuple[Derived, Staged]:
         """Return the statements that a change adds to and removes from the inferred graph.
 
@@ -209,13 +210,17 @@ class Inference:
             All rules of the user from now on, if the change concerns any.
         cause_ms
             How long to look for the causes of a contradiction.
+        budget
+            Bounds of what may follow, a :class:`reasoner.ChangeBudget`.
 
         Raises
         ------
+        TooMuchFollowsError
+            If more follows than the budget or the configuration of the closure allows.
         InconsistentError
             If the change contradicts stored data or the ontology; the derivation is discarded.
         """
-        staged = self._stage(change, rules)
+        staged = self._stage(change, rules, budget)
         if staged.contradictions:
             causes = staged.causes(budget_ms=cause_ms)
             staged.discard()
@@ -223,10 +228,10 @@ class Inference:
         return self._derived(staged), staged
 
     def try_stage(
-        self, change: Overlay, rules: Sequence[Rule] | None = None
+        self, change: Overlay, rules: Sequence[Rule] | None = None, budget: Any = None
     ) -> tuple[Derived, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
-        staged = self._stage(change, rules)
+        staged = self._stage(change, rules, budget)
         if staged.contradictions:
             staged.discard()
             return Derived(), None, staged.contradictions
@@ -304,18 +309,26 @@ class Inference:
         missing, surplus = closure.compare(map(triple_key, found))
         return InGraph(missing, graph), [Quad(s, p, o, graph) for s, p, o in surplus]
 
-    def _stage(self, change: Overlay, rules: Sequence[Rule] | None) -> Staged:
+    def _stage(self, change: Overlay, rules: Sequence[Rule] | None, budget: Any) -> Staged:
         from reasoner import ClosureTooLargeError, RuleError, StratificationError
 
         gained, lost = input_change(change, self._graphs.is_input)
         now = None if rules is None else [*shipped_rules(), *map(labelled, rules)]
         try:
-            staged: Staged = self.closure().stage(add=gained, remove=lost, rules=now)
+            staged: Staged = self.closure().stage(add=gained, remove=lost, rules=now, budget=budget)
         except ClosureTooLargeError as error:
-            raise TooLargeError(str(error)) from error
+            raise TooMuchFollowsError(
+                f"{error}; nothing was stored",
+                rule=error.rule,
+                statement=None if error.statement is None else " ".join(map(str, error.statement)),
+                limit="consequences",
+                allowed=error.limit,
+            ) from error
         except (RuleError, StratificationError) as error:
             if rules is None:
-                raise
+                raise DataError(
+                    f"with this change the rules in force would have no meaning: {error}"
+                ) from error
             raise blamed(rules, self.rules(), error) from error
         return staged
 

@@ -63,6 +63,7 @@ def set_aside(
     graphs: Graphs,
     seq: int,
     rules: Sequence[Rule] | None = None,
+    budget: Any = None,
 ) -> tuple[Derived, Staged, int]:
     """Move contradictory statements from a pending change into the quarantine graph.
 
@@ -70,6 +71,8 @@ def set_aside(
     ----------
     rules
         All rules of the user from now on, if the change concerns any.
+    budget
+        Bounds of what may follow, a :class:`reasoner.ChangeBudget`.
 
     Returns
     -------
@@ -82,7 +85,7 @@ def set_aside(
     """
     moved = 0
     for _ in range(_ROUNDS):
-        derived, staged, clashes = inference.try_stage(change, rules)
+        derived, staged, clashes = inference.try_stage(change, rules, budget)
         if staged is not None:
             return derived, staged, moved
         blamed = _blamed(change, clashes, inference)

@@ -9,6 +9,7 @@ from typing import Any
 from pyoxigraph import Literal, Quad, Triple
 
 from rtask.errors import QueryTooExpensive
+from rtask.kb.commit.budget import ReasoningLimits
 from rtask.rdf.terms import Term
 
 __all__ = ["Meter", "UpdateLimits"]
@@ -32,6 +33,8 @@ class UpdateLimits:
         Size of the change, counted as templates are filled.
     solutions
         Number of solutions of one WHERE.
+    reasoning
+        Bounds on what may follow from the change; those of its author's role where none are given.
     """
 
     seconds: float
@@ -40,6 +43,7 @@ class UpdateLimits:
     statements: int = 200_000
     delta_bytes: int = 64 << 20
     solutions: int = 1_000_000
+    reasoning: ReasoningLimits | None = None
 
 
 class Meter:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
@@ -59,10 +60,30 @@ class Writer:
         self._announcing = threading.RLock()
         self._unannounced: deque[Change] = deque()
         self._listeners: list[Listener] = []
+        self._waiting: dict[int, float] = {}
+
+    def queue(self) -> tuple[int, float]:
+        """Return how many threads wait to write, and for how long the first has waited (s)."""
+        since = list(self._waiting.values())
+        return len(since), time.monotonic() - min(since) if since else 0.0
+
+    def _acquire(self) -> None:
+        if self._lock.acquire(blocking=False):
+            return
+        thread = threading.get_ident()
+        self._waiting[thread] = time.monotonic()
+        try:
+            self._lock.acquire()
+        finally:
+            del self._waiting[thread]
+
+    def stop_deriving(self) -> None:
+        """End the derivation under way, whose commit is refused, and any later one that is long."""
+        self.committer.stop.set()
 
     def begin(self) -> Overlay:
         """Take the lock and return an empty change."""
-        self._lock.acquire()
+        self._acquire()
         try:
             if self._closed:
                 raise ClosedError("the knowledge base is closed or open for reading only")

@@ -23,6 +23,11 @@ class Outage:
         self._what = what
         self._reason: str | None = None
 
+    @property
+    def is_on(self) -> bool:
+        """Whether the last attempt failed."""
+        return self._reason is not None
+
     def failed(self, error: Exception) -> None:
         """Note a failed attempt."""
         reason = str(error) or type(error).__name__

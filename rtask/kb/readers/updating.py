@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
@@ -81,7 +81,7 @@ class UpdateOrder:
                 "using": [graph.value for graph in self.dataset.using],
                 "using_named": [graph.value for graph in self.dataset.using_named],
                 "base": self.dataset.base,
-                "limits": asdict(self.limits),
+                "limits": asdict(replace(self.limits, reasoning=None)),
                 "memory": self.limits.memory_bytes,
             }
         ).encode()

@@ -32,6 +32,7 @@ class _Following:
     def __init__(self, url: str) -> None:
         self.url = url
         self.waits = 0
+        self.records_waiting = 0
 
     def catch_up(self) -> None:
         self.waits += 1

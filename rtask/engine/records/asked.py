@@ -1,0 +1,182 @@
+"""Records of what robots asked: where they saw an object, what they were refused, what was decided.
+
+The answer to a robot does not depend on them, so a copy of the graph, which cannot write, answers
+at once and passes them on as JSON. Each may arrive twice: ids and times are made where the robot
+asked, so that it is stored once, with the time when it happened. The commit has the time when it
+was stored.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from rtask.engine.decisions import Decision
+from rtask.engine.records.places import Located, Sighting, state_seen
+from rtask.engine.records.refusals import Refusal, store_refusal
+from rtask.engine.triples import Triples
+from rtask.errors import UsageError
+from rtask.rdf.terms import iri
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+
+__all__ = ["AskedRecord", "DecisionRecord", "PlaceRecord", "RefusalRecord", "keep", "record_of"]
+
+_SIZE = 4
+
+
+@dataclass(frozen=True)
+class PlaceRecord:
+    """Place of an object, as a robot saw it.
+
+    Parameters
+    ----------
+    estimate
+        IRI of the estimate of its pose.
+    robot
+        IRI of the robot to which the frame belongs.
+    frame_from_object
+        The 16 numbers of the pose (4, 4), row by row, m.
+    seen_at
+        ISO 8601.
+    """
+
+    kind: ClassVar[str] = "place"
+    estimate: str
+    object: str
+    robot: str
+    frame_id: str
+    frame_from_object: tuple[float, ...]
+    confidence: float
+    is_round: bool
+    seen_at: str
+
+    def is_news(self, context: Context, author: Access) -> bool:
+        """Whether the graph here has no estimate that still holds."""
+        triples = Triples()
+        state_seen(context, triples, self._sighting(context, author))
+        return bool(triples)
+
+    def store(self, context: Context, author: Access) -> None:
+        """Store it in the author's graph, unless a newer or the same place is known."""
+        triples = Triples()
+        with context.writing:
+            withdrawn = state_seen(context, triples, self._sighting(context, author))
+            if not triples:
+                return
+            with context.kb.transaction(access=author, note="see an object") as tx:
+                for subject, predicate, value in withdrawn:
+                    tx.remove(subject, predicate, value)
+                triples.write(tx)
+
+    def _sighting(self, context: Context, author: Access) -> Sighting:
+        pose = np.array(self.frame_from_object, np.float64).reshape(_SIZE, _SIZE)
+        return Sighting(
+            iri(self.object), Located(pose, self.frame_id, self.confidence, self.is_round),
+            iri(self.robot), context.agent_iri(author), context.home_graph(author),
+            dt.datetime.fromisoformat(self.seen_at), estimate=iri(self.estimate),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RefusalRecord:
+    """Decision against a grasp.
+
+    Parameters
+    ----------
+    node
+        IRI of the refusal, which the robot was told.
+    decision
+        ``too_low``, ``confidence``, ``threshold``, ``text`` and ``advice``.
+    refused_at
+        ISO 8601.
+    """
+
+    kind: ClassVar[str] = "refusal"
+    node: str
+    task: str
+    robot: str
+    gripper: str
+    object: str
+    decision: Mapping[str, Any]
+    refused_at: str
+
+    def store(self, context: Context, author: Access) -> None:
+        """Store it in the author's graph."""
+        store_refusal(context, self.refusal, iri(self.node), author)
+
+    @property
+    def refusal(self) -> Refusal:
+        """The refusal in the engine's terms."""
+        return Refusal(
+            self.task, iri(self.robot), iri(self.gripper), self.object, self.decision,
+            dt.datetime.fromisoformat(self.refused_at),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DecisionRecord:
+    """What was decided for a task, for the report of its outcome; kept in memory only."""
+
+    kind: ClassVar[str] = "decision"
+    task: str
+    object: str
+    seed: int
+    times: Mapping[str, float] = field(default_factory=dict)
+
+    def store(self, context: Context, author: Access) -> None:
+        """Remember it, unless the decision itself was made here."""
+        if context.decisions.get(self.task) is None:
+            made = Decision(self.object, None, times=dict(self.times), seed=self.seed)
+            context.decisions.put(self.task, made)
+
+
+AskedRecord: TypeAlias = PlaceRecord | RefusalRecord | DecisionRecord
+_KINDS: Mapping[str, type[AskedRecord]] = {
+    one.kind: one for one in (PlaceRecord, RefusalRecord, DecisionRecord)
+}
+
+
+def keep(context: Context, record: AskedRecord, author: Access) -> None:
+    """Store a record, or pass it on where the graph is the copy of another server's."""
+    if context.pass_on is None:
+        record.store(context, author)
+    elif not isinstance(record, PlaceRecord) or record.is_news(context, author):
+        context.pass_on({"kind": record.kind, **asdict(record)}, author)
+
+
+def record_of(given: Mapping[str, Any]) -> AskedRecord:
+    """Return the record that JSON holds.
+
+    Raises
+    ------
+    UsageError
+        It is none.
+
+    Examples
+    --------
+    >>> record_of({"kind": "decision", "task": "t-1", "object": "", "seed": 3}).seed
+    3
+    """
+    values = dict(given)
+    kind = _KINDS.get(str(values.pop("kind", "")))
+    if kind is None:
+        raise UsageError(f"kind: expected one of {', '.join(_KINDS)}")
+    try:
+        record = kind(**values)
+        if isinstance(record, PlaceRecord):
+            pose = np.array(record.frame_from_object, np.float64)
+            if pose.shape != (_SIZE * _SIZE,) or not np.isfinite(pose).all():
+                raise ValueError("frame_from_object: expected 16 finite numbers")
+            dt.datetime.fromisoformat(record.seen_at)
+        elif isinstance(record, RefusalRecord):
+            _ = record.refusal
+    except (TypeError, ValueError, KeyError) as error:
+        raise UsageError(f"{kind.kind}: {error}") from None
+    return record

@@ -1,0 +1,123 @@
+"""Commits from which too much follows are refused whole; the writer stays free for the others."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+import rtask
+from rtask.errors import BusyError, DataError, TooMuchFollowsError
+from rtask.kb.commit import budget
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.budget import OF_ROBOTS, Guard, ReasoningLimits
+from rtask.kb.commit.commit import Request
+from rtask.knowledge_base import KnowledgeBase
+
+PREFIXES = (
+    "PREFIX rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> "
+    "PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
+    "PREFIX owl: <http://www.w3.org/2002/07/owl#> "
+)
+ROBOT = Access("nao-1", "robot", frozenset(("schema",)))
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[KnowledgeBase]:
+    with rtask.open(":memory:") as opened:
+        opened.update("INSERT DATA { <urn:a> a <urn:B> }")
+        yield opened
+
+
+def insert(kb: KnowledgeBase, statements: str) -> rtask.Commit:
+    return kb.update(f"{PREFIXES}INSERT DATA {{ {statements} }}", access=ROBOT)
+
+
+def test_one_statement_that_makes_all_classes_equal_is_refused(shared: KnowledgeBase) -> None:
+    seq = shared.seq
+    with pytest.raises(TooMuchFollowsError, match="20020 facts follow") as refused:
+        insert(shared, "rdfs:subClassOf a owl:SymmetricProperty")
+    assert refused.value.status == 422
+    assert refused.value.details["rule"] == "prp-symp"
+    assert "subClassOf" in refused.value.details["statement"]
+    assert refused.value.details["allowed"] == OF_ROBOTS.derived + OF_ROBOTS.derived_each
+    assert shared.seq == seq
+    assert insert(shared, "<urn:c> <urn:p> 1").added == 1
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "rdf:type rdfs:subPropertyOf <urn:p>",
+        "rdf:type rdfs:subPropertyOf owl:sameAs",
+        "rdf:type a owl:FunctionalProperty",
+    ],
+)
+def test_a_statement_that_leaves_rules_without_meaning_is_refused_as_data(
+    shared: KnowledgeBase, statement: str
+) -> None:
+    with pytest.raises(DataError, match="would have no meaning") as refused:
+        insert(shared, statement)
+    assert refused.value.status == 422
+    assert insert(shared, f"<urn:after> <urn:p> '{statement}'").added == 1
+
+
+def test_the_program_that_opened_the_graph_has_the_bounds_of_the_closure(
+    shared: KnowledgeBase,
+) -> None:
+    links = " ".join(f"<urn:y{i}> <urn:t> <urn:y{i + 1}> ." for i in range(260))
+    assert shared.access().role == "admin"
+    assert Request(shared.access()).reasoning_limits is None
+    own = f"{PREFIXES}INSERT DATA {{ <urn:t> a owl:TransitiveProperty . {links} }}"
+    assert shared.update(own).derived > OF_ROBOTS.derived + 261 * OF_ROBOTS.derived_each
+
+
+def test_a_derivation_is_ended_when_the_server_stops_and_small_commits_are_stored(
+    shared: KnowledgeBase,
+) -> None:
+    with rtask.open(":memory:") as kb:
+        kb.update("INSERT DATA { <urn:a> a <urn:B> }")
+        kb.stop_deriving()
+        with pytest.raises(BusyError, match="stopping") as refused:
+            insert(kb, "rdfs:subClassOf a owl:SymmetricProperty")
+        assert (refused.value.status, refused.value.details["retry_after_s"]) == (503, 10)
+        assert insert(kb, "<urn:c> <urn:p> 1").added == 1
+
+
+def test_the_guard_ends_what_takes_too_long_or_too_much_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, memory = [0.0], [100]
+    monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(budget, "resident_bytes", lambda: memory[0])
+    guard = Guard(ReasoningLimits(seconds=2.0, memory_bytes=1_000), threading.Event())
+    clock[0], memory[0] = 1.0, 1_000
+    guard()
+    clock[0], memory[0] = 1.5, 1_200
+    with pytest.raises(BusyError, match="MiB"):
+        guard()
+    clock[0], memory[0] = 2.5, 100
+    with pytest.raises(BusyError, match="not derived within 2 s"):
+        guard()
+
+
+def test_the_queue_of_writers_can_be_looked_at(shared: KnowledgeBase) -> None:
+    assert shared.write_queue() == (0, 0.0)
+    entered = threading.Event()
+
+    def write() -> None:
+        entered.set()
+        insert(shared, "<urn:w> <urn:p> 2")
+
+    with shared.transaction():
+        thread = threading.Thread(target=write)
+        thread.start()
+        entered.wait()
+        while not shared.write_queue()[0]:
+            pass
+        count, seconds = shared.write_queue()
+        assert count == 1
+        assert seconds >= 0
+    thread.join()
+    assert shared.write_queue() == (0, 0.0)
