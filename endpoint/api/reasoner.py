@@ -10,6 +10,7 @@ from pyoxigraph import RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import json_object
+from endpoint.api.proposals import PROPOSALS, plan_proposals, proposal_methods
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
 from rtask.asking.decisions import explain
@@ -43,6 +44,8 @@ def methods_of(address: str) -> tuple[str, ...]:
     >>> methods_of("/reasoner/rules"), methods_of("/reasoner/rules/heavy")
     (('GET', 'HEAD', 'POST', 'DELETE'), ('GET', 'HEAD', 'DELETE'))
     """
+    if address == PROPOSALS or address.startswith(PROPOSALS + "/"):
+        return proposal_methods(address)
     if address == RULES:
         return ("GET", "HEAD", "POST", "DELETE")
     if address.startswith(RULES + "/"):
@@ -69,6 +72,8 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
     if not methods:
         raise RefusedError(404, "not-found", f"there is nothing at {address}; see /openapi")
     require_method(request, methods)
+    if address.startswith(PROPOSALS):
+        return plan_proposals(kb, auth, request, caller, address)
     if address == CONTRADICTIONS:
         return Plan(lambda: _contradictions(kb))
     if address == EXPLAIN:
