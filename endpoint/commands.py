@@ -44,6 +44,8 @@ def serve(
     flush: str,
     log_level: str,
     services: tuple[str, ...],
+    check_services: bool,
+    lease: float,
     **options: Any,
 ) -> None:
     """Serve a knowledge base to programs, robots and people.
@@ -82,7 +84,7 @@ def serve(
         tokens = stack.enter_context(closing(TokenStore(kb.folder)))
         follower: Follower | None = None
         if follow and isinstance(kb, KnowledgeBase):
-            follower = Follower(kb, tokens, follow, secret, not no_forward)
+            follower = Follower(kb, tokens, follow, secret, not no_forward, lease_s=lease)
         else:
             server.check_exposure(tokens, config)
         if not isinstance(kb, KnowledgeBase):
@@ -92,6 +94,8 @@ def serve(
             made.keep_compared()
             engine = made
         host = stack.enter_context(open_host(made, services))
+        for problem in host.check() if check_services else ():
+            click.echo(f"Warning: {problem}", err=True)
 
         def ready(url: str) -> None:
             kb.publish(url=url)

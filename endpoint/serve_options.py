@@ -90,6 +90,14 @@ _WHERE = _options(
     click.option(
         "--no-forward", is_flag=True, help="Redirect writes to the server that is followed."
     ),
+    click.option(
+        "--lease",
+        type=click.FloatRange(min=0),
+        default=60.0,
+        show_default=True,
+        metavar="S",
+        help="A follower lets no token in after this time without contact, s; 0 = always.",
+    ),
     click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on."),
     click.option(
         "-p",
@@ -125,6 +133,11 @@ _WHERE = _options(
         multiple=True,
         metavar="MODULE|FILE.py",
         help="Offer the services that this module or file defines; repeat for several.",
+    ),
+    click.option(
+        "--check-services",
+        is_flag=True,
+        help="Start each service once before the first request, and say which ones fail.",
     ),
     click.option(
         "--flush",

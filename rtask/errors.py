@@ -39,6 +39,7 @@
     ├── ServiceError                a service says that it cannot do what was asked
     │   ├── ServiceFailedError      a service raised something else, or answered wrongly
     │   ├── StartupFailedError      a service could not be made ready
+    │   │   └── UnusableServiceError    nor will it be without a change
     │   ├── StateChangedError       a call left the state of its service changed
     │   ├── WorkerDiedError         the process that carried out a call ended
     │   ├── MissingDataError        a data resource that a service needs was not named
@@ -50,7 +51,8 @@
 
 A message says what was wrong, where, what was expected and what to do. The command line prints it
 as one line and exits with :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
-details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`.
+details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`. Whether trying again may help is
+:attr:`RtaskError.is_transient`, over every protocol the member ``transient``.
 """
 
 from __future__ import annotations
@@ -59,6 +61,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 __all__ = [
+    "TRANSIENT_STATUSES",
     "AccessError",
     "AuthenticationError",
     "BusyError",
@@ -100,12 +103,17 @@ __all__ = [
     "TooMuchFollowsError",
     "UnknownTermError",
     "UnsupportedError",
+    "UnusableServiceError",
     "UsageError",
     "ValidationError",
     "VersionConflictError",
     "WorkerDiedError",
     "nearest",
 ]
+
+
+TRANSIENT_STATUSES = frozenset((429, 502, 503, 504, 507))
+"""HTTP statuses of errors after which the same call may succeed later."""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
@@ -136,7 +144,22 @@ class RtaskError(Exception):
 
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
-    exit_code: ClassVar[int] = 3
+    exit_code: ClassVar[int] = 1
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether the same call may succeed later, without any change on the caller's side.
+
+        ``transient`` of the details decides, or else the status.
+
+        Examples
+        --------
+        >>> QueueFullError("too many calls wait").is_transient, UsageError("no such").is_transient
+        (True, False)
+        """
+        given = self.details.get("transient")
+        status = self.details.get("http_status", self.status)
+        return status in TRANSIENT_STATUSES if given is None else bool(given)
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -361,6 +384,12 @@ class StartupFailedError(ServiceError):
     """A service could not be made ready; ``retry_after_s`` says when that is tried again."""
 
     status, slug = 503, "startup-failed"
+
+
+class UnusableServiceError(StartupFailedError):
+    """A service cannot be made ready before its code, data or installation has changed."""
+
+    status, slug = 500, "service-unusable"
 
 
 class StateChangedError(ServiceError):

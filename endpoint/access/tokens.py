@@ -25,6 +25,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import cast
 
+from endpoint.http.messages import RefusedError
 from rtask.errors import AuthenticationError, UsageError
 from rtask.kb.commit.access import Access, Role
 
@@ -141,6 +142,8 @@ class TokenStore:
         self._file_version = b""
         self._standing = (b"", False, False)
         self._check_again = self._stands_until = -math.inf
+        self.is_current: Callable[[], bool] = lambda: True
+        """Whether revocations still arrive here; a follower out of contact lets no token in."""
         if self._path:
             # Created with the right mode before SQLite opens it, so it is never readable by others.
             self._path.touch(mode=0o600, exist_ok=True)
@@ -220,7 +223,10 @@ class TokenStore:
         ------
         AuthenticationError
             Malformed, unknown, expired or revoked; the message never repeats the secret.
+        RefusedError
+            503: whether it was revoked is not known here.
         """
+        self._require_current()
         shown, version = _digest(text), self._version()
         if version != self._known_at:
             self._known, self._known_at = {}, version
@@ -252,12 +258,29 @@ class TokenStore:
             )
         return token
 
+    def _require_current(self) -> None:
+        if not self.is_current():
+            raise RefusedError(
+                503,
+                "authority-lapsed",
+                "this follower has been out of contact with its writer for so long that it does "
+                "not know whether the token was revoked; ask the writer or another follower",
+                headers=(("Retry-After", "5"),),
+            )
+
     def is_valid(self, token_id: str) -> bool:
-        """Tell whether a token that was accepted before is still valid."""
-        return self.get(token_id) is not None
+        """Return whether a token that was accepted before is known to be still valid."""
+        return self.is_current() and self.get(token_id) is not None
 
     def get(self, token_id: str) -> Token | None:
-        """Return a valid token by its id, without checking a secret; none if it is not valid."""
+        """Return a valid token by its id, without checking a secret; none if it is not valid.
+
+        Raises
+        ------
+        RefusedError
+            503: whether it was revoked is not known here.
+        """
+        self._require_current()
         row = self._row(token_id)
         token = _token(row) if row is not None else None
         if token is not None and token.is_valid(time.time()):
@@ -289,7 +312,8 @@ class TokenStore:
         now = self._clock()
         if now >= self._stands_until:
             self._look()
-            self._standing = (self._version(), self._ever_issued, self._ever_limited)
+            version = self._version() if self.is_current() else b""
+            self._standing = (version, self._ever_issued, self._ever_limited)
             self._stands_until = min(now + _STANDS_S, self._check_again)
         return self._standing
 

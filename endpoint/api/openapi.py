@@ -88,6 +88,10 @@ _PROBLEM: JsonObject = {
         "status": {"type": "integer"},
         "detail": {"type": "string"},
         "instance": {"type": "string"},
+        "transient": {
+            "type": "boolean",
+            "description": "whether the same request may succeed later",
+        },
     },
     "required": ["type", "title", "status", "detail"],
 }

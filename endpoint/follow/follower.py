@@ -40,6 +40,7 @@ __all__ = ["Follower", "prepare"]
 
 _log = logging.getLogger(__name__)
 LOST_S = 5.0
+LEASE_S = 60.0
 _RETRY_S = 0.25
 _MAX_BATCH = 500
 _PASSED_ON = frozenset(
@@ -127,6 +128,11 @@ class Follower:
         Whether writes are passed on; clients are redirected otherwise.
     start_over
         Called when the copy cannot go on, after it has been marked as incomplete.
+    lease_s
+        Time without contact after which no token is let in any more, because the writer may have
+        revoked it, s; 0 = never.
+    clock
+        Returns seconds; tests pass their own.
     """
 
     def __init__(
@@ -137,6 +143,8 @@ class Follower:
         token: str | None,
         forwards: bool = True,
         start_over: Callable[[], None] | None = None,
+        lease_s: float = LEASE_S,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.url = url.rstrip("/")
         self._kb = kb
@@ -144,6 +152,8 @@ class Follower:
         self._token = token
         self.forwards = forwards
         self._start_over = start_over or _start_again
+        self._lease_s, self._clock = lease_s, clock
+        tokens.is_current = self.has_authority
         self._writer_seq = 0
         self._current_at = self._heard_at = float("-inf")
         self._closed = threading.Event()
@@ -179,17 +189,21 @@ class Follower:
     @property
     def seconds_behind(self) -> float:
         """Age of the newest state that is known to be here, s."""
-        return min(time.monotonic() - self._current_at, 1e9)
+        return min(self._clock() - self._current_at, 1e9)
 
     @property
     def commits_behind(self) -> int:
         """Number of commits of the writer that are not here yet, as far as is known."""
         return max(0, self._writer_seq - self._kb.seq)
 
+    def has_authority(self) -> bool:
+        """Return whether the writer was heard recently enough to trust the copy of its tokens."""
+        return not self._lease_s or self._clock() - self._heard_at <= self._lease_s
+
     @property
     def is_connected(self) -> bool:
         """Whether the writer has been heard of in the last five seconds."""
-        return time.monotonic() - self._heard_at <= LOST_S
+        return self._clock() - self._heard_at <= LOST_S
 
     # Taking in
 
@@ -224,8 +238,9 @@ class Follower:
             _log.info("following %s from commit %d", self.url, self._kb.seq)
             frames = _Frames()
             for piece in answer.iter_raw():
-                self._heard_at = time.monotonic()
+                heard_at = self._clock()
                 self._take(frames.feed(piece))
+                self._heard_at = heard_at  # the tokens in it were taken over before
                 if self._closed.is_set():
                     return
 
@@ -240,7 +255,7 @@ class Follower:
                 batch = []
                 self._writer_seq = int(frame.header["seq"])
                 if self._kb.seq >= self._writer_seq:
-                    self._current_at = self._heard_at
+                    self._current_at = self._clock()
             elif frame.header.get("partial"):
                 self._apply(batch)
                 raise _StartOverError("a bulk load, which the journal does not hold")

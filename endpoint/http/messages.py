@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any, Protocol
 from urllib.parse import unquote
 
-from rtask.errors import RtaskError
+from rtask.errors import TRANSIENT_STATUSES, RtaskError
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 _MAX_FIELDS = 2_000
@@ -58,7 +58,7 @@ class RefusedError(RtaskError):
         headers: tuple[tuple[str, str], ...] = (),
         **details: Any,
     ) -> None:
-        super().__init__(message, **details)
+        super().__init__(message, **{"transient": status in TRANSIENT_STATUSES, **details})
         self.http_status = status
         self.http_slug = slug
         self.headers = headers

@@ -53,10 +53,16 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     }
     if instance:
         members["instance"] = instance
+    members["transient"] = is_transient(error)
     for name, value in extra.items():
         if name not in members and value is not None:
             members[name] = value
     return members
+
+
+def is_transient(error: Exception) -> bool:
+    """Return whether trying again may help; unexpected errors are nobody's to repeat."""
+    return isinstance(error, RtaskError) and error.is_transient
 
 
 def slug_of(error: Exception) -> str:

@@ -57,6 +57,11 @@ class Progress:
         self._furthest = max(self._furthest, min(progress, 1.0))
         self._tell({"progress": self._furthest, "phase": phase, **members})
 
+    @property
+    def settles_its_end(self) -> bool:
+        """Whether the handler decides if it can still be cancelled."""
+        return self._stop is not None
+
     def cancel(self) -> bool:
         """Ask the handler to stop; return whether the goal is cancelled by that.
 
@@ -120,15 +125,24 @@ class Goal:
                 self.deadlines.after(wait_s, self._tell_held)
             self.held = values
 
-    def end(self, status: int, values: Any) -> None:
-        """Send the result, once, after any feedback that waits."""
+    def end(self, status: int, values: Any, transient: bool | None = None) -> None:
+        """Send the result, once, after any feedback that waits.
+
+        Parameters
+        ----------
+        transient
+            Of an error: whether trying again may help. None = it is not known.
+        """
         with self.lock:
             if self.done:
                 return
             self.done = True
             if self.held is not None and status == SUCCEEDED:
                 self._tell(self.held)
-            self._emit("action_result", values=values, status=status, result=status != ABORTED)
+            more = {} if transient is None else {"transient": transient}
+            self._emit(
+                "action_result", values=values, status=status, result=status != ABORTED, **more
+            )
         if self.progress is not None:
             self.progress.cancel()
 
@@ -236,7 +250,8 @@ class Actions:
             self._end(key, goal, *goal.stopped)
             return
         except Exception as error:  # noqa: BLE001 - a failed goal has a result
-            self._end(key, goal, ABORTED, failure_text(error))
+            transient = isinstance(error, RtaskError) and error.is_transient
+            self._end(key, goal, ABORTED, failure_text(error), transient)
             return
         self._end(key, goal, SUCCEEDED, values)
 
@@ -322,15 +337,18 @@ class Actions:
     def _stop(self, key: str, goal: Goal, status: int, values: Any) -> None:
         """End a goal before its handler has, unless what that did is being stored."""
         goal.stopped = (status, values)
-        if goal.progress is None or goal.progress.cancel():
+        progress = goal.progress
+        if progress is None or not progress.settles_its_end or progress.cancel():
             self._end(key, goal, status, values)
 
-    def _end(self, key: str, goal: Goal, status: int, values: Any) -> None:
+    def _end(
+        self, key: str, goal: Goal, status: int, values: Any, transient: bool | None = None
+    ) -> None:
         with self._lock:
             self._goals.pop(key, None)
         if goal.late is not None:
             goal.late.cancel()
-        goal.end(status, values)
+        goal.end(status, values, transient)
 
 
 def plan_grasps_action(engine: Engine) -> list[Action]:

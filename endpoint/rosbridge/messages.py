@@ -7,7 +7,7 @@ import logging
 from collections.abc import Sequence
 from typing import Any
 
-from rtask.errors import RtaskError, UsageError
+from rtask.errors import TRANSIENT_STATUSES, RtaskError, UsageError
 from rtask.wire.message import strict_json
 
 JsonObject = dict[str, Any]
@@ -157,14 +157,20 @@ def text_of(message: JsonObject, field: str) -> str:
 
 
 def service_response(
-    message: JsonObject, result: bool, values: Any, status: int | None = None
+    message: JsonObject,
+    result: bool,
+    values: Any,
+    status: int | None = None,
+    transient: bool | None = None,
 ) -> JsonObject:
     """Return the answer to a call, naming the service as the caller spelled it.
 
     Parameters
     ----------
     status
-        HTTP status of a failure, which tells clients whether to try again.
+        HTTP status of a failure.
+    transient
+        Whether trying again may help; None = as the status says.
     """
     answer: JsonObject = {
         "op": "service_response",
@@ -174,6 +180,7 @@ def service_response(
     }
     if status is not None:
         answer["status"] = status
+        answer["transient"] = status in TRANSIENT_STATUSES if transient is None else transient
     return with_id(answer, message)
 
 

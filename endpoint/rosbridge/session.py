@@ -305,8 +305,10 @@ class Session:
             if len(text) > MAX_ANSWER_BYTES:
                 raise UsageError(f"answer of {len(text) >> 20} MB is too large: use HTTP")
         except Exception as error:  # noqa: BLE001 - a failed call is an answer
-            status = error.status if isinstance(error, RtaskError) else 500
-            self._finish(message, packing, False, failure_text(error), once, status)
+            status, transient = 500, False
+            if isinstance(error, RtaskError):
+                status, transient = error.status, error.is_transient
+            self._finish(message, packing, False, failure_text(error), once, status, transient)
             return
         if once():
             self._put(text, packing)
@@ -319,9 +321,11 @@ class Session:
         values: Any,
         once: Once,
         status: int | None = None,
+        transient: bool | None = None,
     ) -> None:
         if once():
-            self._put(encode(service_response(message, result, values, status)), packing)
+            answer = service_response(message, result, values, status, transient)
+            self._put(encode(answer), packing)
 
     def _put(self, text: str, packing: Packing) -> None:
         if self._closed:

@@ -14,7 +14,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rtask.client.calls import Calls
-from rtask.client.failures import TEMPORARY
 from rtask.client.outbox import Outbox
 from rtask.errors import (
     AuthenticationError,
@@ -214,7 +213,7 @@ class Client(Calls):
         try:
             answer = self._call(operation, args, timeout_s)
         except RtaskError as error:
-            if _may_change(error):
+            if _may_pass(error):
                 raise RemoteUnavailableError(
                     f"{error}; kept in {self._outbox.path} and sent again later", **error.details
                 ) from error
@@ -299,7 +298,7 @@ class Client(Calls):
             except RtaskError as error:
                 if isinstance(error, AuthenticationError):
                     raise
-                if _may_change(error):
+                if _may_pass(error):
                     if isinstance(error, RemoteUnavailableError):
                         raise
                     raise RemoteUnavailableError(str(error), **error.details) from error
@@ -325,11 +324,11 @@ def _no_services(client: Client) -> UnsupportedError:
     return UnsupportedError(f"{type(client).__name__} reaches no services")
 
 
-def _may_change(error: RtaskError) -> bool:
-    """Tell whether the same call may succeed later: nobody answered, or nobody had time."""
-    if isinstance(error, CallFailedError):
-        return error.details.get("http_status") in TEMPORARY
-    return error.status in TEMPORARY
+def _may_pass(error: RtaskError) -> bool:
+    """Return whether the same call may succeed later: nobody answered, or nobody had time."""
+    if isinstance(error, CallFailedError) and "http_status" not in error.details:
+        return False  # an answer of a kind that says nothing about it
+    return error.is_transient
 
 
 def _as_text(value: Any) -> Any:

@@ -6,32 +6,45 @@ import random
 import time
 from typing import TYPE_CHECKING
 
-from rtask.errors import AuthenticationError, CallFailedError, ForbiddenError
+from rtask.errors import (
+    TRANSIENT_STATUSES,
+    AuthenticationError,
+    CallFailedError,
+    ForbiddenError,
+    RtaskError,
+)
 
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["TEMPORARY", "Patience", "failure_of"]
-
-TEMPORARY = frozenset((429, 502, 503, 504, 507))
-"""Statuses of answers after which another try may succeed; nothing has been done yet."""
+__all__ = ["Patience", "failure_of", "is_transient"]
 
 _FIRST_S = 0.1
 _MAX_S = 2.0
 
 
-def failure_of(answer: httpx.Response) -> Exception:
+def failure_of(answer: httpx.Response) -> RtaskError:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
     try:
         problem = answer.json()
         words = str(problem.get("detail") or problem.get("title") or answer.text[:500])
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
+    may_pass = is_transient(answer)
     if answer.status_code == 401:
         return AuthenticationError(words)
     if answer.status_code == 403:
         return ForbiddenError(words)
-    return CallFailedError(words, http_status=answer.status_code)
+    return CallFailedError(words, http_status=answer.status_code, transient=may_pass)
+
+
+def is_transient(answer: httpx.Response) -> bool:
+    """Return whether the same request may succeed later: as the answer says, or by its status."""
+    try:
+        said = answer.json().get("transient")
+    except (ValueError, AttributeError):
+        said = None
+    return said if isinstance(said, bool) else answer.status_code in TRANSIENT_STATUSES
 
 
 class Patience:

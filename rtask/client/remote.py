@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from rtask.client.base import Client
 from rtask.client.calls import REPEATABLE
-from rtask.client.failures import TEMPORARY, Patience, failure_of
+from rtask.client.failures import Patience, failure_of, is_transient
 from rtask.client.following import FollowedChange, Pattern, follow_remote
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RemoteClient", "addresses"]
 
-_MARGIN_S = 5.0
+_MARGIN_S = 0.5
+_LEAST_S = 0.01
 
 
 def addresses(url: str) -> tuple[str, str]:
@@ -153,9 +154,9 @@ class RemoteClient(Client):
         """Call a method of a service; see :meth:`Client.call_service`."""
         body = {**(args or {}), **({"$data": dict(data)} if data else {})}
         path = f"{_address(name)}/{quote(method)}"
-        path += "" if timeout_s is None else f"?timeout={timeout_s}"
-        wait_s = None if timeout_s is None else timeout_s + _MARGIN_S
-        answer: dict[str, Any] = self._exchange("POST", path, body, may_repeat, wait_s)
+        answer: dict[str, Any] = self._exchange(
+            "POST", path, body, may_repeat, timeout_s, is_bounded=timeout_s is not None
+        )
         return answer
 
     def _exchange(
@@ -165,17 +166,30 @@ class RemoteClient(Client):
         body: Any = None,
         may_repeat: bool = False,
         timeout_s: float | None = None,
+        *,
+        is_bounded: bool = False,
     ) -> Any:
-        """Send a request with JSON, and return the JSON of the answer."""
+        """Send a request with JSON, and return the JSON of the answer.
+
+        Parameters
+        ----------
+        is_bounded
+            Whether the server is told how much of the time is left at each try.
+        """
         import httpx
 
-        seconds = self._timeout_s if timeout_s is None else timeout_s
+        patience = Patience(self._timeout_s if timeout_s is None else timeout_s)
 
         def send() -> httpx.Response:
-            return self._session().request(method, path, json=body, timeout=seconds)
+            left_s = max(patience.left_s, _LEAST_S)
+            # The server ends the call a little earlier, so that its reason arrives in time.
+            address = f"{path}?timeout={left_s - min(_MARGIN_S, left_s / 20):.3f}"
+            return self._session().request(
+                method, address if is_bounded else path, json=body, timeout=left_s
+            )
 
         try:
-            answer = _patiently(send, seconds, may_repeat)
+            answer = _patiently(send, patience, may_repeat)
         except httpx.TransportError as error:
             raise RemoteUnavailableError(f"{self.url} cannot be reached: {error}") from error
         if answer.is_error:
@@ -198,7 +212,7 @@ class RemoteClient(Client):
             return self._session().post(path, content=text.encode(), headers=headers)
 
         try:
-            answer = _patiently(send, self._timeout_s, may_repeat)
+            answer = _patiently(send, Patience(self._timeout_s), may_repeat)
         except httpx.TransportError as error:
             raise RemoteUnavailableError(f"{self.url} cannot be reached: {error}") from error
         if answer.is_error:
@@ -224,12 +238,11 @@ def _address(service: str) -> str:
 
 
 def _patiently(
-    send: Callable[[], httpx.Response], timeout_s: float, may_repeat: bool
+    send: Callable[[], httpx.Response], patience: Patience, may_repeat: bool
 ) -> httpx.Response:
     """Send, and again after a pause while nobody has time; what arrived is not repeated."""
     import httpx
 
-    patience = Patience(timeout_s)
     while True:
         try:
             answer = send()
@@ -241,10 +254,9 @@ def _patiently(
                 raise
         else:
             # A gateway may have passed on what it then lost the answer of.
-            busy = answer.status_code in (429, 503) or (
-                may_repeat and answer.status_code in TEMPORARY and answer.status_code != 504
-            )
-            if not busy or not patience.wait():
+            repeatable = answer.status_code in (429, 503) or may_repeat
+            is_late = answer.status_code == 504  # it had all its time
+            if not repeatable or is_late or not is_transient(answer) or not patience.wait():
                 return answer
 
 

@@ -8,8 +8,9 @@ import json
 import threading
 from typing import Any
 
-from rtask.client.failures import TEMPORARY, Patience
+from rtask.client.failures import Patience
 from rtask.errors import (
+    TRANSIENT_STATUSES,
     AuthenticationError,
     CallFailedError,
     ForbiddenError,
@@ -85,7 +86,7 @@ class ServiceSocket:
                     self._check_repeat(sent, may_repeat, patience, error)
                 except CallFailedError as error:
                     # Nobody had time for it: nothing was done, so it does no harm to ask again.
-                    busy = error.details.get("http_status") in (429, 503)
+                    busy = error.details.get("http_status") in (429, 503) and error.is_transient
                     if not busy or not patience.wait():
                         raise
 
@@ -165,7 +166,7 @@ class ServiceSocket:
                 continue
             values = message.get("values")
             if message.get("result") is not True:
-                raise _failure(str(values), message.get("status"))
+                raise _failure(str(values), message.get("status"), message.get("transient"))
             return values if isinstance(values, dict) else {}
 
     def _drop(self) -> None:
@@ -178,11 +179,12 @@ class ServiceSocket:
         self._socket = None
 
 
-def _failure(words: str, status: Any) -> RtaskError:
+def _failure(words: str, status: Any, transient: Any) -> RtaskError:
     """Return the error of a failed call; our server says besides which status it had over HTTP."""
     if type(status) is not int:
         return CallFailedError(words)
-    return CallFailedError(words, http_status=status, may_change=status in TEMPORARY)
+    may_pass = transient if isinstance(transient, bool) else status in TRANSIENT_STATUSES
+    return CallFailedError(words, http_status=status, transient=may_pass)
 
 
 def _refusal(address: str, status: int, error: Exception) -> RtaskError | OSError:

@@ -275,7 +275,9 @@ def _seats(definition: Definition) -> int:
 
 
 def _failure(error: RtaskError) -> dict[str, Any]:
-    return {"result": False, "values": str(error), "error": error.slug}
+    return {
+        "result": False, "values": str(error), "error": error.slug, "transient": error.is_transient
+    }  # fmt: skip
 
 
 def _texts(message: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from rtask.errors import RtaskError
 from rtask.services.definition import Definition, Method
 from rtask.wire.fields import wire_name
 from rtask.wire.openapi import components
@@ -16,20 +17,28 @@ JsonObject = dict[str, Any]
 _REF = "#/components/schemas/"
 
 
-def listed(definition: Definition, versions: list[str], state: str) -> JsonObject:
-    """Return the entry of a service in lists."""
+def listed(
+    definition: Definition, versions: list[str], state: str, problem: RtaskError | None = None
+) -> JsonObject:
+    """Return the entry of a service in lists, with the reason if it cannot be used."""
+    words = None if problem is None else {
+        "type": f"/errors/{problem.slug}", "detail": str(problem), "transient": problem.is_transient
+    }  # fmt: skip
     return {
         "name": definition.name,
         "version": definition.version,
         "versions": versions,
         "state": state,
+        **({} if words is None else {"problem": words}),
         "summary": definition.summary,
         "methods": list(definition.methods),
         "href": f"/services/{definition.exact}",
     }
 
 
-def described(definition: Definition, versions: list[str], state: str) -> JsonObject:
+def described(
+    definition: Definition, versions: list[str], state: str, problem: RtaskError | None = None
+) -> JsonObject:
     """Return the description of one version of a service.
 
     ``methods`` holds by name: summary, description, scope, ``effect``, ``only_reads`` where that
@@ -37,7 +46,7 @@ def described(definition: Definition, versions: list[str], state: str) -> JsonOb
     ``output``, the field of an answer that is one value.
     """
     return {
-        **listed(definition, versions, state),
+        **listed(definition, versions, state, problem),
         "description": definition.description,
         "executor": definition.executor,
         "timeout_s": definition.timeout_s,

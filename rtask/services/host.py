@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
+import time
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.context import SCOPES
@@ -13,6 +16,7 @@ from rtask.errors import (
     ForbiddenError,
     MissingDataError,
     RtaskError,
+    StartupFailedError,
     UnknownTermError,
     UsageError,
     nearest,
@@ -46,6 +50,8 @@ __all__ = ["ServiceHost"]
 MAX_TIMEOUT_S = 600.0
 MAX_JOB_S = 3600.0
 MAX_POOLS = 32
+CHECK_S = 120.0
+CHECKED_AT_ONCE = 4
 
 
 class ServiceHost:
@@ -219,7 +225,10 @@ class ServiceHost:
     def listing(self) -> list[dict[str, Any]]:
         """Return the services that are offered, as JSON."""
         versions = self.registry.versions
-        return [listed(one, versions(one.name), self.state(one)) for one in self.registry]
+        return [
+            listed(one, versions(one.name), self.state(one), self.problem(one))
+            for one in self.registry
+        ]
 
     def description(self, service: str) -> dict[str, Any]:
         """Return the description of a service, as JSON.
@@ -230,21 +239,47 @@ class ServiceHost:
             No such service.
         """
         found = self.registry.find(service)
-        return described(found, self.registry.versions(found.name), self.state(found))
+        versions = self.registry.versions(found.name)
+        return described(found, versions, self.state(found), self.problem(found))
 
     def state(self, definition: Definition) -> str:
         """Return the state of a service.
 
         Returns
         -------
-        ``ready``, ``failed`` where it could not be made ready, or ``waiting`` where only workers
-        have it and none is connected.
+        ``ready``, ``failed`` where it could not be made ready, ``untried`` where it has not been
+        started yet, or ``waiting`` where only workers have it and none is connected.
         """
-        if definition.executor == "outward" and not self.outward.count(definition.exact):
-            return "waiting"
+        if definition.executor == "outward":
+            return "ready" if self.outward.count(definition.exact) else "waiting"
+        states = {pool.state for pool in self._pools_of(definition)}
+        return next((one for one in ("failed", "ready") if one in states), "untried")
+
+    def problem(self, definition: Definition) -> StartupFailedError | None:
+        """Return why a service could not be made ready; None if it could, or was not started."""
+        found = (pool.problem for pool in self._pools_of(definition))
+        return next((one for one in found if one is not None), None)
+
+    def _pools_of(self, definition: Definition) -> list[Pool]:
         with self._lock:
-            pools = [p for (exact, _), p in self._pools.items() if exact == definition.exact]
-        return "failed" if any(pool.state == "failed" for pool in pools) else "ready"
+            return [p for (exact, _), p in self._pools.items() if exact == definition.exact]
+
+    def check(self, timeout_s: float = CHECK_S) -> list[StartupFailedError]:
+        """Start a worker of each service whose data are known, and return what went wrong.
+
+        Services whose callers name the data, and those of connected workers, are left out.
+        """
+        pools = []
+        for one in self.registry:
+            if one.executor != "outward":
+                with contextlib.suppress(MissingDataError):
+                    pools.append((one, self._pool(one, self._mapped(one, {}, Access()))))
+        until = time.monotonic() + timeout_s
+        with ThreadPoolExecutor(CHECKED_AT_ONCE) as threads:
+            for _, pool in pools:
+                threads.submit(lambda pool: pool.try_start(until - time.monotonic()), pool)
+        found = (self.problem(one) for one, _ in pools)
+        return [problem for problem in found if problem is not None]
 
     def close(self) -> None:
         """Wait for running calls to end, then shut all services down at the same time."""

@@ -22,6 +22,7 @@ from rtask.errors import (
     ServiceFailedError,
     StartupFailedError,
     StateChangedError,
+    UnusableServiceError,
     WorkerDiedError,
 )
 from rtask.services.executors.setup import Carried, Commit
@@ -111,6 +112,7 @@ class Pool:
         self._failures = 0
         self._problem: StartupFailedError | None = None
         self._try_again_s = 0.0
+        self._has_started = False
 
     def submit(self, task: Task) -> None:
         """Queue a call.
@@ -120,7 +122,8 @@ class Pool:
         QueueFullError
             As many calls wait as may.
         StartupFailedError
-            The service could not be made ready a moment ago.
+            The service could not be made ready a moment ago; UnusableServiceError if that will not
+            change by itself.
         ClosedError
             The pool is closed.
         """
@@ -129,6 +132,8 @@ class Pool:
                 raise ClosedError(f"{self.name} is being shut down")
             pause_s = self._try_again_s - time.monotonic()
             if self._problem is not None and not self._threads and pause_s > 0:
+                if not self._problem.is_transient:
+                    raise self._problem
                 raise StartupFailedError(str(self._problem), retry_after_s=round(pause_s, 1))
             if len(self._waiting) - self._idle >= self.sizes.waiting:
                 raise QueueFullError(
@@ -156,8 +161,22 @@ class Pool:
 
     @property
     def state(self) -> str:
-        """``ready``, or ``failed`` where the last start of a worker failed and none is left."""
-        return "failed" if self._problem is not None and not self._threads else "ready"
+        """``ready``, ``untried``, or ``failed``: the last start failed and no worker is left."""
+        if self._problem is not None and not self._threads:
+            return "failed"
+        return "ready" if self._has_started else "untried"
+
+    @property
+    def problem(self) -> StartupFailedError | None:
+        """Reason why the service cannot be used at present; None if there is none."""
+        return self._problem if self.state == "failed" else None
+
+    def try_start(self, timeout_s: float) -> None:
+        """Start a worker if there is none yet, and wait until it is ready or has failed."""
+        with self._changed:
+            if not (self._threads or self._closed or self._problem):
+                self._spawn()
+            self._changed.wait_for(lambda: not self._starting, timeout_s)
 
     def close(self) -> None:
         """Drop the waiting calls, and give the running ones some seconds to end.
@@ -187,6 +206,9 @@ class Pool:
             return
         if self._closed or len(self._threads) >= self.sizes.workers:
             return
+        self._spawn()
+
+    def _spawn(self) -> None:
         thread = threading.Thread(target=self._work, name=self.name, daemon=True)
         self._threads.add(thread)
         self._starting += 1
@@ -202,6 +224,8 @@ class Pool:
         with self._changed:
             self._starting -= 1
             self._failures, self._problem = 0, None
+            self._has_started = True
+            self._changed.notify_all()
         try:
             while (task := self._next(runner)) is not None:
                 if not self._carry_out(runner, task):
@@ -285,10 +309,15 @@ class Pool:
             self._threads.discard(threading.current_thread())
             pause_s = min(_FIRST_PAUSE_S * 2**self._failures, _LONGEST_PAUSE_S)
             self._failures = min(self._failures + 1, _MAX_DOUBLINGS)
-            problem = StartupFailedError(
-                f"{self.name} could not be made ready: {words}", retry_after_s=round(pause_s, 1)
-            )
+            problem: StartupFailedError
+            if _may_pass(error):
+                words = f"{self.name} could not be made ready: {words}"
+                problem = StartupFailedError(words, retry_after_s=round(pause_s, 1))
+            else:
+                problem = UnusableServiceError(f"{self.name} cannot be made ready: {words}")
+                pause_s = _LONGEST_PAUSE_S  # its operator may mend it without a restart
             self._problem, self._try_again_s = problem, time.monotonic() + pause_s
+            self._changed.notify_all()
             refused = [] if self._threads else list(self._waiting)
             if refused:
                 self._waiting.clear()
@@ -300,6 +329,21 @@ class Pool:
             self._threads.discard(threading.current_thread())
             self._add_worker()
             self._changed.notify()  # what woke this worker may be for another one
+
+
+def _may_pass(error: BaseException) -> bool:
+    """Return whether a start that failed may succeed later though nobody changes anything.
+
+    Devices and machines may be away for a while; a missing file, module or argument is not.
+    """
+    if isinstance(error, WorkerDiedError):  # it was killed, or there was no room for it
+        return True
+    if isinstance(error, RtaskError):
+        return error.is_transient
+    lasting = FileNotFoundError | FileExistsError | NotADirectoryError | IsADirectoryError
+    if isinstance(error, lasting | PermissionError):
+        return False
+    return isinstance(error, OSError | MemoryError)
 
 
 def _failed(task: Task, error: BaseException) -> ServiceFailedError:

@@ -43,7 +43,7 @@ def _may_recover(error: RemoteUnavailableError | CallFailedError) -> bool:
 
     A server may be busy (503), or its own time limit for the call may be exceeded (504).
     """
-    return isinstance(error, RemoteUnavailableError) or bool(error.details.get("may_change"))
+    return isinstance(error, RemoteUnavailableError) or bool(error.details.get("transient"))
 
 
 class RetryingServer:

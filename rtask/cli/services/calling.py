@@ -62,8 +62,10 @@ def list_services(server: str | None, sources: tuple[str, ...], as_json: bool) -
         print_json(found)
         return
     for one in found:
-        state = "" if one["state"] == "ready" else f"  [{one['state']}]"
+        state = "" if one["state"] in ("ready", "untried") else f"  [{one['state']}]"
         click.echo(f"{one['name']}@{one['version']}{state}  {one['summary']}")
+        if one.get("problem"):
+            click.echo(f"    {one['problem']['detail']}")
         click.echo(f"    {', '.join(one['methods'])}")
 
 

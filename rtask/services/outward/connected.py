@@ -55,7 +55,7 @@ class Connected:
         reply = self._outward.ask(self._seat, task)
         values = reply.get("values")
         if reply.get("result") is not True:
-            raise _failure(values, reply.get("error"))
+            raise _failure(values, reply.get("error"), reply.get("transient"))
         try:
             answer = task.method.answer.model_validate(values if isinstance(values, dict) else {})
         except ValidationError as error:
@@ -72,11 +72,12 @@ class Connected:
         self._outward.release(self._seat)
 
 
-def _failure(words: Any, slug: Any) -> RtaskError:
+def _failure(words: Any, slug: Any, transient: Any) -> RtaskError:
     """Return the error of a call that failed; without the name of its kind, the author's own."""
     said = words[:500] if isinstance(words, str) and words else "the worker gave no reason"
     kind = _KINDS.get(slug) if isinstance(slug, str) else ServiceError
-    return (kind or ServiceFailedError)(said)
+    details = {"transient": transient} if isinstance(transient, bool) else {}
+    return (kind or ServiceFailedError)(said, **details)
 
 
 def _written(given: Any, task: Task) -> dict[str, dict[str, bytes]]:

@@ -20,6 +20,7 @@ def test_an_error_of_ours_says_what_where_and_which_status() -> None:
         "status": 400,
         "detail": "expected }",
         "instance": "request-1",
+        "transient": False,
         "line": 2,
         "column": 7,
     }

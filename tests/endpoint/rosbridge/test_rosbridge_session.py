@@ -117,6 +117,7 @@ def test_calls_beyond_the_queue_are_refused_and_say_so(connect: Connect, engine:
         "values": "busy: 8 calls running, 32 waiting",
         "result": False,
         "status": 503,
+        "transient": True,
         "id": "one too many",
     }
 

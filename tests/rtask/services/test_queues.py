@@ -13,6 +13,7 @@ from rtask.errors import (
     StartupFailedError,
     StateChangedError,
     UnknownTermError,
+    UnusableServiceError,
 )
 from rtask.services import (
     Service,
@@ -21,6 +22,7 @@ from rtask.services import (
     jobs,
     method,
     shutdown,
+    startup,
 )
 from rtask.services.call import Call, Invocation
 from rtask.services.host import MAX_POOLS
@@ -37,6 +39,38 @@ def test_a_service_that_cannot_start_says_so_and_pauses(host):
         with pytest.raises(StartupFailedError, match="OSError: no such device"):
             host.call("lab/Broken", "use")
     assert host.state(host.registry.find("lab/Broken")) == "failed"
+    assert host.problem(host.registry.find("lab/Broken")).is_transient, "it may be plugged in"
+
+
+class Unusable(Service):
+    """A service whose model is missing."""
+
+    name = "lab/Unusable"
+    starts = 0
+
+    @startup
+    def load(self) -> None:
+        Unusable.starts += 1
+        raise FileNotFoundError("model.urdf")
+
+    @method
+    def use(self) -> None:
+        """Be of no use."""
+
+
+def test_a_service_that_will_never_start_says_so_and_is_not_tried_again():
+    with ServiceHost([Unusable, Arm]) as host:
+        assert {one["state"] for one in host.listing()} == {"untried"}
+        (problem,) = host.check()
+        assert "FileNotFoundError: model.urdf" in str(problem)
+        arm, unusable = host.listing()
+        assert (arm["state"], unusable["state"]) == ("ready", "failed")
+        assert unusable["problem"]["transient"] is False
+        with pytest.raises(UnusableServiceError) as caught:
+            host.call("lab/Unusable", "use")
+        assert (caught.value.status, caught.value.is_transient) == (500, False)
+        assert "retry_after_s" not in caught.value.details
+        assert Unusable.starts == 1
 
 
 def test_callers_hear_of_a_start_that_has_failed_ever_so_often():

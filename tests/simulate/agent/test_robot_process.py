@@ -43,7 +43,7 @@ class _Slow(Client):
     "late",
     [
         RemoteUnavailableError("no answer within 30 s"),
-        CallFailedError("no answer within 30 s", http_status=504, may_change=True),
+        CallFailedError("no answer within 30 s", http_status=504, transient=True),
     ],
 )
 def test_a_slow_server_is_asked_again_for_longer_and_told_under_the_same_name(tmp_path, late):
@@ -57,7 +57,7 @@ def test_a_slow_server_is_asked_again_for_longer_and_told_under_the_same_name(tm
 
 
 def test_a_question_is_asked_again_too(tmp_path):
-    late = CallFailedError("busy", http_status=503, may_change=True)
+    late = CallFailedError("busy", http_status=503, transient=True)
     client, said = _Slow(tmp_path / "outbox.jsonl", late), []
     assert RetryingServer(client, said.append).recognise_for_grasp(data="x")
     assert said == ["recognise_for_grasp"]

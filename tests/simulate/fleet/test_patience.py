@@ -67,7 +67,7 @@ def test_a_busy_server_is_waited_for_like_one_that_is_away(
 ) -> None:
     monkeypatch.setattr(servers, "_PAUSE_S", 0.0)
     client, waited = _Flaky(tmp_path / "outbox.jsonl"), []
-    client.absence = CallFailedError("no answer in 30 s", http_status=status, may_change=True)
+    client.absence = CallFailedError("no answer in 30 s", http_status=status, transient=True)
     server = OutboxServer(client, 60.0, waited.append)
     client.away = 3
     server.register_robot(name="nao")
