@@ -139,8 +139,8 @@ def perceive(
     table_height = float(transform(base_from_camera, on_plane)[2])
     cloud = frame.points()
     objects = []
-    for found in scene.objects:
-        mask = scene.labels == found.label
+    for segment in scene.objects:
+        mask = scene.labels == segment.label
         points = transform(base_from_camera, cloud[mask].astype(np.float64))
         centre = np.median(points, axis=0)
         lowest, low = np.percentile(points[:, 2], (1, 5)) - table_height
@@ -155,7 +155,7 @@ def perceive(
         if shape.height > _MAX_HEIGHT_M:
             continue
         objects.append(
-            Seen(frame.crop(mask, _CROP_MARGIN_PX), mask, points, shape, found.touches_border)
+            Seen(frame.crop(mask, _CROP_MARGIN_PX), mask, points, shape, segment.touches_border)
         )
     objects.sort(key=lambda seen: float(np.linalg.norm(seen.position)))
     return Perceived(scene.status, table_height, tuple(objects), _corners(scene, base_from_camera))
@@ -171,7 +171,7 @@ def _corners(scene: Scene, base_from_camera: FloatArray) -> FloatArray:
 
 def neighbour_points(seen: Seen, view: Perceived) -> list[list[float]]:
     """Return points of the objects near one of a view, m, base frame."""
-    others = [one.points for one in view.objects if one is not seen]
+    others = [other.points for other in view.objects if other is not seen]
     if not others:
         return []
     points = np.concatenate(others)

@@ -127,16 +127,16 @@ def _outline(flat: NDArray[np.float64]) -> NDArray[np.float64]:
     A cell of 2 mm that holds one point while the average cell holds many is noise at the
     silhouette; so are the outermost half per cent along any direction.
     """
-    kept = _without_stray_cells(flat)
-    hull = cv2.convexHull(_as_float32(kept))[:, 0].astype(np.float64)
+    dense = _without_stray_cells(flat)
+    hull = cv2.convexHull(_as_float32(dense))[:, 0].astype(np.float64)
     directions = np.linspace(0, np.pi, 24, endpoint=False)
-    inside = np.ones(len(kept), bool)
+    inside = np.ones(len(dense), bool)
     for angle in directions:
-        along = kept @ np.array([np.cos(angle), np.sin(angle)])
+        along = dense @ np.array([np.cos(angle), np.sin(angle)])
         low, high = np.percentile(along, [_TRIM_PERCENT / 2, 100 - _TRIM_PERCENT / 2])
         inside &= (along >= low) & (along <= high)
     if np.count_nonzero(inside) >= _MIN_POINTS:
-        hull = cv2.convexHull(_as_float32(kept[inside]))[:, 0].astype(np.float64)
+        hull = cv2.convexHull(_as_float32(dense[inside]))[:, 0].astype(np.float64)
     if len(hull) < 3 or _area(hull) < 1e-8:
         raise ValueError("the points span no area on the table")
     return hull if _signed_area(hull) > 0 else hull[::-1]
@@ -146,8 +146,8 @@ def _without_stray_cells(flat: NDArray[np.float64]) -> NDArray[np.float64]:
     cells = np.floor(flat / _CELL_M).astype(np.int64)
     _, inverse, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     enough = counts >= max(1, round(float(np.median(counts)) / 4))
-    kept = flat[enough[inverse.ravel()]]
-    return kept if len(kept) >= _MIN_POINTS else flat
+    dense = flat[enough[inverse.ravel()]]
+    return dense if len(dense) >= _MIN_POINTS else flat
 
 
 def _as_float32(points: NDArray[np.float64]) -> NDArray[np.float32]:

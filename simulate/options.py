@@ -38,7 +38,7 @@ preset = click.option(
 )
 
 
-def _known(context: click.Context, parameter: click.Parameter, kinds: Any) -> Any:
+def _checked_robot(context: click.Context, parameter: click.Parameter, kinds: Any) -> Any:
     """Refuse kinds of robots that there are not, before anything starts."""
     from simulate.robots import describe
 
@@ -48,7 +48,7 @@ def _known(context: click.Context, parameter: click.Parameter, kinds: Any) -> An
 
 
 robot = click.option(
-    "--robot", default="nao", show_default=True, callback=_known, help="Kind of robot."
+    "--robot", default="nao", show_default=True, callback=_checked_robot, help="Kind of robot."
 )
 robots_in_turn = click.option(
     "--robot",
@@ -56,7 +56,7 @@ robots_in_turn = click.option(
     multiple=True,
     default=["nao"],
     show_default=True,
-    callback=_known,
+    callback=_checked_robot,
     help="Kinds of the robots, in turn (nao, panda); repeatable.",
 )
 objects_per_robot = click.option(

@@ -60,9 +60,9 @@ def encode_cloud(
     ValueError
         Wrong shape or dtype, or an extent of more than 2^31 steps.
     """
-    kept, rgb = checked_cloud(points, colours, step_m)
-    origin = kept.min(axis=0) if len(kept) else np.zeros(3)
-    steps = np.subtract(kept, origin)
+    cleaned, rgb = checked_cloud(points, colours, step_m)
+    origin = cleaned.min(axis=0) if len(cleaned) else np.zeros(3)
+    steps = np.subtract(cleaned, origin)
     steps /= step_m
     np.rint(steps, out=steps)
     if steps.size and steps.max() >= _MAX_EXTENT_STEPS:

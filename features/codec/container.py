@@ -44,7 +44,7 @@ MAGIC = b"RTKC"
 VERSION = 1
 KIND_FRAME, KIND_CLOUD, KIND_OCTREE = 1, 2, 3
 FLAG_COLOUR, FLAG_MASK, FLAG_ORDER = 1, 2, 4
-_KNOWN_FLAGS = FLAG_COLOUR | FLAG_MASK | FLAG_ORDER
+_FLAGS = FLAG_COLOUR | FLAG_MASK | FLAG_ORDER
 
 SECTION_DEPTH, SECTION_COLOUR, SECTION_MASK = 1, 2, 3
 SECTION_POSITIONS, SECTION_COLOURS, SECTION_OCTREE = 4, 5, 6
@@ -158,7 +158,7 @@ def unpack(data: bytes, limits: Limits) -> Container:
         raise CloudFormatError(f"not a container: starts with {data[:8].hex(' ')}")
     if version != VERSION:
         raise CloudFormatError(f"container of version {version}; this reader knows {VERSION}")
-    if kind not in (KIND_FRAME, KIND_CLOUD, KIND_OCTREE) or flags & ~_KNOWN_FLAGS:
+    if kind not in (KIND_FRAME, KIND_CLOUD, KIND_OCTREE) or flags & ~_FLAGS:
         raise CloudFormatError(f"offset 5: unknown kind {kind} or flags {flags:#x}")
     end = _HEAD.size + length
     if length > _MAX_JSON or end > len(data):

@@ -57,9 +57,9 @@ def encode_octree(
     ValueError
         Wrong shape or dtype, or an extent of more than 2^21 voxels.
     """
-    kept, rgb = checked_cloud(points, colours, voxel_m)
-    origin = kept.min(axis=0) if len(kept) else np.zeros(3)
-    cells = np.floor((kept - origin) / voxel_m).astype(np.int64)
+    cleaned, rgb = checked_cloud(points, colours, voxel_m)
+    origin = cleaned.min(axis=0) if len(cleaned) else np.zeros(3)
+    cells = np.floor((cleaned - origin) / voxel_m).astype(np.int64)
     if cells.size and cells.max() >= 2**MORTON_BITS:
         raise ValueError(
             f"the cloud spans {cells.max()} voxels of {voxel_m} m; use a larger voxel_m"

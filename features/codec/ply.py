@@ -52,10 +52,10 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     if places is None:
         return cloud_from_fields(table, channels, "PLY", shape)
     cloud = cloud_from_fields(table, channels, "PLY")
-    kept = np.arange(count) if cloud.places is None else cloud.places
+    numbers = np.arange(count) if cloud.places is None else cloud.places
     seats = np.full(count, -1, np.int64)
     seats[places[places >= 0]] = np.flatnonzero(places >= 0)
-    of = seats[kept]
+    of = seats[numbers]
     if (of < 0).any():
         raise CloudFormatError("PLY: a vertex has no place in the range grid")
     return replace(cloud, shape=shape, places=of)

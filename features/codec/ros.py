@@ -53,8 +53,8 @@ def is_point_cloud(message: Any) -> bool:
 
 def is_image(message: Any) -> bool:
     """Tell whether a message is a ``sensor_msgs/CompressedImage`` or ``sensor_msgs/Image``."""
-    known = isinstance(message, Mapping) and "data" in message
-    return known and ("format" in message or {"encoding", "step"} <= set(message))
+    is_mapping = isinstance(message, Mapping) and "data" in message
+    return is_mapping and ("format" in message or {"encoding", "step"} <= set(message))
 
 
 def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
@@ -110,16 +110,16 @@ def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
     fields = message["fields"]
     if not isinstance(fields, list | tuple):
         raise CloudFormatError("PointCloud2: fields must be a list")
-    for one in fields:
-        if not isinstance(one, Mapping):
-            raise CloudFormatError(f"PointCloud2: unknown field {one!r:.80}")
-        kind, offset = _KINDS.get(one.get("datatype", 0)), one.get("offset", 0)
-        if kind is None or type(offset) is not int or "name" not in one:
-            raise CloudFormatError(f"PointCloud2: unknown field {one!r:.80}")
+    for field in fields:
+        if not isinstance(field, Mapping):
+            raise CloudFormatError(f"PointCloud2: unknown field {field!r:.80}")
+        kind, offset = _KINDS.get(field.get("datatype", 0)), field.get("offset", 0)
+        if kind is None or type(offset) is not int or "name" not in field:
+            raise CloudFormatError(f"PointCloud2: unknown field {field!r:.80}")
         if offset < 0 or offset + int(kind[1]) > step:
-            raise CloudFormatError(f"PointCloud2: field {one['name']} lies outside the point")
-        if str(one["name"]) in ("x", "y", "z", "rgb", "rgba", "r", "g", "b"):
-            names.append(str(one["name"]))
+            raise CloudFormatError(f"PointCloud2: field {field['name']} lies outside the point")
+        if str(field["name"]) in ("x", "y", "z", "rgb", "rgba", "r", "g", "b"):
+            names.append(str(field["name"]))
             formats.append(order + kind)
             offsets.append(offset)
     try:
@@ -143,12 +143,12 @@ def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> byt
             return _png(_millimetres(decode_compressed_depth(str(message["format"]), data, limits)))
         # Transports put a header before the picture of compressedDepth.
         at = data.find(_PNG, 0, 64)
-        found = data if data.startswith(_JPEG) or at < 0 else data[at:]
-        if not found.startswith((_JPEG, _PNG)):
+        image = data if data.startswith(_JPEG) or at < 0 else data[at:]
+        if not image.startswith((_JPEG, _PNG)):
             raise CloudFormatError(
                 f"CompressedImage: format {message.get('format')!r} is neither PNG nor JPEG"
             )
-        return found
+        return image
     pixels = pixels_of_image(message, limits)
     if pixels.dtype == np.float32:
         pixels = _millimetres(finite_depth(pixels))

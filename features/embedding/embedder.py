@@ -73,7 +73,7 @@ class Embedder:
         self._channels_last = shape[3] == 3 and shape[1] != 3
         sides = shape[1:3] if self._channels_last else shape[2:4]
         self._size = tuple(
-            one if isinstance(one, int) and one > 0 else _DEFAULT_PX for one in sides
+            side if isinstance(side, int) and side > 0 else _DEFAULT_PX for side in sides
         )
 
     def embed(self, rgb: UInt8Array, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:

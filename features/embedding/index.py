@@ -45,7 +45,7 @@ class VectorIndex:
     def __contains__(self, view: object) -> bool:
         return view in self._numbers
 
-    def add(self, view: str, thing: str, class_iri: str, vector: NDArray[np.float32]) -> None:
+    def add(self, view: str, object_iri: str, class_iri: str, vector: NDArray[np.float32]) -> None:
         """Add a view, or replace it.
 
         Raises
@@ -62,7 +62,7 @@ class VectorIndex:
         self.remove(view)
         number, self._next = self._next, self._next + 1
         self._index.add_with_ids(vector[None].astype(np.float32), np.array([number], np.int64))
-        self._names[number], self._numbers[view] = (view, thing, class_iri), number
+        self._names[number], self._numbers[view] = (view, object_iri, class_iri), number
 
     def remove(self, view: str) -> None:
         """Forget a view; an unknown one is no error."""
@@ -71,15 +71,15 @@ class VectorIndex:
             self._index.remove_ids(np.array([number], np.int64))
             del self._names[number]
 
-    def relabel(self, view: str, thing: str, class_iri: str) -> None:
+    def relabel(self, view: str, object_iri: str, class_iri: str) -> None:
         """Say that a view shows another object; an unknown view is no error."""
         number = self._numbers.get(view)
         if number is not None:
-            self._names[number] = (view, thing, class_iri)
+            self._names[number] = (view, object_iri, class_iri)
 
     def views(self) -> dict[str, tuple[str, str]]:
         """Return object and class by view."""
-        return {view: (thing, kind) for view, thing, kind in self._names.values()}
+        return {view: (object_iri, kind) for view, object_iri, kind in self._names.values()}
 
     def nearest(self, vector: NDArray[np.float32], count: int) -> list[Neighbour]:
         """Return the nearest objects, each by its nearest view, best first."""
@@ -87,9 +87,9 @@ class VectorIndex:
             return []
         asked = min(len(self._names), 8 * count)
         cosines, numbers = self._index.search(vector[None].astype(np.float32), asked)
-        found: dict[str, Neighbour] = {}
+        nearest: dict[str, Neighbour] = {}
         for cosine, number in zip(cosines[0].tolist(), numbers[0].tolist(), strict=True):
             if number in self._names:
-                view, thing, kind = self._names[number]
-                found.setdefault(thing, Neighbour(thing, kind, view, float(cosine)))
-        return list(found.values())[:count]
+                view, object_iri, kind = self._names[number]
+                nearest.setdefault(object_iri, Neighbour(object_iri, kind, view, float(cosine)))
+        return list(nearest.values())[:count]

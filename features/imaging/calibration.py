@@ -22,7 +22,7 @@ _MIN_EDGE_PX = 200
 _BLUR_PX = 1.0
 _MAX_SHIFT_PX = 12
 _WINDOW_PX = 2
-_MIN_KNOWN = 0.6
+_MIN_MEASURED = 0.6
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,12 @@ def _depth_edges(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return the near side of each jump of depth (h, w)."""
     far = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.inf)
     edges = np.zeros(far.shape, bool)
-    known = np.isfinite(far)
+    is_measured = np.isfinite(far)
     for axis in (0, 1):
         for step in (-1, 1):
             beside = np.roll(far, step, axis=axis)
             with np.errstate(invalid="ignore"):
-                edges |= known & np.isfinite(beside) & (beside - far > _JUMP_M)
+                edges |= is_measured & np.isfinite(beside) & (beside - far > _JUMP_M)
     edges[[0, -1]] = edges[:, [0, -1]] = False
     return edges
 
@@ -160,8 +160,8 @@ def check_board(frame: Frame, inner: tuple[int, int], square_m: float) -> BoardC
     if min(inner) < 3:
         raise ValueError(f"a chessboard has at least 3 x 3 inner corners, got {inner}")
     grey = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
-    found, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY)
-    if not found:
+    has_corners, corners = cv2.findChessboardCornersSB(grey, inner, flags=cv2.CALIB_CB_ACCURACY)
+    if not has_corners:
         raise ValueError(f"no chessboard of {inner[0]} x {inner[1]} inner corners in the picture")
     pixels = np.asarray(corners, np.float64).reshape(-1, 2)
     lens = frame.intrinsics
@@ -175,19 +175,23 @@ def check_board(frame: Frame, inner: tuple[int, int], square_m: float) -> BoardC
     off = np.linalg.norm(again.reshape(-1, 2) - pixels, axis=1)
     expected = (board @ np.asarray(cv2.Rodrigues(turn)[0]).T + np.asarray(place).ravel())[:, 2]
     measured = _depth_at(frame.depth_m, pixels)
-    known = np.isfinite(measured)
-    if known.mean() < _MIN_KNOWN:
-        raise ValueError(f"{int(known.sum())} of {len(known)} corners of the board have depth")
-    scale = float(measured[known] @ expected[known] / (expected[known] @ expected[known]))
-    left = measured[known] - scale * expected[known]
+    has_depth = np.isfinite(measured)
+    if has_depth.mean() < _MIN_MEASURED:
+        raise ValueError(
+            f"{int(has_depth.sum())} of {len(has_depth)} corners of the board have depth"
+        )
+    scale = float(
+        measured[has_depth] @ expected[has_depth] / (expected[has_depth] @ expected[has_depth])
+    )
+    left = measured[has_depth] - scale * expected[has_depth]
     return BoardCheck(
         float(np.sqrt(np.mean(off**2))),
         scale,
-        float(np.median(measured[known] - expected[known])),
+        float(np.median(measured[has_depth] - expected[has_depth])),
         float(np.sqrt(np.mean(left**2))),
         _square_in_depth(pixels, measured, matrix, inner),
-        float(np.median(measured[known])),
-        int(known.sum()),
+        float(np.median(measured[has_depth])),
+        int(has_depth.sum()),
     )
 
 
@@ -213,9 +217,9 @@ def _square_in_depth(
     across, down = inner
     z = depth.reshape(down, across)
     rows, columns = np.mgrid[:down, :across]
-    known = np.isfinite(z)
-    terms = np.column_stack([np.ones(known.sum()), columns[known], rows[known]])
-    weights, *_ = np.linalg.lstsq(terms, 1 / z[known], rcond=None)
+    has_depth = np.isfinite(z)
+    terms = np.column_stack([np.ones(has_depth.sum()), columns[has_depth], rows[has_depth]])
+    weights, *_ = np.linalg.lstsq(terms, 1 / z[has_depth], rcond=None)
     # Along a plane, the inverse of depth is linear in pixels, and nearly so in corners.
     smooth = 1 / (weights[0] + weights[1] * columns + weights[2] * rows)
     rays = (pixels - matrix[:2, 2]) / (matrix[0, 0], matrix[1, 1])

@@ -279,7 +279,7 @@ def camera_of_grid(points: FloatArray) -> Intrinsics | None:
     if len(u) < _MIN_GRID_POINTS:
         return None
     rays = points[v, u, :2].astype(np.float64) / points[v, u, 2:]
-    found = []
+    axes = []
     for pixels, slopes in ((u, rays[:, 0]), (v, rays[:, 1])):
         if np.ptp(slopes) < 1e-6:
             return None
@@ -287,8 +287,8 @@ def camera_of_grid(points: FloatArray) -> Intrinsics | None:
         off = np.abs(focal * slopes + centre - pixels)
         if focal <= 0 or np.quantile(off, 0.99) > _MAX_GRID_ERROR_PX:
             return None
-        found.append((float(focal), float(centre)))
-    (fx, cx), (fy, cy) = found
+        axes.append((float(focal), float(centre)))
+    (fx, cx), (fy, cy) = axes
     return Intrinsics(width, height, fx, fy, cx, cy)
 
 

@@ -63,10 +63,10 @@ def find_foreground(rgb: UInt8Array, box: Sequence[float] | None = None) -> NDAr
     size = (max(round(width * scale), 8), max(round(height * scale), 8))
     small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
     within = cv2.resize(inside.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    found = _cut(np.ascontiguousarray(small[..., ::-1]), within, is_drawn)
-    if found is None:
+    foreground = _cut(np.ascontiguousarray(small[..., ::-1]), within, is_drawn)
+    if foreground is None:
         return inside
-    whole = cv2.resize(found.astype(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR)
+    whole = cv2.resize(foreground.astype(np.uint8), (width, height), interpolation=cv2.INTER_LINEAR)
     mask: NDArray[np.bool_] = (whole > 0) & inside
     return mask
 
@@ -84,20 +84,20 @@ def _cut(bgr: UInt8Array, within: NDArray[np.bool_], is_drawn: bool) -> NDArray[
         cv2.grabCut(bgr, marks, (0, 0, 1, 1), *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)
     except cv2.error:
         return None  # one colour everywhere gives no mixture
-    found = ((marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)).astype(np.uint8)
+    foreground = ((marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)).astype(np.uint8)
     for step, size in (
         (cv2.MORPH_CLOSE, _SPECK_PX),
         (cv2.MORPH_OPEN, _SPECK_PX if is_drawn else _BRIDGE_PX),
     ):
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        found = cv2.morphologyEx(found, step, kernel)
-    outlines, _ = cv2.findContours(found, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        foreground = cv2.morphologyEx(foreground, step, kernel)
+    outlines, _ = cv2.findContours(foreground, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not outlines:
         return None
     outline = max(outlines, key=cv2.contourArea)
     if not is_drawn:
         outline = cv2.convexHull(outline)
-    filled = cv2.drawContours(np.zeros_like(found), [outline], -1, 1, cv2.FILLED) > 0
+    filled = cv2.drawContours(np.zeros_like(foreground), [outline], -1, 1, cv2.FILLED) > 0
     share = float(filled[within].mean())
     least = _MIN_SHARE if is_drawn else _MIN_SHARE_OF_MIDDLE
     return filled & within if least <= share <= _MAX_SHARE else None

@@ -82,7 +82,9 @@ def views_of(
 
     try:
         with AnyReader([path]) as reader:
-            images = [one for one in reader.connections if one.msgtype in _TYPES]
+            images = [
+                connection for connection in reader.connections if connection.msgtype in _TYPES
+            ]
             pairing = Pairing(has_space([(c.topic, c.msgtype) for c in images]), warn)
             _read_cameras(reader, pairing)
             start = reader.start_time + int(from_s * 1e9)
@@ -116,9 +118,9 @@ def _read_cameras(reader: Any, pairing: Pairing) -> None:
 
 def message_mapping(message: Any) -> dict[str, Any]:
     """Return a message of :mod:`rosbags` as nested mappings, its bytes as they are."""
-    told = dict(vars(message))
-    if "header" in told:
-        told["header"] = vars(told["header"])
-    if "fields" in told:
-        told["fields"] = [dict(vars(one)) for one in told["fields"]]
-    return told
+    fields = dict(vars(message))
+    if "header" in fields:
+        fields["header"] = vars(fields["header"])
+    if "fields" in fields:
+        fields["fields"] = [dict(vars(field)) for field in fields["fields"]]
+    return fields

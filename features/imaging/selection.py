@@ -129,11 +129,11 @@ def chosen_object(
 def _of_label(labels: NDArray[np.int32], label: int | None) -> NDArray[np.bool_]:
     mask = np.asarray(labels > 0 if label is None else labels == label)
     if not mask.any():
-        found = np.unique(labels[labels > 0])[:20].tolist()
+        present = np.unique(labels[labels > 0])[:20].tolist()
         raise CloudFormatError(
             "the mask is empty"
             if label is None
-            else f"the mask has no label {label}; it has {found}"
+            else f"the mask has no label {label}; it has {present}"
         )
     return mask
 

@@ -14,7 +14,7 @@ __all__ = ["fused", "oriented_points", "smoothed"]
 _MAX_POINTS = 6000
 _GRAZING = 0.25
 _VOXEL_M = 0.0015
-_MAX_KEPT = 40_000
+_MAX_MERGED = 40_000
 _AROUND, _SMOOTH_M, _ALIKE = 32, 0.005, 0.8
 _NEAR_M = 0.5
 
@@ -65,7 +65,7 @@ def fused(
     """
     edge_m = _VOXEL_M
     merged = _averaged(rows, colours, weights, edge_m)
-    while len(merged[0]) > _MAX_KEPT:
+    while len(merged[0]) > _MAX_MERGED:
         edge_m *= 1.5
         merged = _averaged(rows, colours, weights, edge_m)
     return merged

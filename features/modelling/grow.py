@@ -114,29 +114,34 @@ class ObjectModel:
             return self, None
         if self.is_empty:
             pose = np.eye(4) if object_from_camera is None else object_from_camera
-            found: Registration | None = Registration(pose, "first", 1.0)
+            registration: Registration | None = Registration(pose, "first", 1.0)
         else:
-            found = self._registered(frame, scan, features, object_from_camera, is_measured)
-        if found is None:
+            registration = self._registered(frame, scan, features, object_from_camera, is_measured)
+        if registration is None:
             return self, None
-        poses = [pose for _, pose in self.sources] + [found.object_from_camera]
+        poses = [pose for _, pose in self.sources] + [registration.object_from_camera]
         names = [name for name, _ in self.sources] + [name]
         views = self.views if features is None else (*self.views, (features, len(self.sources)))
         if len(self.scans) < len(self.sources) or len(poses) > _MAX_SETTLED:
             cloud = fused(
-                np.vstack([self.cloud, scan.moved(found.object_from_camera)]),
+                np.vstack([self.cloud, scan.moved(registration.object_from_camera)]),
                 np.vstack([self.colours, scan.colours]),
                 np.concatenate([self.weights, scan.trust]),
             )
-            return ObjectModel(*cloud, views, tuple(zip(names, poses, strict=True))), found
-        told = found.object_from_camera if object_from_camera is None else object_from_camera
-        pivot = told[:3, 3] if is_measured or self.is_empty else self._surface.centre
-        scans = (*self.scans, replace(scan, told=told, pivot=pivot, is_measured=is_measured))
+            return ObjectModel(*cloud, views, tuple(zip(names, poses, strict=True))), registration
+        prior_pose = (
+            registration.object_from_camera if object_from_camera is None else object_from_camera
+        )
+        pivot = prior_pose[:3, 3] if is_measured or self.is_empty else self._surface.centre
+        scans = (
+            *self.scans,
+            replace(scan, prior_pose=prior_pose, pivot=pivot, is_measured=is_measured),
+        )
         if len(scans) >= _MIN_SETTLED:
             poses = settled(scans, poses)
-            found = replace(found, object_from_camera=poses[-1])
+            registration = replace(registration, object_from_camera=poses[-1])
         sources = tuple(zip(names, poses, strict=True))
-        return ObjectModel(*fused_scans(scans, poses), views, sources, scans), found
+        return ObjectModel(*fused_scans(scans, poses), views, sources, scans), registration
 
     def pose_model(self, is_round: bool = False) -> PoseModel:
         """Return what poses are estimated against; made once.
@@ -236,10 +241,10 @@ class ObjectModel:
             assert features is not None
             movement = match_views(stored, features).first_from_second
             if movement is not None:
-                told = self.sources[number][1] @ movement
-                found = registered(self._surface, frame, oriented, told, "keypoints")
-                if found is not None:
-                    return found
+                prior_pose = self.sources[number][1] @ movement
+                registration = registered(self._surface, frame, oriented, prior_pose, "keypoints")
+                if registration is not None:
+                    return registration
         labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
         estimate = estimate_pose(self.pose_model(), frame, labels, 1, PoseParams(merge=False))
         if estimate is None or estimate.ambiguous or estimate.fit < _MIN_FIT:

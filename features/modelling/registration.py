@@ -104,12 +104,12 @@ def registered(
     """
     rng = np.random.default_rng(0)
     few = oriented[np.sort(rng.permutation(len(oriented))[:_MAX_LAID])]
-    told = np.asarray(object_from_camera, np.float64)
-    pivot = told[:3, 3] if is_measured else surface.centre
-    pose = _laid_on(surface, few, told, pivot, prior_weights(is_measured))
+    prior_pose = np.asarray(object_from_camera, np.float64)
+    pivot = prior_pose[:3, 3] if is_measured else surface.centre
+    pose = _laid_on(surface, few, prior_pose, pivot, prior_weights(is_measured))
     away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
     overlap = float((away < _OVERLAP_M + surface.spacing_m).mean())
-    if _is_far_off(drift(pose, told, pivot), is_measured):
+    if _is_far_off(drift(pose, prior_pose, pivot), is_measured):
         return None
     if overlap < _MIN_OVERLAP and not is_measured:
         return None
@@ -132,7 +132,7 @@ def _is_far_off(away: NDArray[np.float64], is_measured: bool) -> bool:
 def _laid_on(
     surface: Surface,
     few: NDArray[np.float64],
-    told: NDArray[np.float64],
+    prior_pose: NDArray[np.float64],
     pivot: NDArray[np.float64],
     prior: NDArray[np.float64],
 ) -> NDArray[np.float64]:
@@ -141,7 +141,7 @@ def _laid_on(
     Point-to-plane ICP, the allowed distance falling; a step turns about the pivot and shifts it,
     and ``prior`` (6,) weighs turns and shifts away from what was told.
     """
-    pose = told
+    pose = prior_pose
     trust = INDEPENDENT_POINTS / len(few) / DEPTH_NOISE_M**2
     for cut in _CUTS_M.tolist():
         places = few[:, :3] @ pose[:3, :3].T + pose[:3, 3]
@@ -154,7 +154,7 @@ def _laid_on(
         weighted = (lever * weight[:, None]).T
         step = np.linalg.solve(
             weighted @ lever + np.diag(prior),
-            -weighted @ across - prior * drift(pose, told, pivot),
+            -weighted @ across - prior * drift(pose, prior_pose, pivot),
         )
         pose = turned_and_shifted(pose, step, pivot)
     return pose
@@ -176,10 +176,10 @@ def turned_and_shifted(
 
 
 def drift(
-    pose: NDArray[np.float64], told: NDArray[np.float64], pivot: NDArray[np.float64]
+    pose: NDArray[np.float64], prior_pose: NDArray[np.float64], pivot: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return turn (rotation vector) and shift of the pivot from one movement to the other, (6,)."""
-    change = pose @ np.linalg.inv(told)
+    change = pose @ np.linalg.inv(prior_pose)
     turn = Rotation.from_matrix(change[:3, :3]).as_rotvec()
     return np.concatenate([turn, change[:3, :3] @ pivot + change[:3, 3] - pivot])
 

@@ -37,15 +37,15 @@ class Scan:
     told : (4, 4) float64
         ``object_from_camera`` as it was known before registration.
     pivot : (3,) float64, m, object frame
-        Point about which an error of ``told`` turns.
+        Point about which an error of ``prior_pose`` turns.
     is_measured
-        Whether ``told`` was measured, rather than estimated from what the view shows.
+        Whether ``prior_pose`` was measured, rather than estimated from what the view shows.
     """
 
     rows: NDArray[np.float32]
     colours: NDArray[np.uint8]
     trust: NDArray[np.float32]
-    told: NDArray[np.float64]
+    prior_pose: NDArray[np.float64]
     pivot: NDArray[np.float64]
     is_measured: bool = False
 
@@ -96,7 +96,7 @@ def scans_to_arrays(scans: Sequence[Scan]) -> dict[str, Any]:
         "scan_normals": np.rint(rows[:, 3:] * _PER_UNIT).astype(np.int8),
         "scan_colours": np.vstack([scan.colours for scan in scans]),
         "scan_trust": np.concatenate([scan.trust for scan in scans]).astype("<f2"),
-        "scan_told": np.array([scan.told for scan in scans], "<f8"),
+        "scan_told": np.array([scan.prior_pose for scan in scans], "<f8"),
         "scan_pivots": np.array([scan.pivot for scan in scans], "<f8"),
         "scan_measured": np.array([scan.is_measured for scan in scans]),
     }

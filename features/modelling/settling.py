@@ -60,7 +60,7 @@ def settled(scans: Sequence[Scan], poses: Sequence[Pose]) -> list[Pose]:
                 if a != b:
                     _lay(left, right, (a, b), here, other, moved[b], cut, scans)
             left[a, :, a] += np.diag(priors[a])
-            right[a] += priors[a] * drift(moved[a], scan.told, scan.pivot)
+            right[a] += priors[a] * drift(moved[a], scan.prior_pose, scan.pivot)
         size = 6 * (len(scans) - 1)
         steps = np.linalg.solve(left[1:, :, 1:].reshape(size, size), -right[1:].ravel())
         for k, step in enumerate(steps.astype(np.float64).reshape(-1, 6), start=1):

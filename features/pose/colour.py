@@ -52,12 +52,12 @@ def colour_misfits(
         fx, fy, cx, cy of the image, px.
     """
     few = np.random.default_rng(0).permutation(len(samples))[:_MAX_SAMPLES]
-    known = cv2.cvtColor(colours[few][None], cv2.COLOR_RGB2Lab)[0].astype(np.float64)
+    seen_lab = cv2.cvtColor(colours[few][None], cv2.COLOR_RGB2Lab)[0].astype(np.float64)
     usual = colours[few].sum(axis=1).astype(np.float64)
     places, normals = samples[few, :3].astype(np.float64), samples[few, 3:].astype(np.float64)
     fx, fy, cx, cy = camera
     height, width = depth_m.shape
-    found = np.full(len(poses[0]), np.nan)
+    misfits = np.full(len(poses[0]), np.nan)
     for k, (rotation, translation) in enumerate(zip(*poses, strict=True)):
         here = places @ rotation.T + translation
         facing = -np.einsum("ni,ni->n", normals @ rotation.T, here)
@@ -74,12 +74,12 @@ def colour_misfits(
         inks = rgb[v[seen], u[seen]]
         light = np.median(inks.sum(axis=1)) / max(float(np.median(usual[seen])), 1.0)
         inks = np.clip(inks / np.clip(light, 1 / _MAX_GAIN, _MAX_GAIN), 0, 255).astype(np.uint8)
-        apart = cv2.cvtColor(inks[None], cv2.COLOR_RGB2Lab)[0].astype(np.float64) - known[seen]
+        apart = cv2.cvtColor(inks[None], cv2.COLOR_RGB2Lab)[0].astype(np.float64) - seen_lab[seen]
         tint = np.median(apart[:, 1:], axis=0)
         apart[:, 1:] -= np.clip(tint, -_MAX_TINT, _MAX_TINT)
         apart[:, 0] -= _light(apart[:, 0], normals[seen] @ rotation.T)
-        found[k] = np.minimum(np.linalg.norm(apart, axis=1), _MAX_APART).mean()
-    return found
+        misfits[k] = np.minimum(np.linalg.norm(apart, axis=1), _MAX_APART).mean()
+    return misfits
 
 
 def _light(apart: Float64Array, normals: Float64Array) -> Float64Array:
@@ -131,22 +131,22 @@ def choose_by_colour(misfits: Float64Array, rotations: Float64Array) -> ColourCh
     >>> choose_by_colour(np.array([[5.0, 4.5]]), turns).is_decided
     False
     """
-    known = np.where(np.isfinite(misfits), misfits, np.inf)
-    least = known.min(axis=1)
+    finite = np.where(np.isfinite(misfits), misfits, np.inf)
+    least = finite.min(axis=1)
     if not np.isfinite(least).any():
         return ColourChoice(0, 0, len(misfits) - 1, False)
     bound = _clear_of(float(least.min()))
     alike = np.flatnonzero((least <= bound) | ~np.isfinite(least))
     candidate = 0 if 0 in alike else int(least.argmin())
-    row = known[candidate]
+    row = finite[candidate]
     variant = int(row.argmin())
     cosines = (np.einsum("sij,ij->s", rotations, rotations[variant]) - 1) / 2
     others = row[(cosines < np.cos(_SAME_RAD)) & np.isfinite(row)]
     decided = bool(len(others)) and bool(others.min() > _clear_of(float(row[variant])))
     # Of one painted side nobody can tell the quarter turns, yet that side is not another.
-    kept = 0 if row[0] <= _clear_of(float(row[variant])) else variant
+    unchanged = 0 if row[0] <= _clear_of(float(row[variant])) else variant
     rivals = len(alike) - int(candidate in alike)
-    return ColourChoice(candidate, variant if decided else kept, rivals, decided)
+    return ColourChoice(candidate, variant if decided else unchanged, rivals, decided)
 
 
 def _clear_of(misfit: float) -> float:

@@ -81,7 +81,7 @@ def estimate_pose(
     matched = begun[0, :3, :3] if is_matched and len(begun) else None
     pool = task.given(begun) if len(begun) else []
     if pool and task.is_enough(pool):
-        pool.sort(key=lambda found: -found.score)
+        pool.sort(key=lambda scored: -scored.score)
         pool[0] = task.completed(pool[0])
         return _answer(task, pool, True, matched)
     complete = True
@@ -96,14 +96,14 @@ def estimate_pose(
         pool += task.poses(guess, params.starts if k == 0 else more)
     if matched is not None:
         pool = task.turned_alike(pool, matched) or pool
-    pool.sort(key=lambda found: -found.score)
+    pool.sort(key=lambda scored: -scored.score)
     bound = pool[0].score - params.doubt
-    torn = task.distinct([found for found in pool if found.score > bound], params.recollected)
+    torn = task.distinct([scored for scored in pool if scored.score > bound], params.recollected)
     if len(torn) > 1 or not task.is_enough(pool):
         pool = task.with_surroundings(pool)
         likely = pool if not task.is_enough(pool) else task.distinct(pool, params.recollected)
-        for found in likely[: params.recollected]:
-            pool += task.recollected(found)
+        for scored in likely[: params.recollected]:
+            pool += task.recollected(scored)
         pool = task.with_surroundings(pool)
     return _answer(task, pool, complete, matched)
 
@@ -132,14 +132,14 @@ def _answer(
     )
     rivals = choice.rivals
     winner = [best, *alike][choice.candidate]
-    others = [found for found in (best, *others) if found is not winner]
+    others = [scored for scored in (best, *others) if scored is not winner]
     best = winner
     if choice.candidate or choice.variant:
         close = task.varied(winner, choice.variant)
         if matched is None:
             best = close[int(np.argmin(np.nan_to_num(_misfits(task, close), nan=np.inf)))]
         else:
-            best = min(close, key=lambda one: angle_between(one.rotation, matched))
+            best = min(close, key=lambda scored: angle_between(scored.rotation, matched))
     away = task.distances(task.judged.places, best.rotation, best.translation)
     explained = float((away < _EXPLAINED_M + task.model.cell_m / 2).mean())
     constants = task.params.confidence
@@ -182,7 +182,7 @@ def _misfits(task: PoseTask, poses: list[Found]) -> NDArray[np.float64]:
 
 def _nearest(task: PoseTask, candidates: list[Found], matched: NDArray[np.float64]) -> ColourChoice:
     """Choose, as colours do, the pose and variant that is turned least from a matched one."""
-    rotations = np.stack([found.rotation for found in candidates])
+    rotations = np.stack([scored.rotation for scored in candidates])
     off = np.einsum("cij,sjk,ik->cs", rotations, task.turns(), matched)
     candidate, variant = np.unravel_index(int(off.argmax()), off.shape)
     return ColourChoice(int(candidate), int(variant), 0, False)

@@ -62,19 +62,19 @@ def hypotheses(
         Of the model: what is larger together is not one object.
     """
     alone = labels == label
-    found = [Hypothesis((label,), alone)]
+    guesses = [Hypothesis((label,), alone)]
     mine = _some(points[alone])
     joined = [
         other
         for other in _touching(points, labels, label, mine)
         if spread(np.vstack([mine, _some(points[labels == other])])) <= _LARGER * diameter_m
     ][:_MAX_NEIGHBOURS]
-    found += [Hypothesis((label, other), alone | (labels == other)) for other in joined]
+    guesses += [Hypothesis((label, other), alone | (labels == other)) for other in joined]
     if len(joined) > 1:
         together = np.isin(labels, [label, *joined])
         if spread(_some(points[together])) <= _LARGER * diameter_m:
-            found.append(Hypothesis((label, *joined), together))
-    return found
+            guesses.append(Hypothesis((label, *joined), together))
+    return guesses
 
 
 def parted(
@@ -122,14 +122,14 @@ def halves(points: NDArray[np.float32], labels: NDArray[np.int32], label: int) -
         return []
     middle = places.mean(axis=0)
     _, axes = np.linalg.eigh(np.cov(places.T))
-    found = []
+    parts = []
     for axis in (2, 1):
         along = (places - middle) @ axes[:, axis]
         for side in (along > np.median(along), along < np.median(along)):
             mask = np.zeros(labels.shape, bool)
             mask[alone] = side
-            found.append(Hypothesis((label,), mask, is_part=True))
-    return found
+            parts.append(Hypothesis((label,), mask, is_part=True))
+    return parts
 
 
 def spread(points: NDArray[np.floating]) -> float:

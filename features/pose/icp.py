@@ -207,7 +207,7 @@ def distances(
     cell: float,
 ) -> Float64Array:
     """Return the distance in m of points (n, 3) to the model at one pose; others as above."""
-    found = np.empty(len(points))
+    distances_m = np.empty(len(points))
     r, t = rotation, translation
     for p in range(len(points)):
         dx, dy, dz = points[p, 0] - t[0], points[p, 1] - t[1], points[p, 2] - t[2]
@@ -216,5 +216,5 @@ def distances(
         z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
         m = _sample_near(grid, corner, cell, x, y, z)
         x, y, z = x - samples[m, 0], y - samples[m, 1], z - samples[m, 2]
-        found[p] = np.sqrt(x * x + y * y + z * z)
-    return found
+        distances_m[p] = np.sqrt(x * x + y * y + z * z)
+    return distances_m

@@ -88,14 +88,14 @@ def _products(
         about = [t for t in turns if any(float(axis @ t @ axis) > 0.9999 for axis in whole)]
         return [flip @ turn for flip in flips[:1] for turn in about]
     few = turns[: len(_TURNS_DEG) * 3]
-    found = [a @ b for a in few for b in few]
-    found = [turn for turn in _distinct(found) if holds(turn)]
-    return found if len(found) <= 60 else []
+    products = [a @ b for a in few for b in few]
+    products = [turn for turn in _distinct(products) if holds(turn)]
+    return products if len(products) <= 60 else []
 
 
 def _distinct(turns: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    kept: list[NDArray[np.float64]] = []
+    distinct: list[NDArray[np.float64]] = []
     for turn in turns:
-        if all(np.trace(turn.T @ other) < 1 + 2 * np.cos(np.deg2rad(2)) for other in kept):
-            kept.append(turn)
-    return kept
+        if all(np.trace(turn.T @ other) < 1 + 2 * np.cos(np.deg2rad(2)) for other in distinct):
+            distinct.append(turn)
+    return distinct

@@ -100,28 +100,28 @@ class PoseTask:
         points = self.judged if alone else self._chosen(guess.mask)
         if len(points) < MIN_POINTS:
             return []
-        found = search(self.model, points, starts, self.params.keep)
+        poses = search(self.model, points, starts, self.params.keep)
         if not alone:
-            found = refine(self.model, points, found, self.judged)
+            poses = refine(self.model, points, poses, self.judged)
         mask = self.labels == self.label if guess.is_part else guess.mask
-        return self._judge(found, mask, guess.labels)
+        return self._judge(poses, mask, guess.labels)
 
     def given(self, poses: NDArray[np.float64]) -> list[Found]:
         """Improve poses that are known from elsewhere."""
         turns = np.ascontiguousarray(poses[:, :3, :3])
         centred = Poses(turns, poses[:, :3, 3] + turns @ self.model.centre, np.zeros(len(poses)))
-        found = refine(self.model, self.judged, centred)
-        return self._judge(found, self.labels == self.label, (self.label,))
+        refined = refine(self.model, self.judged, centred)
+        return self._judge(refined, self.labels == self.label, (self.label,))
 
     def is_enough(self, pool: list[Found]) -> bool:
         """Tell whether the best pose leaves nothing to explain."""
-        best = max(pool, key=lambda found: found.score)
+        best = max(pool, key=lambda scored: scored.score)
         params = self.params
         return best.fit >= params.enough_fit and best.violation <= params.max_violation
 
     def leaves_much(self, pool: list[Found]) -> bool:
         """Tell whether the best pose leaves much of the segment unexplained."""
-        return max(pool, key=lambda found: found.score).fit < self.params.enough_fit
+        return max(pool, key=lambda scored: scored.score).fit < self.params.enough_fit
 
     def turned_alike(self, pool: list[Found], matched: NDArray[np.float64]) -> list[Found]:
         """Return the poses turned by little from a matched one, symmetries of the shape apart."""
@@ -130,13 +130,13 @@ class PoseTask:
 
     def distinct(self, pool: list[Found], most: int) -> list[Found]:
         """Return the best poses of a sorted pool that differ from one another."""
-        kept: list[Found] = []
-        for found in pool:
-            if all(self.differ(found, other) for other in kept):
-                kept.append(found)
-            if len(kept) == most:
+        distinct: list[Found] = []
+        for scored in pool:
+            if all(self.differ(scored, other) for other in distinct):
+                distinct.append(scored)
+            if len(distinct) == most:
                 break
-        return kept
+        return distinct
 
     def with_surroundings(self, pool: list[Found]) -> list[Found]:
         """Judge the best poses of a sorted pool by what they explain beside the segment.
@@ -147,21 +147,21 @@ class PoseTask:
         pool = pool[:_MAX_COMPARED]
         short = self._short(pool).tolist()
         pool = [
-            replace(one, score=self._score(one.fit, one.violation) - less)
-            for one, less in zip(pool, short, strict=True)
+            replace(scored, score=self._score(scored.fit, scored.violation) - less)
+            for scored, less in zip(pool, short, strict=True)
         ]
-        return sorted(pool, key=lambda found: -found.score)
+        return sorted(pool, key=lambda scored: -scored.score)
 
-    def completed(self, found: Found) -> Found:
+    def completed(self, scored: Found) -> Found:
         """Lay a pose on the points beside the segment as well, if it clearly explains more then.
 
         Otherwise they only let it slide along a smooth body.
         """
-        pool = [found, *self.recollected(found)]
+        pool = [scored, *self.recollected(scored)]
         before, *after = [
-            one.score - less for one, less in zip(pool, self._short(pool), strict=True)
+            rival.score - less for rival, less in zip(pool, self._short(pool), strict=True)
         ]
-        return pool[-1] if after and after[-1] > before + _CLEARLY else found
+        return pool[-1] if after and after[-1] > before + _CLEARLY else scored
 
     def _short(self, pool: list[Found]) -> NDArray[np.float64]:
         """Return by how much of the score (n,) each explains less beside the segment than any."""
@@ -171,17 +171,17 @@ class PoseTask:
         own = max(int((self.labels == self.label).sum()), 1) / step
         near = [
             np.count_nonzero(
-                self.distances(beside[::step], one.rotation, one.translation) < _BESIDE_M
+                self.distances(beside[::step], scored.rotation, scored.translation) < _BESIDE_M
             )
-            for one in pool
+            for scored in pool
         ]
         shares = np.array(near) / (np.array(near) + own)
         short: NDArray[np.float64] = self.params.gain * (shares.max() - shares)
         return short
 
-    def recollected(self, found: Found) -> list[Found]:
+    def recollected(self, scored: Found) -> list[Found]:
         """Let a pose collect the points that lie on it, and improve it on them, twice."""
-        poses = Poses(found.rotation[None], found.translation[None], np.zeros(1))
+        poses = Poses(scored.rotation[None], scored.translation[None], np.zeros(1))
         mask = self.labels == self.label
         for _ in range(2):
             mask = self._on_model(poses.rotations[0], poses.translations[0])
@@ -189,14 +189,14 @@ class PoseTask:
             if len(points) < MIN_POINTS:
                 return []
             poses = refine(self.model, points, poses, self.judged)
-        return self._judge(poses, mask, found.labels)
+        return self._judge(poses, mask, scored.labels)
 
     def turns(self) -> NDArray[np.float64]:
         """Return symmetries of the shape (s, 3, 3), at most 48, the identity first."""
         turns = self.model.symmetries
         return turns[:: -(-len(turns) // _MAX_TURNS)]
 
-    def varied(self, found: Found, variant: int) -> list[Found]:
+    def varied(self, scored: Found, variant: int) -> list[Found]:
         """Return a pose turned by a symmetry of the shape, and by a little more or less.
 
         Each is laid on the points again. What noise lets pass as a symmetry may be off by some
@@ -208,18 +208,18 @@ class PoseTask:
         little = _LITTLE_RAD if length > 1e-6 else np.zeros(1)
         axis = axis / length if length > 1e-6 else axis
         turns = np.stack([turn @ rotation_about(axis, angle) for angle in little.tolist()])
-        places = np.repeat(found.translation[None], len(turns), axis=0)
+        places = np.repeat(scored.translation[None], len(turns), axis=0)
         laid = refine(self.model, self.judged,
-                      Poses(found.rotation @ turns, places, np.zeros(len(turns))))  # fmt: skip
-        kept = np.flatnonzero(laid.fit > min(found.fit, float(laid.fit.max())) - _CLEARLY)
+                      Poses(scored.rotation @ turns, places, np.zeros(len(turns))))  # fmt: skip
+        near_best = np.flatnonzero(laid.fit > min(scored.fit, float(laid.fit.max())) - _CLEARLY)
         return [
-            replace(found, rotation=laid.rotations[k], translation=laid.translations[k],
+            replace(scored, rotation=laid.rotations[k], translation=laid.translations[k],
                     fit=float(laid.fit[k]))
-            for k in kept
+            for k in near_best
         ]  # fmt: skip
 
-    def pose_of(self, found: Found) -> NDArray[np.float64]:
-        return self.model.camera_from_object(found.rotation, found.translation)
+    def pose_of(self, scored: Found) -> NDArray[np.float64]:
+        return self.model.camera_from_object(scored.rotation, scored.translation)
 
     def _chosen(self, mask: NDArray[np.bool_]) -> ScenePoints:
         return scene_points(

@@ -121,24 +121,24 @@ def verified_views(
         Of the query's descriptors in the snapshot.
     """
     search = _Search(features, snapshot, similarity, params)
-    found = search.by_votes(matches)
-    if search.is_settled(found):
-        return found
+    fits = search.by_votes(matches)
+    if search.is_settled(fits):
+        return fits
     alike = np.argsort(-similarity, kind="stable")[: params.appearance_views]
     present = alike[similarity[alike] >= 0].tolist()
-    again = dict.fromkeys([*(fit.view for fit in found), *present])
-    found = _best_of_each(found + search.in_full(matches, again, snapshot.object_of_view))
-    if search.is_settled(found):
-        return found
-    return _best_of_each(found + search.twins(matches))
+    again = dict.fromkeys([*(fit.view for fit in fits), *present])
+    fits = _best_of_each(fits + search.in_full(matches, again, snapshot.object_of_view))
+    if search.is_settled(fits):
+        return fits
+    return _best_of_each(fits + search.twins(matches))
 
 
-def _best_of_each(found: list[VerifiedView]) -> list[VerifiedView]:
+def _best_of_each(fits: list[VerifiedView]) -> list[VerifiedView]:
     """Return one fit of each view; that as a twin only where it explains far more."""
     best: dict[int, VerifiedView] = {}
-    for fit in sorted(found, key=lambda f: (f.is_twin, -f.places)):
-        known = best.setdefault(fit.view, fit)
-        if fit.is_twin and fit.places >= _TWIN_GAIN * known.places:
+    for fit in sorted(fits, key=lambda f: (f.is_twin, -f.places)):
+        previous = best.setdefault(fit.view, fit)
+        if fit.is_twin and fit.places >= _TWIN_GAIN * previous.places:
             best[fit.view] = fit
     return list(best.values())
 
@@ -152,10 +152,10 @@ class _Search:
     similarity: NDArray[np.float32]
     params: RecogniserParams
 
-    def is_settled(self, found: list[VerifiedView]) -> bool:
+    def is_settled(self, fits: list[VerifiedView]) -> bool:
         """Tell whether one object has many places and no other comes near."""
         places: dict[int, int] = {}
-        for fit in found:
+        for fit in fits:
             number = int(self.snapshot.object_of_view[fit.view])
             places[number] = max(fit.places, places.get(number, 0))
         best, next_best = sorted([*places.values(), 0, 0], reverse=True)[:2]
@@ -166,17 +166,17 @@ class _Search:
         good = self._is_good(matches.nearest, matches.rival)
         votes = np.bincount(matches.view[good], minlength=len(self.snapshot.alive))
         order = np.argsort(-votes, kind="stable")[: self.params.max_views]
-        found = []
+        fits = []
         for view in order[votes[order] >= self.params.min_votes].tolist():
             rows = np.flatnonzero(good & (matches.view == view))
-            found.append(self._fit(view, rows, matches.keypoints[rows], matches.points3d[rows]))
-        return [fit for fit in found if fit is not None]
+            fits.append(self._fit(view, rows, matches.keypoints[rows], matches.points3d[rows]))
+        return [fit for fit in fits if fit is not None]
 
     def in_full(
         self, matches: Matches, views: dict[int, None], labels: NDArray[np.int32]
     ) -> list[VerifiedView]:
         """Compare with single views: in the index, a descriptor votes for one view only."""
-        found = []
+        fits = []
         for view in views:
             stored = self.snapshot.stored_view(view)
             if len(stored.descriptors) == 0 or len(self.features) == 0:
@@ -189,8 +189,8 @@ class _Search:
                 self._is_good(nearest, np.where(is_own, matches.rival, matches.nearest))
             )
             chosen = row[rows]
-            found.append(self._fit(view, rows, stored.keypoints[chosen], stored.points3d[chosen]))
-        return [fit for fit in found if fit is not None]
+            fits.append(self._fit(view, rows, stored.keypoints[chosen], stored.points3d[chosen]))
+        return [fit for fit in fits if fit is not None]
 
     def twins(self, matches: Matches) -> list[VerifiedView]:
         """Verify objects that keep each other from being found, as if they were one.

@@ -327,13 +327,13 @@ def is_size_plausible(size_m: float, is_cut: bool, stored_m: NDArray[np.floating
     bool or None
         None when either side has no size.
     """
-    known = stored_m[np.isfinite(stored_m)]
-    if not np.isfinite(size_m) or len(known) == 0:
+    sizes = stored_m[np.isfinite(stored_m)]
+    if not np.isfinite(size_m) or len(sizes) == 0:
         return None
-    slack = min(0.010, 0.15 * float(known.max()))
-    if size_m > 1.15 * float(known.max()) + slack:
+    slack = min(0.010, 0.15 * float(sizes.max()))
+    if size_m > 1.15 * float(sizes.max()) + slack:
         return False
-    return bool(is_cut or size_m >= 0.85 * float(known.min()) - slack)
+    return bool(is_cut or size_m >= 0.85 * float(sizes.min()) - slack)
 
 
 def decide(

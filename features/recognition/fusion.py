@@ -91,40 +91,40 @@ def fuse(
         for match in look.matches:
             seen.setdefault(match.object_iri, []).append(match)
     here = {match.object_iri: match for match in looks[0].matches}
-    found = []
-    for thing, matches in seen.items():
+    fused = []
+    for object_iri, matches in seen.items():
         odds = [_odds(match.confidence, params.most) for match in matches]
         odds += [params.absent] * (len(looks) - len(odds))
         mean = float(np.mean(sorted(odds, reverse=True)[: params.best]))
-        if _is_narrow(looks, thing, params):
+        if _is_narrow(looks, object_iri, params):
             mean = min(mean, 0.0)
         best = max(matches, key=lambda match: match.confidence)
-        shown = here.get(thing) or replace(best, query_from_view=None, difference=None)
-        found.append(replace(shown, confidence=_share(mean)))
-    found.sort(key=lambda match: (-match.confidence, match.object_iri))
+        shown = here.get(object_iri) or replace(best, query_from_view=None, difference=None)
+        fused.append(replace(shown, confidence=_share(mean)))
+    fused.sort(key=lambda match: (-match.confidence, match.object_iri))
     constants = confidence or ConfidenceParams()
-    if len(found) == 0:
+    if len(fused) == 0:
         return Recognition("null", False)
-    first = found[0].object_iri
+    first = fused[0].object_iri
     votes = sum(look.accepts(first) for look in looks)
     least = params.min_confidence if min_confidence is None else min_confidence
     if votes >= params.agreeing:
         least = min(least, constants.threshold)
-    outcome, accepted = decide(np.array([m.confidence for m in found]), least, constants)
+    outcome, accepted = decide(np.array([m.confidence for m in fused]), least, constants)
     accepted = accepted and votes > sum(look.accepted for look in looks) - votes
     family = next((look.family for look in looks if look.family == first), "")
     return Recognition(
         outcome if accepted or not family else "multiple",
         accepted,
-        tuple(found),
+        tuple(fused),
         family="" if accepted else family,
-        ask_again=not accepted and found[0].confidence >= constants.undecided_from,
+        ask_again=not accepted and fused[0].confidence >= constants.undecided_from,
     )
 
 
-def _is_narrow(looks: Sequence[Recognition], thing: str, params: FusionParams) -> bool:
+def _is_narrow(looks: Sequence[Recognition], object_iri: str, params: FusionParams) -> bool:
     """Tell whether an object is accepted by print alone, and all of that lies close together."""
-    accepting = [look.matches[0] for look in looks if look.accepts(thing)]
+    accepting = [look.matches[0] for look in looks if look.accepts(object_iri)]
     if not accepting or not all(match.by_print for match in accepting):
         return False
     return max(match.extent for match in accepting) < params.min_extent

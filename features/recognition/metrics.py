@@ -62,12 +62,12 @@ def score_open_set(
     >>> score_open_set([("object:1", Recognition("null", False))]).recall
     0.0
     """
-    known = unknown = recognised = false_known = false_unknown = 0
+    in_store = unknown = recognised = false_known = false_unknown = 0
     for truth, answer in answers:
         accepted = answer.accepted
         if threshold is not None:
             accepted = bool(answer.matches) and answer.matches[0].confidence >= threshold
-        known += truth is not None
+        in_store += truth is not None
         unknown += truth is None
         if accepted and truth is None:
             false_unknown += 1
@@ -75,7 +75,7 @@ def score_open_set(
             recognised += 1
         elif accepted:
             false_known += 1
-    return OpenSetScore(known, unknown, recognised, false_known, false_unknown)
+    return OpenSetScore(in_store, unknown, recognised, false_known, false_unknown)
 
 
 def expected_calibration_error(

@@ -73,6 +73,6 @@ def counted_matches(query: ViewFeatures, view: ViewFeatures) -> PairMatches:
     The same as recognition finds: ``agreed`` counts :attr:`Match.inliers`.
     """
     rows, columns = mutual_matches(query.descriptors, view.descriptors)
-    found = align_views(query, view, query.side_px)
-    counted = np.empty(0, np.intp) if found is None else found.query_rows
+    alignment = align_views(query, view, query.side_px)
+    counted = np.empty(0, np.intp) if alignment is None else alignment.query_rows
     return PairMatches(rows, columns, np.isin(rows, counted), None)

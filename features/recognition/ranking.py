@@ -58,13 +58,13 @@ class Ranking:
         features: ViewFeatures,
         snapshot: Snapshot,
         similarity: NDArray[np.float32],
-        found: list[VerifiedView],
+        fits: list[VerifiedView],
         params: RecogniserParams,
     ) -> None:
         self._params = params
         self._features, self._snapshot, self._similarity = features, snapshot, similarity
         self._fits: dict[int, list[VerifiedView]] = {}
-        for fit in sorted(found, key=lambda f: (f.is_twin, -f.places, f.view)):
+        for fit in sorted(fits, key=lambda f: (f.is_twin, -f.places, f.view)):
             self._fits.setdefault(int(snapshot.object_of_view[fit.view]), []).append(fit)
         self._look = np.full(len(snapshot.object_iris), -1.0)
         np.maximum.at(self._look, snapshot.object_of_view, similarity)

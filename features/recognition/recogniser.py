@@ -200,8 +200,8 @@ class Recogniser:
         """
         snapshot = self.index.snapshot()
         alive = np.flatnonzero(snapshot.alive).tolist()
-        wanted = set(view_iris)
-        self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
+        requested = set(view_iris)
+        self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in requested])
 
     def compare_outdated(self, most: int) -> int:
         """Compare some of the stored views that no query should have to compare.
@@ -229,7 +229,9 @@ class Recogniser:
         snapshot = self.index.snapshot()
         alive = np.flatnonzero(snapshot.alive).tolist()
         views = [view for view in alive if snapshot.view_iris[view] == view_iri]
-        others = {one for view in views for one in self._twins.of_object(snapshot, view)}
+        others = {
+            object_iri for view in views for object_iri in self._twins.of_object(snapshot, view)
+        }
         return tuple(sorted(snapshot.object_iris[number] for number in others))
 
     def forget_comparisons(self) -> None:
@@ -258,13 +260,15 @@ class Recogniser:
             return []
         similarity = snapshot.appearance(features.appearance)
         matches = snapshot.match(features.descriptors)
-        found = verified_views(features, snapshot, similarity, self.params, matches)
-        ranking = Ranking(features, snapshot, similarity, found, self.params)
+        fits = verified_views(features, snapshot, similarity, self.params, matches)
+        ranking = Ranking(features, snapshot, similarity, fits, self.params)
         first = ranking.first()
-        printed = self._printed(features, snapshot, matches, found, first)
-        objects = [ranking.candidate(one, printed.get(one)) for one in chosen(first, printed)]
+        printed = self._printed(features, snapshot, matches, fits, first)
+        objects = [
+            ranking.candidate(number, printed.get(number)) for number in chosen(first, printed)
+        ]
         if features.is_mask_guessed:
-            return [self._by_all_views(features, snapshot, one) for one in objects]
+            return [self._by_all_views(features, snapshot, number) for number in objects]
         return objects
 
     def _by_all_views(
@@ -291,7 +295,7 @@ class Recogniser:
         features: ViewFeatures,
         snapshot: Snapshot,
         matches: Matches,
-        found: list[VerifiedView],
+        fits: list[VerifiedView],
         first: First,
     ) -> dict[int, PrintedView]:
         """Return the objects whose print agrees, by number; at least those that are chosen."""
@@ -301,10 +305,10 @@ class Recogniser:
         proposed = proposed_views(
             matches, snapshot, params.distance_cap, params.max_views, _PRINTED_PER_OBJECT
         )
-        best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
+        best = sorted(fits, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
         views = dict.fromkeys([*(fit.view for fit in best), *proposed])
-        wanted = {*first.by_places, *first.by_look}
-        return printed_objects(features, snapshot, self._facts, views, wanted, MAX_CHOSEN)
+        chosen_objects = {*first.by_places, *first.by_look}
+        return printed_objects(features, snapshot, self._facts, views, chosen_objects, MAX_CHOSEN)
 
 
 def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Match:

@@ -86,10 +86,10 @@ def fit_rigid(
     RigidFit or None
     """
     params = params or VerifyParams()
-    known = np.flatnonzero(np.isfinite(query).all(axis=1) & np.isfinite(view).all(axis=1))
-    if len(known) < params.min_places or not np.isfinite(size_m):
+    has_depth = np.flatnonzero(np.isfinite(query).all(axis=1) & np.isfinite(view).all(axis=1))
+    if len(has_depth) < params.min_places or not np.isfinite(size_m):
         return None
-    q, v = query[known].astype(np.float64), view[known].astype(np.float64)
+    q, v = query[has_depth].astype(np.float64), view[has_depth].astype(np.float64)
     tolerance = max(params.rigid_tolerance * size_m, params.rigid_tolerance_m)
     drawn = np.random.Generator(np.random.PCG64(seed)).random((4 * params.rigid_rounds, len(q)))
     min_side = min(0.015, params.rigid_min_side * size_m)
@@ -102,7 +102,7 @@ def fit_rigid(
     if best.sum() < params.min_places:
         return None
     inliers = np.zeros(len(query), bool)
-    inliers[known[best]] = True
+    inliers[has_depth[best]] = True
     rms = float(np.sqrt(np.mean(_residuals(movement, q[best], v[best]) ** 2)))
     return RigidFit(movement, inliers, rms)
 

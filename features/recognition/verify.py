@@ -174,7 +174,7 @@ def _affine_consensus(
     best_map = np.zeros((2, 3))
     best = np.zeros(m, np.bool_)
     best_count, best_error = 0, np.inf
-    known = {np.uint64(0)}
+    seen_fingerprints = {np.uint64(0)}
     turn = np.deg2rad(query[:, 3] - view[:, 3])
     log_scale = np.log(np.maximum(query[:, 2], 1e-3) / np.maximum(view[:, 2], 1e-3))
     for i in range(m):
@@ -197,9 +197,9 @@ def _affine_consensus(
                 break
             # What follows is fixed by who agrees at this step, so it is not followed twice.
             agreement = _fingerprint(inliers, step)
-            if agreement in known:
+            if agreement in seen_fingerprints:
                 break
-            known.add(agreement)
+            seen_fingerprints.add(agreement)
             refined, good = _least_squares_affine(query, view, inliers)
             if not good:
                 break
@@ -211,10 +211,10 @@ def _affine_consensus(
 def _fingerprint(inliers: Mask, step: int) -> np.uint64:
     """Return the FNV-1a hash of a mask and a number, 64 bits."""
     prime = np.uint64(1099511628211)
-    found = (np.uint64(14695981039346656037) ^ np.uint64(step + 2)) * prime
-    for one in inliers:
-        found = (found ^ np.uint64(one)) * prime
-    return found
+    digest = (np.uint64(14695981039346656037) ^ np.uint64(step + 2)) * prime
+    for inlier in inliers:
+        digest = (digest ^ np.uint64(inlier)) * prime
+    return digest
 
 
 @nb.njit(cache=True, nogil=True)

@@ -30,8 +30,8 @@ def convex_components(
     common_neighbours
         Extended convexity: a kept edge needs so many patches that both its ends are joined to.
     """
-    kept = (graph.angle_deg > -tolerance_deg) & graph.smooth & graph.sane
-    pairs = graph.pairs[kept]
+    edges = (graph.angle_deg > -tolerance_deg) & graph.smooth & graph.sane
+    pairs = graph.pairs[edges]
     if common_neighbours:
         ones = np.ones(len(pairs))
         half = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(number, number)).tocsr()

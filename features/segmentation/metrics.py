@@ -44,11 +44,13 @@ class SegmentationScore:
     over: float
     under: float
     true_count: int
-    found_count: int
+    predicted_count: int
 
 
 def score_labels(
-    found: NDArray[np.integer], truth: NDArray[np.integer], valid: NDArray[np.bool_] | None = None
+    predicted: NDArray[np.integer],
+    truth: NDArray[np.integer],
+    valid: NDArray[np.bool_] | None = None,
 ) -> SegmentationScore | None:
     """Compare a label map with the truth.
 
@@ -72,35 +74,35 @@ def score_labels(
     >>> score.p75, round(score.f, 3), round(score.under, 3)
     (0.5, 0.571, 0.75)
     """
-    if found.shape != truth.shape or (valid is not None and valid.shape != truth.shape):
-        raise ValueError(f"label maps differ in shape: {found.shape} and {truth.shape}")
+    if predicted.shape != truth.shape or (valid is not None and valid.shape != truth.shape):
+        raise ValueError(f"label maps differ in shape: {predicted.shape} and {truth.shape}")
     if valid is not None:
-        found, truth = found[valid], truth[valid]
-    common = _contingency(found.ravel(), truth.ravel())
+        predicted, truth = predicted[valid], truth[valid]
+    common = _contingency(predicted.ravel(), truth.ravel())
     if common.shape[0] < 2:
         return None
-    true_sizes, found_sizes = common.sum(axis=1)[1:], common.sum(axis=0)[1:]
+    true_sizes, predicted_sizes = common.sum(axis=1)[1:], common.sum(axis=0)[1:]
     common = common[1:, 1:]
-    pair_f = 2 * common / (true_sizes[:, None] + found_sizes[None])
+    pair_f = 2 * common / (true_sizes[:, None] + predicted_sizes[None])
     rows, columns = linear_sum_assignment(-pair_f)
     matched = float(common[rows, columns].sum())
-    precision = matched / max(float(found_sizes.sum()), 1.0)
+    precision = matched / max(float(predicted_sizes.sum()), 1.0)
     recall = matched / float(true_sizes.sum())
     return SegmentationScore(
         precision=precision,
         recall=recall,
         f=2 * precision * recall / max(precision + recall, 1e-12),
         p75=float(np.count_nonzero(pair_f[rows, columns] > _GOOD_MATCH) / len(true_sizes)),
-        **_best_overlaps(common, true_sizes, found_sizes),
+        **_best_overlaps(common, true_sizes, predicted_sizes),
         true_count=len(true_sizes),
-        found_count=len(found_sizes),
+        predicted_count=len(predicted_sizes),
     )
 
 
-def _contingency(found: NDArray[np.integer], truth: NDArray[np.integer]) -> NDArray[np.float64]:
+def _contingency(predicted: NDArray[np.integer], truth: NDArray[np.integer]) -> NDArray[np.float64]:
     """Count common pixels; row and column 0 stand for no object, whether it occurs or not."""
     numbers: list[NDArray[np.integer]] = []
-    for labels in (truth, found):
+    for labels in (truth, predicted):
         present = np.unique(labels[labels > 0])
         numbers.append(np.where(labels > 0, np.searchsorted(present, labels) + 1, 0))
     rows, columns = numbers
@@ -110,15 +112,17 @@ def _contingency(found: NDArray[np.integer], truth: NDArray[np.integer]) -> NDAr
 
 
 def _best_overlaps(
-    common: NDArray[np.float64], true_sizes: NDArray[np.float64], found_sizes: NDArray[np.float64]
+    common: NDArray[np.float64],
+    true_sizes: NDArray[np.float64],
+    predicted_sizes: NDArray[np.float64],
 ) -> dict[str, float]:
     total = float(true_sizes.sum())
     if common.shape[1] == 0:
         return {"weighted_overlap": 0.0, "over": 1.0, "under": 0.0}
-    union = true_sizes[:, None] + found_sizes[None] - common
+    union = true_sizes[:, None] + predicted_sizes[None] - common
     best = np.argmax(common, axis=1)
     inside = common[np.arange(len(best)), best]
-    spilled = np.where(inside > 0, found_sizes[best] - inside, 0.0)
+    spilled = np.where(inside > 0, predicted_sizes[best] - inside, 0.0)
     return {
         "weighted_overlap": float((true_sizes * (common / union).max(axis=1)).sum()) / total,
         "over": 1.0 - float(inside.sum()) / total,

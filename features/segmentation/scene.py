@@ -132,13 +132,13 @@ def segment_scene(
         reach = params.overhang_m
         prism = with_overhang(clean, prism, heights, params.voxel_m, reach, plane.offset)
     clock.lap("prism")
-    found = segment_cloud(clean, colours, prism.mask, params)
+    segmented = segment_cloud(clean, colours, prism.mask, params)
     clock.lap("segment")
-    labels = found.labels
+    labels = segmented.labels
     if params.join_standing:
         labels = _join_standing(clean, labels, prism)
     labels = _give_bases(clean, labels, prism, params)
-    if params.thin_things and colours is not None and labels.ndim == 2:
+    if params.thin_objects and colours is not None and labels.ndim == 2:
         labels = _add_thin(clean, colours, labels, prism, params)
     clock.lap("bases")
     objects = _objects(clean, labels, prism)
@@ -146,7 +146,7 @@ def segment_scene(
     status = "ok" if objects else "table_only"
     if _is_grazing(clean, plane, prism):
         status = "grazing"
-    return Scene(status, plane, prism, labels, objects, {**found.timings_ms, **clock.laps})
+    return Scene(status, plane, prism, labels, objects, {**segmented.timings_ms, **clock.laps})
 
 
 def _without_strays(
@@ -184,8 +184,12 @@ def _add_thin(
     params: SegmentParams,
 ) -> NDArray[np.int32]:
     height_m, fewest = params.height_min_m, params.min_points
-    found = add_thin_things(points, colours, labels, prism, height_m, fewest)
-    return labels if found is labels else number_by_size(found.ravel(), 1)[0].reshape(labels.shape)
+    labelled = add_thin_things(points, colours, labels, prism, height_m, fewest)
+    return (
+        labels
+        if labelled is labels
+        else number_by_size(labelled.ravel(), 1)[0].reshape(labels.shape)
+    )
 
 
 def _give_bases(
@@ -213,13 +217,13 @@ def _give_bases(
 @numba.njit(cache=True, nogil=True)
 def _between(heights, low, high):  # type: ignore[no-untyped-def]
     """Return the indices of the heights in (low, high]."""
-    found = np.empty(heights.shape[0], np.int64)
+    rows = np.empty(heights.shape[0], np.int64)
     count = 0
     for i in range(heights.shape[0]):
         if low < heights[i] <= high:
-            found[count] = i
+            rows[count] = i
             count += 1
-    return found[:count].copy()
+    return rows[:count].copy()
 
 
 @numba.njit(cache=True, nogil=True)

@@ -91,7 +91,7 @@ class SegmentParams:
     join_standing: bool = False
     remove_table: bool = True
     overhang_m: float = 0.15
-    thin_things: bool = True
+    thin_objects: bool = True
 
     def __post_init__(self) -> None:
         if self.method not in _METHODS:

@@ -117,8 +117,8 @@ def _seeds(centroids, counts, starts, neighbours, size_m):  # type: ignore[no-un
 
     Every connected part keeps a seed: dropping lonely seeds is how small objects get lost.
     """
-    kept = _apart(centroids, _central(centroids, size_m), size_m)
-    return np.concatenate((kept, _lonely(components(starts, neighbours), counts, kept)))
+    seeds = _apart(centroids, _central(centroids, size_m), size_m)
+    return np.concatenate((seeds, _lonely(components(starts, neighbours), counts, seeds)))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -146,7 +146,7 @@ def _apart(centroids, candidates, size_m):  # type: ignore[no-untyped-def]
     """
     table = empty_table(candidates.shape[0])
     owners = np.empty(table.shape[0], np.int64)
-    kept = np.empty(candidates.shape[0], np.int64)
+    seeds = np.empty(candidates.shape[0], np.int64)
     count = 0
     for candidate in candidates:
         x, y, z = centroids[candidate, 0], centroids[candidate, 1], centroids[candidate, 2]
@@ -168,13 +168,13 @@ def _apart(centroids, candidates, size_m):  # type: ignore[no-untyped-def]
         if free:
             key = cell_key(a, b, c)
             slot = find_slot(table, key)
-            table[slot], owners[slot], kept[count] = key, candidate, candidate
+            table[slot], owners[slot], seeds[count] = key, candidate, candidate
             count += 1
-    return kept[:count]
+    return seeds[:count]
 
 
 @numba.njit(cache=True, nogil=True)
-def _lonely(parts, counts, kept):  # type: ignore[no-untyped-def]
+def _lonely(parts, counts, seeds):  # type: ignore[no-untyped-def]
     """Return the fullest voxel of each connected part in which no seed was kept."""
     number = parts.max() + 1
     fullest = np.full(number, -1, np.int64)
@@ -182,7 +182,7 @@ def _lonely(parts, counts, kept):  # type: ignore[no-untyped-def]
         part = parts[voxel]
         if fullest[part] < 0 or counts[voxel] > counts[fullest[part]]:
             fullest[part] = voxel
-    for seed in kept:
+    for seed in seeds:
         fullest[parts[seed]] = -1
     return fullest[fullest >= 0]
 

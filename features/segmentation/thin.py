@@ -51,27 +51,27 @@ def add_thin_things(
         Smaller patches are dropped.
     """
     every = (slice(None, None, _SHRINK), slice(None, None, _SHRINK))
-    heights, known = prism.heights[every], labels[every]
+    heights, labelled = prism.heights[every], labels[every]
     with np.errstate(invalid="ignore"):
-        flat = (np.abs(heights) < height_m) & (known == 0)
+        flat = (np.abs(heights) < height_m) & (labelled == 0)
     least = max(min_points // _SHRINK**2, 1)
     if np.count_nonzero(flat) < 10 * least:
         return labels
-    small = cv2.resize(colours, known.shape[::-1], interpolation=cv2.INTER_AREA)
+    small = cv2.resize(colours, labelled.shape[::-1], interpolation=cv2.INTER_AREA)
     differs = flat & _differs(np.asarray(small, dtype=np.uint8), flat)
     kernel = np.ones((3, 3), np.uint8)
     clean = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_OPEN, kernel)
     count, patches, boxes, _ = cv2.connectedComponentsWithStats(clean, connectivity=8)
     if count == 1:
         return labels
-    taken = cv2.dilate((known > 0).astype(np.uint8), np.ones((_BESIDE_PX, _BESIDE_PX), np.uint8))
+    taken = cv2.dilate((labelled > 0).astype(np.uint8), np.ones((_BESIDE_PX, _BESIDE_PX), np.uint8))
     beside = np.bincount(patches[taken > 0], minlength=count)
     thin = np.zeros(count, np.int32)
     for number in range(1, count):
         size = int(boxes[number, cv2.CC_STAT_AREA])
         if size < least or size > _MAX_SHARE * flat.sum() or beside[number] > 0.1 * size:
             continue
-        window = _window(boxes[number], known.shape)
+        window = _window(boxes[number], labelled.shape)
         patch = patches[window] == number
         places = points[every][window][patch]
         if np.median(prism.distance_to_edge(places)) < 0:

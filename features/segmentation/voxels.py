@@ -272,7 +272,7 @@ def _adjacency(keys):  # type: ignore[no-untyped-def]
     for p in range(n):
         columns[p], places[p] = by_voxel[order[p]], depth[order[p]]
     columns[n] = np.iinfo(np.int64).max
-    found, first = np.empty(26 * n + 1, np.int32), np.empty(n, np.int64)
+    occupied, first = np.empty(26 * n + 1, np.int32), np.empty(n, np.int64)
     degrees = np.empty(n, np.int32)
     low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
     at = 0
@@ -289,14 +289,14 @@ def _adjacency(keys):  # type: ignore[no-untyped-def]
         first[voxel] = at
         for row in range(3):
             for q in range(low[row], high[row]):
-                found[at] = order[q]
+                occupied[at] = order[q]
                 at += (abs(places[q] - places[p]) <= 1) & (q != p)
         degrees[voxel] = at - first[voxel]
     starts, neighbours = np.zeros(n + 1, np.int32), np.empty(at, np.int32)
     for voxel in range(n):
         start, degree = starts[voxel], degrees[voxel]
         for k in range(degree):
-            neighbours[start + k] = found[first[voxel] + k]
+            neighbours[start + k] = occupied[first[voxel] + k]
         starts[voxel + 1] = start + degree
     return starts, neighbours
 

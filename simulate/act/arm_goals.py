@@ -128,7 +128,7 @@ class ArmGoals:
         return (GOAL_TOLERANCE, words) if words else (0, "")
 
 
-def _feedback(joints: tuple[str, ...], wanted: Floats, now: Floats) -> dict[str, Any]:
+def _feedback(joints: tuple[str, ...], desired: Floats, now: Floats) -> dict[str, Any]:
     """Return a control_msgs/FollowJointTrajectoryFeedback."""
 
     def point(values: Floats) -> dict[str, Any]:
@@ -136,7 +136,7 @@ def _feedback(joints: tuple[str, ...], wanted: Floats, now: Floats) -> dict[str,
 
     return {
         "joint_names": list(joints),
-        "desired": point(wanted),
+        "desired": point(desired),
         "actual": point(now),
-        "error": point(wanted - now),
+        "error": point(desired - now),
     }

@@ -143,11 +143,11 @@ def workspace(
         raise UsageError(f"--heights {heights!r}: expected numbers separated by commas") from error
     started = time.process_time()
     space = ArmSpace(describe(robot))
-    found = map_workspace(space, step=step, heights=levels, angles=angles, seed=seed)
+    reach_map = map_workspace(space, step=step, heights=levels, angles=angles, seed=seed)
     npz, png = out.with_suffix(".npz"), out.with_suffix(".png")
-    found.write_npz(npz)
-    found.write_png(png)
-    areas = found.area_m2()
+    reach_map.write_npz(npz)
+    reach_map.write_png(png)
+    areas = reach_map.area_m2()
     if as_json:
         areas_cm2 = {f"{height:g}": round(area * 1e4, 1) for height, area in areas.items()}
         click.echo(json.dumps({"robot": robot, "area_cm2": areas_cm2, "npz": str(npz),
@@ -233,8 +233,8 @@ def lay_objects(cell: Workcell, objects: int, seed: int, folder: Path) -> list[d
         folder,
     )
     standing = []
-    for one in laid:
-        pose = cell.world.object_pose(one.body)
-        standing.append({"product": one.placement.spec.name, "x": pose.x, "y": pose.y, "z": pose.z,
+    for item in laid:
+        pose = cell.world.object_pose(item.body)
+        standing.append({"product": item.placement.spec.name, "x": pose.x, "y": pose.y, "z": pose.z,
                          "yaw": pose.yaw})  # fmt: skip
     return standing

@@ -86,13 +86,13 @@ def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
         asked = read(WorkspaceMap, message)
         heights = () if asked.height is None else (asked.height,)
         space = service.cell.executor.space
-        found = map_workspace(space, step=asked.step, heights=heights, angles=asked.angles)
+        reach_map = map_workspace(space, step=asked.step, heights=heights, angles=asked.angles)
         return {
-            "x": found.x.tolist(),
-            "y": found.y.tolist(),
-            "heights": found.heights.tolist(),
-            "arms": list(found.arms),
-            "share": np.round(found.share, 4).tolist(),
+            "x": reach_map.x.tolist(),
+            "y": reach_map.y.tolist(),
+            "heights": reach_map.heights.tolist(),
+            "arms": list(reach_map.arms),
+            "share": np.round(reach_map.share, 4).tolist(),
         }
 
     return {

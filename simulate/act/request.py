@@ -106,10 +106,10 @@ class ActRequest:
         if given.get("action_type") == "home":
             given.pop("goal_pose", None)  # means nothing, and typed clients send zeros
         fields, default = read(ActMessage, given), ActMessage()
-        known = [robot.name, *([name] if name else [])]
-        if fields.robot_name and fields.robot_name not in known:
+        names = [robot.name, *([name] if name else [])]
+        if fields.robot_name and fields.robot_name not in names:
             asked = fields.robot_name
-            hint = nearest(asked, known) or f"; this is {' or '.join(known)}"
+            hint = nearest(asked, names) or f"; this is {' or '.join(names)}"
             raise UsageError(f"robot_name: unknown robot {asked!r}{hint}", field="robot_name")
         arm = _arm_name(robot, fields.arm_name, fields.end_eff_name)
         pose = fields.goal_pose
@@ -147,10 +147,10 @@ def _arm_name(robot: RobotDescription, arm: str, hand: str | None) -> str:
 
 
 def _owner(robot: RobotDescription, hand: str) -> Arm:
-    known: dict[str, Arm] = {}
+    arm_of_name: dict[str, Arm] = {}
     for arm in robot.arms.values():
-        known.update(dict.fromkeys((arm.end_effector, *arm.aliases), arm))
-    if hand not in known:
-        hint = nearest(hand, list(known)) or f"; known: {', '.join(known)}"
+        arm_of_name.update(dict.fromkeys((arm.end_effector, *arm.aliases), arm))
+    if hand not in arm_of_name:
+        hint = nearest(hand, list(arm_of_name)) or f"; known: {', '.join(arm_of_name)}"
         raise UsageError(f"end_eff_name: unknown hand {hand!r}{hint}", field="end_eff_name")
-    return known[hand]
+    return arm_of_name[hand]

@@ -160,12 +160,12 @@ def theta_offsets(step: float, attempts: int) -> Iterator[float]:
     [0.0, 0.5, -0.5, 1.0, -1.0, 1.5]
     """
     widest = math.pi / 2 + 1e-9
-    found = [0.0]
+    offsets = [0.0]
     if step > 0:
         for k in range(1, int(widest / step) + 1):
-            found += [k * step, -k * step]
+            offsets += [k * step, -k * step]
     for attempt in range(attempts):
-        yield found[attempt % len(found)]
+        yield offsets[attempt % len(offsets)]
 
 
 def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
@@ -181,7 +181,7 @@ def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | 
     table = cell.world.table_height
     if z <= table:
         return "grasp_collision"
-    wanted = GraspRequest(
+    goal_request = GraspRequest(
         x=x,
         y=y,
         theta=request.theta,
@@ -200,7 +200,9 @@ def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | 
     for attempt, offset in enumerate(theta_offsets(request.angle_step, request.attempts)):
         if attempt and executor.planning_work > limit:
             return "timed_out"
-        planned = executor.plan(replace(wanted, theta=wanted.theta + offset), seed=seed + attempt)
+        planned = executor.plan(
+            replace(goal_request, theta=goal_request.theta + offset), seed=seed + attempt
+        )
         if not isinstance(planned, str):
             return planned
         reason = reason or planned

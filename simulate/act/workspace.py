@@ -188,12 +188,12 @@ class _Reach:
     def _reaches(self, position: Floats, angle: float) -> bool:
         closing = np.array([np.cos(angle), np.sin(angle), 0.0])
         goal = Goal(position, closing, self._approach, self._approach is not None)
-        found = solve_ik(self._chain, goal, self._rng, _IK)
-        if len(found) == 0:
+        postures = solve_ik(self._chain, goal, self._rng, _IK)
+        if len(postures) == 0:
             return False
-        rotation, _ = self._chain.tool_poses(found)
+        rotation, _ = self._chain.tool_poses(postures)
         tilt = np.arccos(np.clip(-rotation[:, 2, 2], -1, 1))
-        clear = self._spheres.clearances(found, self._around, self._slack) >= 0
+        clear = self._spheres.clearances(postures, self._around, self._slack) >= 0
         return bool((clear & (tilt <= _LARGEST_TILT)).any())
 
 

@@ -88,7 +88,7 @@ class _Try:
     """
 
     encounter: Encounter
-    thing: TrackedObject
+    track: TrackedObject
     observation: dict[str, Any]
     answer: dict[str, Any]
     number: int
@@ -148,17 +148,17 @@ class Agent:
             self._is_searching, runs = search > 0, self._runs
             put_off = [self._clear_side(side, is_patient=search == 0) for side in _SIDES]
             if any(put_off):
-                for thing in self._tracker.things:
-                    thing.waiting = False
+                for track in self._tracker.tracks:
+                    track.waiting = False
                 for side in _SIDES:
                     self._clear_side(side)
             if not self._tracker.missing or (search and runs == self._runs):
                 break
-        for thing in self._tracker.missing:
-            if thing.number in self.encounters:
-                self.encounters[thing.number].lost = True
-                x, y = (round(float(v), 3) for v in thing.seen.position[:2])
-                self._tell("missing", {"object": thing.number, "last_seen": [x, y]})
+        for track in self._tracker.missing:
+            if track.number in self.encounters:
+                self.encounters[track.number].lost = True
+                x, y = (round(float(v), 3) for v in track.seen.position[:2])
+                self._tell("missing", {"object": track.number, "last_seen": [x, y]})
         return list(self.encounters.values())
 
     def _clear_side(self, side: str, is_patient: bool = False) -> bool:
@@ -170,10 +170,10 @@ class Agent:
             frame, base_from_camera, view = look_at_side(self.body, self._tracker, handled, side)
             looked_s = time.perf_counter() - started
             self._on_frame(frame)
-            things = self._tracker.in_view(sign)
-            self._pushes.resume(things)
-            self._tell("look", {"side": side, "status": view.status, "objects": len(things)})
-            todo = [thing for thing in things if not thing.finished]
+            tracks = self._tracker.in_view(sign)
+            self._pushes.resume(tracks)
+            self._tell("look", {"side": side, "status": view.status, "objects": len(tracks)})
+            todo = [track for track in tracks if not track.finished]
             if not todo:
                 return False
             crowded = touching(view.objects) if is_patient and self.body.takes_poses else []
@@ -197,7 +197,7 @@ class Agent:
 
     def _attempt(
         self,
-        thing: TrackedObject,
+        track: TrackedObject,
         side: str,
         view: Perceived,
         base_from_camera: NDArray[np.float64],
@@ -205,43 +205,43 @@ class Agent:
         may_wait: bool,
     ) -> None:
         """Ask about an object and plan; grasp it, push it, put it off or give it up."""
-        encounter = self._encounter(thing, side)
-        if self._pushes.are_due(thing, encounter.tries) and self._push(thing, view, side):
+        encounter = self._encounter(track, side)
+        if self._pushes.are_due(track, encounter.tries) and self._push(track, view, side):
             return
         seconds = {"look": looked_s}
         started = time.perf_counter()
         frame_id = self.body.base_frame
-        observation = observation_message(thing.seen, view, base_from_camera, frame_id)
+        observation = observation_message(track.seen, view, base_from_camera, frame_id)
         seconds["encode"] = time.perf_counter() - started
         started = time.perf_counter()
-        request = self._request(encounter, thing, view, side) | observation
-        waits = may_wait and not thing.waiting
+        request = self._request(encounter, track, view, side) | observation
+        waits = may_wait and not track.waiting
         decided = ask_for_decision(
-            self.server, request, lambda: seen_from_aside(self.body, thing, side),
-            lambda: self._crowd.look_closer(thing), waits, lambda: self._push(thing, view, side),
+            self.server, request, lambda: seen_from_aside(self.body, track, side),
+            lambda: self._crowd.look_closer(track), waits, lambda: self._push(track, view, side),
         )  # fmt: skip
         answer = decided.answer
         seconds["ask"] = time.perf_counter() - started
         if not encounter.is_seen:
-            encounter = self._first_sight(encounter, thing, answer)
+            encounter = self._first_sight(encounter, track, answer)
         encounter.refusals += decided.refusals
         started = time.perf_counter()
         planned = GraspChoice(None, None, "refused")
         if not decided.ends:
-            answer, planned = self._choose(thing, view, answer, encounter.tries > 0)
+            answer, planned = self._choose(track, view, answer, encounter.tries > 0)
         seconds["plan"] = time.perf_counter() - started
-        one = _Try(encounter, thing, observation, answer, encounter.tries + 1, seconds)
+        trial = _Try(encounter, track, observation, answer, encounter.tries + 1, seconds)
         if planned.plan is not None and planned.grasp is not None:
-            self._grasp(one, planned.plan, planned.grasp)
+            self._grasp(trial, planned.plan, planned.grasp)
         elif waits:
-            thing.waiting = True
-        elif decided.ends != "pushed" and (decided.ends or not self._push(thing, view, side)):
-            self._give_up(one, planned)
+            track.waiting = True
+        elif decided.ends != "pushed" and (decided.ends or not self._push(track, view, side)):
+            self._give_up(trial, planned)
             if planned.grasp is None:
-                self._pushes.leave(thing, view)
+                self._pushes.leave(track, view)
 
     def _request(
-        self, encounter: Encounter, thing: TrackedObject, view: Perceived, side: str
+        self, encounter: Encounter, track: TrackedObject, view: Perceived, side: str
     ) -> dict[str, Any]:
         """Return a request for grasps, without the view itself."""
         request = {
@@ -249,24 +249,24 @@ class Agent:
             "gripper_id": self.body.gripper_ids[side],
             "propose": True,
             "max_grasps": 50,
-            "seed": mix_seed(self.config.seed, thing.number, encounter.tries + 1),
+            "seed": mix_seed(self.config.seed, track.number, encounter.tries + 1),
             "preset": self.body.preset,
-            "neighbours": neighbour_points(thing.seen, view),
+            "neighbours": neighbour_points(track.seen, view),
             **self.config.thresholds.as_request(),
             "unknown": "grasp" if encounter.is_seen else "if_new",
         }
-        return request | ({"object": thing.object_iri} if thing.object_iri else {})
+        return request | ({"object": track.object_iri} if track.object_iri else {})
 
-    def _grasp(self, one: _Try, plan: PlannedGrasp, grasp: dict[str, Any]) -> None:
+    def _grasp(self, trial: _Try, plan: PlannedGrasp, grasp: dict[str, Any]) -> None:
         """Execute a planned grasp, judge it and report."""
-        thing, encounter, seconds = one.thing, one.encounter, one.seconds
+        track, encounter, seconds = trial.track, trial.encounter, trial.seconds
         self._tell(
             "grasping",
             {
-                "object": thing.number,
-                "attempt": one.number,
+                "object": track.number,
+                "attempt": trial.number,
                 "source": grasp["source"],
-                "doing": f"grasping object {thing.number}",
+                "doing": f"grasping object {track.number}",
             },
         )
         began, started = time.time(), time.perf_counter()
@@ -274,31 +274,33 @@ class Agent:
         seconds["move"] = time.perf_counter() - started
         span = began, began + seconds["move"]
         if not record.kept:
-            self._crowd.fail(thing, grasp)
-        outcome = outcome_message(record, one.number, one.answer, grasp, seconds, pictures, span)
+            self._crowd.fail(track, grasp)
+        outcome = outcome_message(
+            record, trial.number, trial.answer, grasp, seconds, pictures, span
+        )
         if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp
-            self._report(one, grasp, outcome, record.end_effector)
+            self._report(trial, grasp, outcome, record.end_effector)
         self._runs += 1
         held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
         attempt = Attempt(
-            one.number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
+            trial.number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
             record.place_reason, (float(held), float(lost)), self._runs, record.evidence,
-            str((one.answer.get("alone") or {}).get("text", "")),
+            str((trial.answer.get("alone") or {}).get("text", "")),
         )  # fmt: skip
         encounter.attempts.append(attempt)
-        thing.gone = record.placed
-        thing.released = record.kept and record.judged_placed.answer == "unknown"
-        thing.finished = record.placed or encounter.tries >= self.config.max_attempts
+        track.gone = record.placed
+        track.released = record.kept and record.judged_placed.answer == "unknown"
+        track.finished = record.placed or encounter.tries >= self.config.max_attempts
         if record.placed:
             self._pushes.note_move()
         self._tell(
             "attempt",
-            {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
+            {"object": track.number, **asdict(attempt), "doing": "looking for the next object"},
         )
 
     def _choose(
-        self, thing: TrackedObject, view: Perceived, answer: dict[str, Any], has_failed: bool
+        self, track: TrackedObject, view: Perceived, answer: dict[str, Any], has_failed: bool
     ) -> tuple[dict[str, Any], GraspChoice]:
         """Choose a grasp; return the answer with those planned on the view, and the choice.
 
@@ -307,66 +309,66 @@ class Agent:
         """
         proposed = answer["grasps"]
         if has_failed:
-            self._crowd.look_closer(thing)
+            self._crowd.look_closer(track)
         while True:
-            was_planned = self._crowd.has_grasps(thing)
-            grasps = self._crowd.merged(thing, proposed, self.config.max_plans)
+            was_planned = self._crowd.has_grasps(track)
+            grasps = self._crowd.merged(track, proposed, self.config.max_plans)
             planned = choose_grasp(
-                self.body, thing, view, grasps, self.config.max_plans, self.config.seed
+                self.body, track, view, grasps, self.config.max_plans, self.config.seed
             )
-            if planned.plan is not None or was_planned or not self._crowd.look_closer(thing):
+            if planned.plan is not None or was_planned or not self._crowd.look_closer(track):
                 return {**answer, "grasps": grasps}, planned
 
-    def _push(self, thing: TrackedObject, view: Perceived, side: str) -> bool:
+    def _push(self, track: TrackedObject, view: Perceived, side: str) -> bool:
         """Push a thing that cannot be grasped; tell whether that was done."""
-        seed = mix_seed(self.config.seed, thing.number, self._runs)
-        reason = self._pushes.push(thing, view, side, seed)
+        seed = mix_seed(self.config.seed, track.number, self._runs)
+        reason = self._pushes.push(track, view, side, seed)
         if reason:
-            self._tell("push", {"object": thing.number, "reason": reason, "doing": "pushing"})
+            self._tell("push", {"object": track.number, "reason": reason, "doing": "pushing"})
         return bool(reason)
 
-    def _encounter(self, thing: TrackedObject, side: str) -> Encounter:
-        if thing.number not in self.encounters:
-            self.encounters[thing.number] = Encounter.at(thing.number, side, thing.seen.shape)
-        return self.encounters[thing.number]
+    def _encounter(self, track: TrackedObject, side: str) -> Encounter:
+        if track.number not in self.encounters:
+            self.encounters[track.number] = Encounter.at(track.number, side, track.seen.shape)
+        return self.encounters[track.number]
 
     def _first_sight(
-        self, encounter: Encounter, thing: TrackedObject, answer: dict[str, Any]
+        self, encounter: Encounter, track: TrackedObject, answer: dict[str, Any]
     ) -> Encounter:
         """Note how the server recognised a new thing, or join it with one that was lost."""
         recognition = answer["recognition"]
         lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
         if self._is_searching and not recognition["accepted"]:  # both sides had been clear
-            lost = self._tracker.stray(thing)
+            lost = self._tracker.stray(track)
         if lost is not None:
-            del self.encounters[thing.number]
-            self._tracker.join(lost, thing)
-            if thing.number in self.encounters:
-                return self.encounters[thing.number]
-            encounter.number = thing.number  # it was seen before, but not tried yet
-            self.encounters[thing.number] = encounter
+            del self.encounters[track.number]
+            self._tracker.join(lost, track)
+            if track.number in self.encounters:
+                return self.encounters[track.number]
+            encounter.number = track.number  # it was seen before, but not tried yet
+            self.encounters[track.number] = encounter
         matches = recognition["matches"]
         encounter.is_seen = True
         encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
-        known = answer if recognition["accepted"] else self._fell_out(thing, matches)
-        if known is not None:
-            encounter.recognised = thing.object_iri = known["object"]
-            encounter.label = known["label"]
-        self._on_sight(encounter, thing.seen)
+        match = answer if recognition["accepted"] else self._fell_out(track, matches)
+        if match is not None:
+            encounter.recognised = track.object_iri = match["object"]
+            encounter.label = match["label"]
+        self._on_sight(encounter, track.seen)
         self._tell(
             "recognised",
             {
-                "object": thing.number,
+                "object": track.number,
                 "recognised": encounter.recognised,
                 "label": encounter.label,
                 "confidence": encounter.confidence,
-                "doing": f"planning a grasp of object {thing.number}",
+                "doing": f"planning a grasp of object {track.number}",
             },
         )
         return encounter
 
     def _fell_out(
-        self, thing: TrackedObject, matches: Sequence[Mapping[str, Any]]
+        self, track: TrackedObject, matches: Sequence[Mapping[str, Any]]
     ) -> Mapping[str, Any] | None:
         """Return the match for what this robot put into a box and now meets on the table again.
 
@@ -378,46 +380,46 @@ class Agent:
         if best is None or best["confidence"] < _RESEMBLES:
             return None
         is_likely = best["confidence"] >= _LIKELY
-        return best if self._tracker.fell_out(best["object"], thing, is_likely) else None
+        return best if self._tracker.fell_out(best["object"], track, is_likely) else None
 
-    def _give_up(self, one: _Try, planned: GraspChoice) -> None:
+    def _give_up(self, trial: _Try, planned: GraspChoice) -> None:
         """Report the object's view, and why none of its grasps can be reached."""
-        one.thing.finished = True
+        trial.track.finished = True
         grasp, reason = planned.grasp, planned.reason
         source = "none" if grasp is None else str(grasp["source"])
-        attempt = Attempt(one.number, source, "", reason, False, False, False, 0.0, one.seconds)
-        one.encounter.attempts.append(attempt)
+        attempt = Attempt(trial.number, source, "", reason, False, False, False, 0.0, trial.seconds)
+        trial.encounter.attempts.append(attempt)
         if grasp is not None:
             outcome = {
                 "success": False,
                 "placed": False,
                 "reason": reason,
-                "attempt_number": one.number,
+                "attempt_number": trial.number,
             }
-            self._report(one, grasp, outcome, self.body.gripper_ids[one.encounter.side])
-        about = {"object": one.thing.number, **asdict(attempt), "doing": "looking on"}
+            self._report(trial, grasp, outcome, self.body.gripper_ids[trial.encounter.side])
+        about = {"object": trial.track.number, **asdict(attempt), "doing": "looking on"}
         self._tell("attempt", about)
 
     def _report(
-        self, one: _Try, grasp: dict[str, Any], outcome: dict[str, Any], gripper_id: str
+        self, trial: _Try, grasp: dict[str, Any], outcome: dict[str, Any], gripper_id: str
     ) -> None:
         """Report the outcome, together with the view unless the graph knows object and grasp."""
         started = time.perf_counter()
-        thing, encounter, task_id = one.thing, one.encounter, one.answer["task_id"]
+        track, encounter, task_id = trial.track, trial.encounter, trial.answer["task_id"]
         common = {"gripper_id": gripper_id, "task": "pick"}
-        well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
-        if thing.object_iri and well_known and "tool_pose" not in grasp:
+        is_certain = encounter.recognised and encounter.confidence >= _CONFIDENT
+        if track.object_iri and is_certain and "tool_pose" not in grasp:
             self.server.report_outcome(
-                task_id=task_id, object=thing.object_iri, grasp=grasp, outcome=outcome, **common
+                task_id=task_id, object=track.object_iri, grasp=grasp, outcome=outcome, **common
             )
         else:
-            item = {**one.observation, **common, "grasp": grasp, "outcome": outcome,
+            item = {**trial.observation, **common, "grasp": grasp, "outcome": outcome,
                     "task_id": task_id}  # fmt: skip
-            if thing.object_iri:
-                item["object"] = thing.object_iri
+            if track.object_iri:
+                item["object"] = track.object_iri
             stored = self.server.insert_object(objects=[item])
-            thing.object_iri = stored["objects"][0]["object"]
-        encounter.object_iri = thing.object_iri
+            track.object_iri = stored["objects"][0]["object"]
+        encounter.object_iri = track.object_iri
         encounter.seconds["report"] = (
             encounter.seconds.get("report", 0.0) + time.perf_counter() - started
         )

@@ -72,7 +72,7 @@ class Crowd:
         frame: Frame,
         base_from_camera: NDArray[np.float64],
         view: Perceived,
-        things: Sequence[TrackedObject],
+        tracks: Sequence[TrackedObject],
         request: Mapping[str, Any],
     ) -> None:
         """Plan on a view if some of the things touch another in it, else forget the last one.
@@ -90,21 +90,21 @@ class Crowd:
         self._order, self._grasps = [], {}
         self._latest = _Look(frame, base_from_camera, view, request)
         crowded = touching(view.objects)
-        things = [thing for thing in things if any(thing.seen is seen for seen in crowded)]
-        if things:
-            self._plan(self._latest, things)
+        tracks = [track for track in tracks if any(track.seen is seen for seen in crowded)]
+        if tracks:
+            self._plan(self._latest, tracks)
 
-    def look_closer(self, thing: TrackedObject) -> bool:
+    def look_closer(self, track: TrackedObject) -> bool:
         """Plan on the latest view for one thing, wherever it stands; tell whether it has grasps.
 
         The graph proposes grasps from above across a thing's sides, and knows those of before. What
         is too wide for them, or was missed, may have a narrow part.
         """
-        if not self.has_grasps(thing) and self._latest is not None:
-            self._plan(self._latest, [thing])
-        return self.has_grasps(thing)
+        if not self.has_grasps(track) and self._latest is not None:
+            self._plan(self._latest, [track])
+        return self.has_grasps(track)
 
-    def _plan(self, look: _Look, things: Sequence[TrackedObject]) -> None:
+    def _plan(self, look: _Look, tracks: Sequence[TrackedObject]) -> None:
         answer = self._planner.plan_on_scene(
             data=to_wire(encode_frame(look.frame)),
             sensor_pose=pose_message(look.base_from_camera),
@@ -113,7 +113,7 @@ class Crowd:
             max_grasps=_MOST,
             **look.request,
         )
-        owner = _owners(answer["segments"], look.view.objects, things)
+        owner = _owners(answer["segments"], look.view.objects, tracks)
         for grasp in answer["grasps"]:
             number = owner.get(grasp["segment"])
             if number is None or self._has_failed(number, grasp):
@@ -122,18 +122,18 @@ class Crowd:
                 self._order.append(number)
             self._grasps.setdefault(number, []).append(dict(grasp))
 
-    def first(self, things: Iterable[TrackedObject]) -> TrackedObject | None:
+    def first(self, tracks: Iterable[TrackedObject]) -> TrackedObject | None:
         """Return the thing with the best grasp, or None where nothing was planned on."""
         rank = {number: k for k, number in enumerate(self._order)}
-        able = [thing for thing in things if thing.number in rank and not thing.waiting]
-        return min(able, key=lambda thing: rank[thing.number], default=None)
+        able = [track for track in tracks if track.number in rank and not track.waiting]
+        return min(able, key=lambda track: rank[track.number], default=None)
 
-    def has_grasps(self, thing: TrackedObject) -> bool:
+    def has_grasps(self, track: TrackedObject) -> bool:
         """Tell whether grasps of a thing were planned on the latest view."""
-        return bool(self._grasps.get(thing.number))
+        return bool(self._grasps.get(track.number))
 
     def merged(
-        self, thing: TrackedObject, grasps: Sequence[dict[str, Any]], most: int
+        self, track: TrackedObject, grasps: Sequence[dict[str, Any]], most: int
     ) -> list[dict[str, Any]]:
         """Return the graph's grasps of a thing with at most ``most`` of its planned ones.
 
@@ -141,10 +141,10 @@ class Crowd:
         first, the others last; all of the graph's come first once planned ones failed so often that
         its first is likelier to hold.
         """
-        left = _STRENGTH / (_STRENGTH + len(self._failed.get(thing.number, ())))
+        left = _STRENGTH / (_STRENGTH + len(self._failed.get(track.number, ())))
         planned = [
             {**grasp, "source": "scene", "mean": left * grasp["confidence"]}
-            for grasp in self._grasps.get(thing.number, ())[:most]
+            for grasp in self._grasps.get(track.number, ())[:most]
         ]
         if not planned:
             return list(grasps)
@@ -156,12 +156,12 @@ class Crowd:
         ]  # fmt: skip
         return [*sure, *planned, *(grasp for grasp in grasps if grasp not in sure)]
 
-    def fail(self, thing: TrackedObject, grasp: Mapping[str, Any]) -> None:
+    def fail(self, track: TrackedObject, grasp: Mapping[str, Any]) -> None:
         """Remember a planned grasp that did not hold, so that it is not tried again."""
         if grasp.get("source") == "scene":
             pose = tool_pose(grasp)
             assert pose is not None
-            self._failed.setdefault(thing.number, []).append(pose)
+            self._failed.setdefault(track.number, []).append(pose)
 
     def _has_failed(self, number: int, grasp: Mapping[str, Any]) -> bool:
         pose = tool_pose(grasp)
@@ -175,11 +175,11 @@ class Crowd:
 
 def touching(objects: Sequence[Seen]) -> list[Seen]:
     """Return the things that are closer to another than a finger is thick."""
-    found: set[int] = set()
-    for (i, one), (j, other) in combinations(enumerate(objects), 2):
-        if not {i, j} <= found and _touch(one.points, other.points):
-            found |= {i, j}
-    return [objects[k] for k in sorted(found)]
+    touching_indices: set[int] = set()
+    for (i, first), (j, other) in combinations(enumerate(objects), 2):
+        if not {i, j} <= touching_indices and _touch(first.points, other.points):
+            touching_indices |= {i, j}
+    return [objects[k] for k in sorted(touching_indices)]
 
 
 def _touch(a: FloatArray, b: FloatArray) -> bool:
@@ -200,15 +200,15 @@ def _region(objects: Sequence[Seen]) -> list[float]:
 def _owners(
     segments: Iterable[Mapping[str, Any]],
     objects: Sequence[Seen],
-    things: Sequence[TrackedObject],
+    tracks: Sequence[TrackedObject],
 ) -> dict[int, int]:
     """Return the number of the thing that each segment shows, where there is one."""
     middles = np.array([(o.points.min(axis=0) + o.points.max(axis=0)) / 2 for o in objects])
-    found = {}
+    owner_of_segment = {}
     for segment in segments:
         away = np.linalg.norm(middles - segment["centre"], axis=1)
         nearest = int(away.argmin())
-        thing = next((t for t in things if t.seen is objects[nearest]), None)
-        if thing is not None and away[nearest] < _SAME_M:
-            found[int(segment["segment"])] = thing.number
-    return found
+        track = next((t for t in tracks if t.seen is objects[nearest]), None)
+        if track is not None and away[nearest] < _SAME_M:
+            owner_of_segment[int(segment["segment"])] = track.number
+    return owner_of_segment

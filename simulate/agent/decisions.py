@@ -41,8 +41,8 @@ class Thresholds:
 
     def as_request(self) -> dict[str, Any]:
         """Return the fields of ``recognise_for_grasp`` that ask for a decision."""
-        wanted = {"min_identity": self.identity, "min_pose": self.pose, "min_grasp": self.grasp}
-        given = {k: v for k, v in wanted.items() if v is not None}
+        thresholds = {"min_identity": self.identity, "min_pose": self.pose, "min_grasp": self.grasp}
+        given = {k: v for k, v in thresholds.items() if v is not None}
         return {"decide": True, "cautious": self.cautious, **given}
 
 

@@ -84,105 +84,109 @@ class Fetcher(Agent):
         self._requests = server
         self._moved: list[str] = []
 
-    def fetch(self, wanted: str) -> Fetched:
+    def fetch(self, description: str) -> Fetched:
         """Fetch an object that matches the words, or report why not.
 
         If the first choice cannot be taken, the next one is tried, and so on. If none can, what is
         in the way of one goes into the box first.
         """
-        things = {thing.object_iri: (thing, side) for thing, side in self._survey()}
+        tracks = {track.object_iri: (track, side) for track, side in self._survey()}
         tried: list[dict[str, str]] = []
         while True:
             answer = self._requests.resolve_request(
-                wanted=wanted,
+                wanted=description,
                 gripper_id=next(iter(self.body.gripper_ids.values())),
-                objects=list(things),
-                exclude=[one["object"] for one in tried],
+                objects=list(tracks),
+                exclude=[attempt["object"] for attempt in tried],
             )
             chosen = str(answer["object"])
-            if chosen not in things:
-                self._make_room(things, tried)
-                return self._sum_up(wanted, tuple(things), tried, answer)
-            reason = self._take(*things[chosen])
+            if chosen not in tracks:
+                self._make_room(tracks, tried)
+                return self._sum_up(description, tuple(tracks), tried, answer)
+            reason = self._take(*tracks[chosen])
             tried.append({"object": chosen, "label": str(answer["label"]), "reason": reason})
             if reason == "ok":
-                return self._sum_up(wanted, tuple(things), tried, answer)
+                return self._sum_up(description, tuple(tracks), tried, answer)
 
     def _make_room(
-        self, things: Mapping[str, tuple[TrackedObject, str]], tried: list[dict[str, str]]
+        self, tracks: Mapping[str, tuple[TrackedObject, str]], tried: list[dict[str, str]]
     ) -> None:
         """Try again what others kept the hand from, after putting these into the box one by one."""
-        for one in list(tried):
-            if one["reason"] not in _IN_THE_WAY:
+        for earlier in list(tried):
+            if earlier["reason"] not in _IN_THE_WAY:
                 continue
-            thing, side = things[one["object"]]
-            for other in self._beside(thing)[:_MAX_MOVED]:
+            track, side = tracks[earlier["object"]]
+            for other in self._beside(track)[:_MAX_MOVED]:
                 if self._take(other, side) != "ok":
                     continue
                 self._moved.append(other.object_iri)
-                thing.finished = False
-                reason = self._take(thing, side)
-                tried.append({**one, "reason": reason})
+                track.finished = False
+                reason = self._take(track, side)
+                tried.append({**earlier, "reason": reason})
                 if reason == "ok":
                     return
                 if reason not in _IN_THE_WAY:
                     break
 
-    def _beside(self, thing: TrackedObject) -> list[TrackedObject]:
+    def _beside(self, track: TrackedObject) -> list[TrackedObject]:
         """Return what stands around a thing on its side, the nearest first."""
 
         def away(other: TrackedObject) -> float:
-            return float(np.linalg.norm(other.seen.position - thing.seen.position))
+            return float(np.linalg.norm(other.seen.position - track.seen.position))
 
-        around = self._tracker.in_view(1 if thing.seen.position[1] >= 0 else -1)
-        others = [one for one in around if one is not thing and not one.finished]
-        return sorted((one for one in others if away(one) < _BESIDE_M), key=away)
+        around = self._tracker.in_view(1 if track.seen.position[1] >= 0 else -1)
+        others = [
+            neighbour for neighbour in around if neighbour is not track and not neighbour.finished
+        ]
+        return sorted((neighbour for neighbour in others if away(neighbour) < _BESIDE_M), key=away)
 
     def _survey(self) -> list[tuple[TrackedObject, str]]:
         """Look at both sides and find or add every object in the graph."""
-        found = []
+        met = []
         for side in _SIDES:
             _, base_from_camera, view = self._look(side, None)
-            for thing in self._tracker.in_view(-1 if side == "right" else 1):
-                self._name(thing, side, view, base_from_camera)
-                found.append((thing, side))
-        return [(thing, side) for thing, side in found if thing.object_iri]
+            for track in self._tracker.in_view(-1 if side == "right" else 1):
+                self._name(track, side, view, base_from_camera)
+                met.append((track, side))
+        return [(track, side) for track, side in met if track.object_iri]
 
     def _look(self, side: str, handled: TrackedObject | None) -> View:
         return look_at_side(self.body, self._tracker, handled, side)
 
     def _name(
         self,
-        thing: TrackedObject,
+        track: TrackedObject,
         side: str,
         view: Perceived,
         base_from_camera: NDArray[np.float64],
     ) -> None:
         """Recognise a thing, or add it to the graph as it looks."""
-        encounter = self._encounter(thing, side)
+        encounter = self._encounter(track, side)
         frame_id = self.body.base_frame
-        observation = observation_message(thing.seen, view, base_from_camera, frame_id)
+        observation = observation_message(track.seen, view, base_from_camera, frame_id)
         gripper_id = self.body.gripper_ids[side]
         answer = self.server.recognise_for_grasp(
-            gripper_id=gripper_id, seed=mix_seed(self.config.seed, thing.number), **observation
+            gripper_id=gripper_id, seed=mix_seed(self.config.seed, track.number), **observation
         )
-        self._first_sight(encounter, thing, answer)
-        if not thing.object_iri:
-            told = self.server.insert_object(objects=[{**observation, "gripper_id": gripper_id}])
-            thing.object_iri = told["objects"][0]["object"]
-        encounter.object_iri = thing.object_iri
+        self._first_sight(encounter, track, answer)
+        if not track.object_iri:
+            inserted = self.server.insert_object(
+                objects=[{**observation, "gripper_id": gripper_id}]
+            )
+            track.object_iri = inserted["objects"][0]["object"]
+        encounter.object_iri = track.object_iri
 
-    def _take(self, thing: TrackedObject, side: str) -> str:
+    def _take(self, track: TrackedObject, side: str) -> str:
         """Pick and place one object; return ``ok`` or the reason why not."""
-        encounter = self._encounter(thing, side)
+        encounter = self._encounter(track, side)
         for _ in range(self.config.max_looks):
             started = time.perf_counter()
-            _, base_from_camera, view = self._look(side, thing)
-            if not thing.visible:
+            _, base_from_camera, view = self._look(side, track)
+            if not track.visible:
                 return "gone"
             looked_s = time.perf_counter() - started
-            self._attempt(thing, side, view, base_from_camera, looked_s, may_wait=False)
-            if thing.finished:
+            self._attempt(track, side, view, base_from_camera, looked_s, may_wait=False)
+            if track.finished:
                 break
         if encounter.placed:
             return "ok"

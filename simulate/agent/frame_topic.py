@@ -151,9 +151,9 @@ class FrameKeeper:
         data = message.get("data")
         if not isinstance(data, str):
             raise DataError("data: expected a frame in base64, as FramePublisher sends it")
-        found = decode(from_wire(data))
-        if not isinstance(found, Frame):
+        decoded = decode(from_wire(data))
+        if not isinstance(decoded, Frame):
             raise DataError("data: expected a frame, got a cloud without pixels")
-        self.frame = found
+        self.frame = decoded
         self.received += 1
-        return found
+        return decoded

@@ -40,7 +40,7 @@ class GraspChoice:
 
 def choose_grasp(
     body: Body,
-    thing: TrackedObject,
+    track: TrackedObject,
     view: Perceived,
     offered: Sequence[Mapping[str, Any]],
     max_plans: int,
@@ -65,7 +65,7 @@ def choose_grasp(
     seed
         Of the planner's choices.
     """
-    obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
+    obstacles = [seen.points for seen in view.objects if seen is not track.seen]
     grasps = distinct([dict(grasp) for grasp in offered])[:max_plans]
     first: dict[str, Any] | None = None
     best: GraspChoice | None = None
@@ -73,14 +73,14 @@ def choose_grasp(
     for stances, (rank, grasp) in product(_STANCES, grasps):
         if stances == "other" and tool_pose(grasp) is not None:
             continue
-        request = grasp_request(thing, grasp, view.table_height, stances)
+        request = grasp_request(track, grasp, view.table_height, stances)
         planned = body.plan(request, obstacles, seed=mix_seed(seed, rank))
         ranked = {**grasp, "rank": rank + 1}
         if not isinstance(planned, str):
-            found = GraspChoice(planned, ranked, "ok")
+            choice = GraspChoice(planned, ranked, "ok")
             if not planned.is_doubtful:
-                return found
-            best = best or found
+                return choice
+            best = best or choice
         elif first is None:
             first, reason = ranked, planned
     return best or GraspChoice(None, first, reason)

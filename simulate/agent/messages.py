@@ -30,14 +30,14 @@ __all__ = [
 
 
 def grasp_request(
-    thing: TrackedObject, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
+    track: TrackedObject, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
 ) -> GraspRequest:
     """Return the request to the planner for a grasp of an answer; one in space keeps its pose."""
     pose = tool_pose(grasp)
     if pose is not None:
-        points = thing.seen.points.astype(np.float64)
+        points = track.seen.points.astype(np.float64)
         return GraspRequest.at_pose(pose, grasp["width"], grasp["opening"], points, table)
-    shape = thing.seen.shape
+    shape = track.seen.shape
     return GraspRequest(
         x=float(grasp["x"]),
         y=float(grasp["y"]),
@@ -66,12 +66,12 @@ def tool_pose(grasp: Mapping[str, Any]) -> Floats | None:
 
     The grasps of an answer have no other link to refer to, so that their pose is that of the tool.
     """
-    told = grasp.get("tool_pose")
-    if told is None and grasp.get("kind") == "spatial":
-        told = grasp["grasp_pose"]
-    if told is None:
+    pose = grasp.get("tool_pose")
+    if pose is None and grasp.get("kind") == "spatial":
+        pose = grasp["grasp_pose"]
+    if pose is None:
         return None
-    return np.asarray(matrix_from_message(told["pose"]), dtype=np.float64)
+    return np.asarray(matrix_from_message(pose["pose"]), dtype=np.float64)
 
 
 def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
@@ -79,14 +79,14 @@ def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]
 
     The planner tries other heights and openings by itself, except for poses in space.
     """
-    kept: list[tuple[int, dict[str, Any]]] = []
+    distinct_grasps: list[tuple[int, dict[str, Any]]] = []
     seen: set[tuple[float, ...]] = set()
     for rank, grasp in enumerate(grasps):
         aim = tuple(round(float(grasp[name]), 4) for name in ("x", "y", "theta"))
         if aim not in seen or tool_pose(grasp) is not None:
             seen.add(aim)
-            kept.append((rank, grasp))
-    return kept
+            distinct_grasps.append((rank, grasp))
+    return distinct_grasps
 
 
 def pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:

@@ -12,7 +12,7 @@ from simulate.agent.tracking import TrackedObject
 
 __all__ = ["Pushes"]
 
-_MAX_PER_THING = 2
+_MAX_PUSHES_EACH = 2
 FAILURES_BEFORE = 3
 """Attempts at a thing without success after which it is pushed."""
 
@@ -47,41 +47,41 @@ class Pushes:
         self._due: set[int] = set()
         self._resumed: set[int] = set()
 
-    def are_due(self, thing: TrackedObject, failures: int) -> bool:
+    def are_due(self, track: TrackedObject, failures: int) -> bool:
         """Tell whether so many attempts at a thing failed that a push comes first."""
-        return failures >= FAILURES_BEFORE * (1 + self._made.get(thing.number, 0))
+        return failures >= FAILURES_BEFORE * (1 + self._made.get(track.number, 0))
 
-    def push(self, thing: TrackedObject, view: Perceived, side: str, seed: int) -> str:
+    def push(self, track: TrackedObject, view: Perceived, side: str, seed: int) -> str:
         """Push a thing; return the reason code, empty if it is not to be pushed or cannot be."""
-        made = self._made.get(thing.number, 0)
-        if not self._body.takes_poses or not _is_crowded(thing, view) or made >= _MAX_PER_THING:
+        made = self._made.get(track.number, 0)
+        if not self._body.takes_poses or not _is_crowded(track, view) or made >= _MAX_PUSHES_EACH:
             return ""
-        others = [seen.points for seen in view.objects if seen is not thing.seen]
-        reason = self._body.push(thing.seen.points, others, view.table_height, side, seed)
+        others = [seen.points for seen in view.objects if seen is not track.seen]
+        reason = self._body.push(track.seen.points, others, view.table_height, side, seed)
         if reason:
-            self._made[thing.number] = made + 1
+            self._made[track.number] = made + 1
             self.note_move()
         return reason
 
-    def leave(self, thing: TrackedObject, view: Perceived) -> None:
+    def leave(self, track: TrackedObject, view: Perceived) -> None:
         """Note a thing that is left alone for want of a grasp beside others, which may go yet."""
-        can_change = self._body.takes_poses and _is_crowded(thing, view)
-        if can_change and thing.number not in self._resumed:
-            self._left.add(thing.number)
+        can_change = self._body.takes_poses and _is_crowded(track, view)
+        if can_change and track.number not in self._resumed:
+            self._left.add(track.number)
 
     def note_move(self) -> None:
         """Note that a thing was pushed or taken, so that others may have more room."""
         self._due |= self._left
         self._left.clear()
 
-    def resume(self, things: Iterable[TrackedObject]) -> None:
+    def resume(self, tracks: Iterable[TrackedObject]) -> None:
         """Take up again those of the things in view that may have more room; each once."""
-        for thing in things:
-            if thing.number in self._due:
-                thing.finished = False
-                self._due.discard(thing.number)
-                self._resumed.add(thing.number)
+        for track in tracks:
+            if track.number in self._due:
+                track.finished = False
+                self._due.discard(track.number)
+                self._resumed.add(track.number)
 
 
-def _is_crowded(thing: TrackedObject, view: Perceived) -> bool:
-    return any(thing.seen is seen for seen in touching(view.objects))
+def _is_crowded(track: TrackedObject, view: Perceived) -> bool:
+    return any(track.seen is seen for seen in touching(view.objects))

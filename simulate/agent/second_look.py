@@ -46,7 +46,7 @@ class View(NamedTuple):
     perceived: Perceived
 
 
-def seen_from_aside(eyes: Eyes, thing: TrackedObject, side: str) -> dict[str, Any] | None:
+def seen_from_aside(eyes: Eyes, track: TrackedObject, side: str) -> dict[str, Any] | None:
     """Return an object as an observation from elsewhere; None if nothing else sees it whole.
 
     Parameters
@@ -54,10 +54,10 @@ def seen_from_aside(eyes: Eyes, thing: TrackedObject, side: str) -> dict[str, An
     side
         Where the head was turned for the first look.
     """
-    found = _look_aside(eyes, thing, side)
-    if found is None:
+    sighting = _look_aside(eyes, track, side)
+    if sighting is None:
         return None
-    seen, view, base_from_camera = found
+    seen, view, base_from_camera = sighting
     return observation_message(seen, view, base_from_camera, eyes.base_frame)
 
 
@@ -103,7 +103,7 @@ def _on_side(view: View, sign: int) -> list[Seen]:
 
 
 def _look_aside(
-    eyes: Eyes, thing: TrackedObject, side: str
+    eyes: Eyes, track: TrackedObject, side: str
 ) -> tuple[Seen, Perceived, NDArray[np.float64]] | None:
     """Return an object as it looks with the head turned elsewhere, or from another camera.
 
@@ -117,16 +117,16 @@ def _look_aside(
         shows it.
     """
     _, before = eyes.look(side)
-    found = None
+    sighting = None
     for _, base_from_camera, view in chain(
         _views_aside(eyes, side, before), _views_of_others(eyes, side)
     ):
-        seen = Tracker.same(thing, view.objects)
+        seen = Tracker.same(track, view.objects)
         if seen is not None and not seen.touches_border:
-            found = seen, view, base_from_camera
+            sighting = seen, view, base_from_camera
             break
     eyes.look(side)
-    return found
+    return sighting
 
 
 def _views_of_others(eyes: Eyes, side: str) -> Iterator[View]:

@@ -68,7 +68,7 @@ class Tracker:
     """
 
     def __init__(self) -> None:
-        self.things: list[TrackedObject] = []
+        self.tracks: list[TrackedObject] = []
         self._numbers = count(1)
 
     def update(
@@ -86,20 +86,20 @@ class Tracker:
             +1 if the view shows the left half of the table (y > 0), -1 for the right half; objects
             in the other half stay unchanged.
         """
-        known = [t for t in self.things if side is None or t.seen.position[1] * side >= 0]
-        for thing in known:
-            thing.visible = False
-        known = [thing for thing in known if not thing.gone]
+        expected = [t for t in self.tracks if side is None or t.seen.position[1] * side >= 0]
+        for track in expected:
+            track.visible = False
+        expected = [track for track in expected if not track.gone]
         matched: list[TrackedObject | None] = [None] * len(objects)
-        if known and objects:
+        if expected and objects:
             cost = np.array(
-                [[self._distance(thing, seen, handled) for seen in objects] for thing in known]
+                [[self._distance(track, seen, handled) for seen in objects] for track in expected]
             )
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < 1.0:
-                    matched[column] = known[row]
+                    matched[column] = expected[row]
         strangers = [column for column, match in enumerate(matched) if match is None]
-        astray = handled in known and handled not in matched and not handled.finished
+        astray = handled in expected and handled not in matched and not handled.finished
         if astray and handled is not None:
             alike = [c for c in strangers if _alike(handled.seen, objects[c])]
             candidates = strangers if len(strangers) == 1 and not handled.released else alike
@@ -107,42 +107,46 @@ class Tracker:
                 matched[candidates[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
-                self.things.append(TrackedObject(next(self._numbers), seen))
+                self.tracks.append(TrackedObject(next(self._numbers), seen))
             else:
                 match.seen, match.visible = seen, True
-        return [thing for thing in self.things if thing.visible]
+        return [track for track in self.tracks if track.visible]
 
     @classmethod
-    def same(cls, thing: TrackedObject, objects: Sequence[Seen]) -> Seen | None:
+    def same(cls, track: TrackedObject, objects: Sequence[Seen]) -> Seen | None:
         """Return the object of another view that lies where the thing was last seen, if any."""
-        near = min(objects, key=lambda seen: cls._distance(thing, seen, None), default=None)
-        return near if near is not None and cls._distance(thing, near, None) < 1 else None
+        near = min(objects, key=lambda seen: cls._distance(track, seen, None), default=None)
+        return near if near is not None and cls._distance(track, near, None) < 1 else None
 
-    def finds(self, thing: TrackedObject, objects: Sequence[Seen], side: int | None) -> bool:
+    def finds(self, track: TrackedObject, objects: Sequence[Seen], side: int | None) -> bool:
         """Match the objects of another view if it shows a lost object; else change nothing."""
-        before = [(one, one.seen, one.visible) for one in self.things]
-        self.update(objects, thing, side)
-        if thing.visible:
+        before = [(former, former.seen, former.visible) for former in self.tracks]
+        self.update(objects, track, side)
+        if track.visible:
             return True
-        del self.things[len(before) :]
-        for one, seen, visible in before:
-            one.seen, one.visible = seen, visible
+        del self.tracks[len(before) :]
+        for former, seen, visible in before:
+            former.seen, former.visible = seen, visible
         return False
 
     def in_view(self, side: int) -> list[TrackedObject]:
         """Return the objects of a half of the table (as in :meth:`update`) in the latest view."""
-        return [one for one in self.things if one.visible and one.seen.position[1] * side >= 0]
+        return [
+            candidate
+            for candidate in self.tracks
+            if candidate.visible and candidate.seen.position[1] * side >= 0
+        ]
 
     @property
     def missing(self) -> list[TrackedObject]:
         """Unfinished objects that went out of sight."""
-        return [thing for thing in self.things if not thing.visible and not thing.finished]
+        return [track for track in self.tracks if not track.visible and not track.finished]
 
     def lost(self, object_iri: str) -> TrackedObject | None:
         """Return the missing object of that identity, if any."""
-        return next((thing for thing in self.missing if thing.object_iri == object_iri), None)
+        return next((track for track in self.missing if track.object_iri == object_iri), None)
 
-    def stray(self, found: TrackedObject) -> TrackedObject | None:
+    def stray(self, newcomer: TrackedObject) -> TrackedObject | None:
         """Return the missing object that one that appeared elsewhere must be, if any.
 
         It is the only one of that size or, if a single one is missing, that one: a thing that leans
@@ -150,37 +154,37 @@ class Tracker:
         let go over a box out of sight is only met again by its size.
         """
         missing = self.missing
-        alike = [thing for thing in missing if _alike(thing.seen, found.seen)]
+        alike = [track for track in missing if _alike(track.seen, newcomer.seen)]
         if len(alike) == 1:
             return alike[0]
-        size = np.linalg.norm(_size(found.seen)) / (1 + _SAME_SIZE)
-        lost = [thing for thing in missing if not thing.released]
+        size = np.linalg.norm(_size(newcomer.seen)) / (1 + _SAME_SIZE)
+        lost = [track for track in missing if not track.released]
         fits = len(missing) == len(lost) == 1 and size < np.linalg.norm(_size(lost[0].seen))
         return lost[0] if fits else None
 
-    def fell_out(self, object_iri: str, found: TrackedObject, is_likely: bool = False) -> bool:
+    def fell_out(self, object_iri: str, newcomer: TrackedObject, is_likely: bool = False) -> bool:
         """Tell whether a thing may have been put into a box before: by its identity and its size.
 
         It may lie another way up than it stood. One that is likely to be it by its looks only has
         to be no larger: what leans on the wall of the box is partly hidden by it.
         """
         fits = _is_no_larger if is_likely else _differ_little
-        size = sorted(_size(found.seen))
+        size = sorted(_size(newcomer.seen))
         return any(
-            thing.gone and thing.object_iri == object_iri and fits(size, sorted(_size(thing.seen)))
-            for thing in self.things
+            track.gone and track.object_iri == object_iri and fits(size, sorted(_size(track.seen)))
+            for track in self.tracks
         )
 
-    def join(self, lost: TrackedObject, found: TrackedObject) -> None:
+    def join(self, lost: TrackedObject, newcomer: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""
-        self.things.remove(lost)
-        found.number, found.object_iri = lost.number, lost.object_iri
+        self.tracks.remove(lost)
+        newcomer.number, newcomer.object_iri = lost.number, lost.object_iri
 
     @staticmethod
-    def _distance(thing: TrackedObject, seen: Seen, handled: TrackedObject | None) -> float:
+    def _distance(track: TrackedObject, seen: Seen, handled: TrackedObject | None) -> float:
         """Return the distance that an object would have moved, relative to the permitted one."""
-        allowed = _MOVED_M if thing is handled else _STILL_M
-        way = float(np.linalg.norm(thing.seen.position - seen.position))
+        allowed = _MOVED_M if track is handled else _STILL_M
+        way = float(np.linalg.norm(track.seen.position - seen.position))
         return min(way / allowed, 1e3)
 
 
@@ -188,15 +192,15 @@ def _size(seen: Seen) -> tuple[float, float, float]:
     return seen.shape.length, seen.shape.width, seen.shape.height
 
 
-def _alike(one: Seen, other: Seen) -> bool:
+def _alike(first: Seen, other: Seen) -> bool:
     """Tell whether two views show things of one size."""
-    return _differ_little(_size(one), _size(other))
+    return _differ_little(_size(first), _size(other))
 
 
-def _is_no_larger(one: Sequence[float], other: Sequence[float]) -> bool:
-    return bool(np.all(np.array(one) < np.array(other) * (1 + _SAME_SIZE)))
+def _is_no_larger(first: Sequence[float], other: Sequence[float]) -> bool:
+    return bool(np.all(np.array(first) < np.array(other) * (1 + _SAME_SIZE)))
 
 
-def _differ_little(one: Sequence[float], other: Sequence[float]) -> bool:
-    ratios = np.array(one) / np.array(other)
+def _differ_little(first: Sequence[float], other: Sequence[float]) -> bool:
+    ratios = np.array(first) / np.array(other)
     return bool(np.all(np.abs(ratios - 1) < _SAME_SIZE))

@@ -94,8 +94,8 @@ def _sentence(event: dict[str, Any]) -> str:
         return f"object {number} is new to the graph (best match {conf:.2f})"
     if name == "attempt":
         result = "held" + (" and placed" if event["placed"] else ", not placed")
-        said = result if event["held"] else f"failed: {reason_words(event['reason'])}"
-        return f"object {event['object']}, attempt {event['number']} ({event['source']}): {said}"
+        outcome = result if event["held"] else f"failed: {reason_words(event['reason'])}"
+        return f"object {event['object']}, attempt {event['number']} ({event['source']}): {outcome}"
     if name == "missing":
         x, y = event["last_seen"]
         return f"object {event['object']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
@@ -118,9 +118,9 @@ class FleetConsole:
 
     def __call__(self, robot: str, event: dict[str, Any]) -> None:
         """Print an event that is worth a line."""
-        said = _fleet_sentence(event)
-        if said:
-            self.say(f"  {robot}: {said}")
+        sentence = _fleet_sentence(event)
+        if sentence:
+            self.say(f"  {robot}: {sentence}")
 
     def say(self, text: str) -> None:
         """Write one line."""

@@ -81,8 +81,8 @@ class Settings:
         if not 1 <= self.robots <= 16:
             raise UsageError(f"--robots must lie in 1..16, got {self.robots}")
         if self.products not in PRODUCTS:
-            known = ", ".join(PRODUCTS)
-            raise UsageError(f"--products: there is no set {self.products!r}; known: {known}")
+            names = ", ".join(PRODUCTS)
+            raise UsageError(f"--products: there is no set {self.products!r}; known: {names}")
         for kind in self.kinds:
             check_robot(kind)
         if self.seed < 0:
@@ -269,9 +269,9 @@ class Demo:
 
         A new object is false if its product had one already, or if it stands for no product.
         """
-        known = set(products.values())
+        stored_products = set(products.values())
         done["known_before"] = sum(
-            encounter["product"] in known for encounter in done["encounters"]
+            encounter["product"] in stored_products for encounter in done["encounters"]
         )
         for encounter in done["encounters"]:
             if encounter["recognised"]:

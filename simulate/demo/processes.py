@@ -156,12 +156,12 @@ class _Child:
         """Return why the child ended: its last line on standard error, or its exit status."""
         code = self.process.wait()
         self._log.flush()
-        said = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
-        if said.startswith(_WINDOW_GONE):
+        complaint = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
+        if complaint.startswith(_WINDOW_GONE):
             return "its window was closed"
         if code < 0:
             return f"killed by signal {-code} ({signal.Signals(-code).name})"
-        return said or f"exit code {code}"
+        return complaint or f"exit code {code}"
 
     def stop(self) -> None:
         """Terminate the child; kill it if it does not end in time."""

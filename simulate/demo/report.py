@@ -46,7 +46,7 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
                     f"{encounter['confidence']:.2f}",
                     {True: "yes", False: "NO", None: "-"}[encounter["right"]],
                     _first_source(encounter),
-                    _told(encounter),
+                    _encounter_row(encounter),
                     str(encounter["tries"]),
                     "yes" if encounter["held"] else "no",
                     "yes" if encounter["placed"] else "no",
@@ -68,7 +68,7 @@ def _reason(encounter: Mapping[str, Any]) -> str:
     return "gone" if lost else str(encounter["attempts"][-1]["reason"])
 
 
-def _told(encounter: Mapping[str, Any]) -> str:
+def _encounter_row(encounter: Mapping[str, Any]) -> str:
     """Return the statistics that the graph gave for the first grasp; ``-`` without any."""
     held, lost = (
         encounter["attempts"][0].get("told", (0.0, 0.0)) if encounter["attempts"] else (0.0, 0.0)
@@ -85,19 +85,19 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     joined: list[dict[str, Any]] = []
     first: dict[str, dict[str, Any]] = {}
     for encounter in encounters:
-        known = first.get(encounter["product"]) if encounter["product"] else None
-        if known is None:
+        earlier = first.get(encounter["product"]) if encounter["product"] else None
+        if earlier is None:
             joined.append(dict(encounter))
             first[encounter["product"]] = joined[-1]
             continue
-        if known["tries_to_success"] is None and encounter["tries_to_success"] is not None:
-            known["tries_to_success"] = known["tries"] + encounter["tries_to_success"]
-        known["tries"] += encounter["tries"]
-        known["held"] |= encounter["held"]
-        known["placed"] |= encounter["placed"]
-        known["attempts"] = [*known.get("attempts", ()), *encounter.get("attempts", ())]
+        if earlier["tries_to_success"] is None and encounter["tries_to_success"] is not None:
+            earlier["tries_to_success"] = earlier["tries"] + encounter["tries_to_success"]
+        earlier["tries"] += encounter["tries"]
+        earlier["held"] |= encounter["held"]
+        earlier["placed"] |= encounter["placed"]
+        earlier["attempts"] = [*earlier.get("attempts", ()), *encounter.get("attempts", ())]
         if encounter.get("right") is False:  # trials of single objects know no identities
-            known["right"] = False
+            earlier["right"] = False
     return joined
 
 
@@ -140,12 +140,12 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
         "name": robot["name"],
         "objects": len(objects),
         "objects_on_table": len(robot["products"]),
-        "never_seen": sorted(set(robot["products"]) - {one["product"] for one in objects}),
+        "never_seen": sorted(set(robot["products"]) - {met["product"] for met in objects}),
         "objects_in_reach": len(reach),
         "known_before": robot["known_before"],
         "recognised": sum(encounter["right"] is True for encounter in objects),
         "false_identities": sum(encounter["right"] is False for encounter in objects),
-        "false_objects": sum(one.get("false_object", False) for one in robot["encounters"]),
+        "false_objects": sum(met.get("false_object", False) for met in robot["encounters"]),
         "held": sum(encounter["held"] for encounter in reach),
         "placed": sum(encounter["placed"] for encounter in reach),
         "judgements": judged,
@@ -165,17 +165,17 @@ def comparison(
     Product, attempts to success with and without, source of the first grasp, and what the graph
     told of it.
     """
-    alone = {one["product"]: one for one in by_product(apart)}
+    alone = {row["product"]: row for row in by_product(apart)}
     return [
         (
-            str(one["product"]),
-            _attempts(one),
-            _attempts(alone.get(one["product"])),
-            _first_source(one),
-            str(one["attempts"][0].get("alone", "")) if one["attempts"] else "",
+            str(row["product"]),
+            _attempts(row),
+            _attempts(alone.get(row["product"])),
+            _first_source(row),
+            str(row["attempts"][0].get("alone", "")) if row["attempts"] else "",
         )
-        for one in by_product(shared)
-        if one["product"]
+        for row in by_product(shared)
+        if row["product"]
     ]
 
 
@@ -249,20 +249,24 @@ def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
     for encounter in result.get("objects", ()):
         for attempt in encounter["attempts"]:
             run = attempt.get("run", 0)
-            found = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*.png")) if run else []
-            if not found:
+            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*.png")) if run else []
+            if not pictures:
                 continue
-            known = (
+            familiarity = (
                 f"known as {encounter['label'] or 'an object'}"
                 if encounter["recognised"]
                 else "new"
             )
             came = attempt["place_reason"] if attempt["held"] else attempt["reason"]
-            said = "held and placed" if attempt["placed"] else f"not {_missing(attempt)}: {came}"
-            lines += ["", f"### {encounter['robot']}: {encounter['product']}, {known}; {said}", ""]
+            outcome = "held and placed" if attempt["placed"] else f"not {_missing(attempt)}: {came}"
+            lines += [
+                "",
+                f"### {encounter['robot']}: {encounter['product']}, {familiarity}; {outcome}",
+                "",
+            ]
             lines += _markdown(
-                [path.stem.split("-")[-1].replace("_", " ") for path in found],
-                [[f"![{path.stem}]({path.parent.name}/{path.name})" for path in found]],
+                [path.stem.split("-")[-1].replace("_", " ") for path in pictures],
+                [[f"![{path.stem}]({path.parent.name}/{path.name})" for path in pictures]],
             )
     return ["", "## Pictures", *lines] if lines else []
 

@@ -48,15 +48,18 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
         What ``rtask demo --json`` prints.
     """
     robots = [str(robot["name"]) for robot in result["robots"]]
-    products = list(dict.fromkeys(one["product"] for one in result.get("objects", ())))
+    products = list(dict.fromkeys(encounter["product"] for encounter in result.get("objects", ())))
     alone = result.get("alone")
     totals = [*result["robots"], *([alone] if alone else [])]
     beside = f" {alone['name']} worked without the graph, for comparison." if alone else ""
     parts = [_row([_totals(robot) for robot in totals])]
     for product in products:
-        met = [one for one in result.get("objects", ()) if one["product"] == product]
+        met = [
+            encounter for encounter in result.get("objects", ()) if encounter["product"] == product
+        ]
         cells = [
-            _cell(folder, name, [one for one in met if one["robot"] == name]) for name in robots
+            _cell(folder, name, [encounter for encounter in met if encounter["robot"] == name])
+            for name in robots
         ]
         parts.append(f"<h2>{escape(product or 'not on any list')}</h2>\n{_row(cells)}")
     return (
@@ -85,15 +88,21 @@ def _totals(robot: Mapping[str, Any]) -> str:
 
 def _cell(folder: Path, robot: str, encounters: Sequence[Mapping[str, Any]]) -> str:
     """Return what one robot did with one product."""
-    said = [f"<h3>{escape(robot)}</h3>"]
+    parts = [f"<h3>{escape(robot)}</h3>"]
     if not encounters:
-        said.append("<p>did not see it</p>")
-    for one in encounters:
-        known = f"known as {one['label'] or 'an object'}" if one["recognised"] else "new to it"
-        said.append(f"<p>{escape(known)} <small>(confidence {one['confidence']:.2f})</small></p>")
-        for attempt in one["attempts"]:
-            said.append(_attempt(folder, robot, attempt))
-    return "".join(said)
+        parts.append("<p>did not see it</p>")
+    for encounter in encounters:
+        status = (
+            f"known as {encounter['label'] or 'an object'}"
+            if encounter["recognised"]
+            else "new to it"
+        )
+        parts.append(
+            f"<p>{escape(status)} <small>(confidence {encounter['confidence']:.2f})</small></p>"
+        )
+        for attempt in encounter["attempts"]:
+            parts.append(_attempt(folder, robot, attempt))
+    return "".join(parts)
 
 
 def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:

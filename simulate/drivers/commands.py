@@ -78,7 +78,7 @@ def reach(
     with Workcell(robot, "fast") as cell:
         plan = plan_reach(cell, (x, y, z), theta, seed)
         arm = cell.description.arm(plan.arm)
-        told: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
+        report: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
         with contextlib.ExitStack() as opened:
             if naoqi is not None:
                 driver: NaoqiArm | RosbridgeArm = opened.enter_context(_naoqi(naoqi, arm))
@@ -88,18 +88,18 @@ def reach(
                 motions.bring_home(driver, cell, plan.arm, seed)
             if grasp:
                 judged = motions.grasp(driver, plan, cell)  # type: ignore[arg-type]
-                told |= {"held": judged.is_yes, "evidence": judged.evidence}
+                report |= {"held": judged.is_yes, "evidence": judged.evidence}
             else:
                 motions.reach(driver, plan, back)
-            told["is_home"] = back or grasp
+            report["is_home"] = back or grasp
     if as_json:
-        print_json(told)
+        print_json(report)
     elif grasp:
-        click.echo(f"{plan.arm}: {'held' if told['held'] else 'not held'} ({told['evidence']})")
+        click.echo(f"{plan.arm}: {'held' if report['held'] else 'not held'} ({report['evidence']})")
     else:
         place = "at home" if back else f"at ({x:g}, {y:g}, {z:g})"
         click.echo(f"{plan.arm} is {place}")
-    if told["held"] is False:
+    if report["held"] is False:
         raise SystemExit(1)
 
 

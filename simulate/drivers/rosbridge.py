@@ -95,13 +95,15 @@ class RosbridgeArm:
         until = time.monotonic() + _STATE_S
         try:
             while (message := self._next(until)) is not None:
-                told = message.get("msg") if message.get("op") == "publish" else None
-                if message.get("topic") != self._topic or not isinstance(told, dict):
+                state = message.get("msg") if message.get("op") == "publish" else None
+                if message.get("topic") != self._topic or not isinstance(state, dict):
                     continue
-                known = dict(zip(told.get("name", ()), told.get("position", ()), strict=False))
+                positions = dict(
+                    zip(state.get("name", ()), state.get("position", ()), strict=False)
+                )
                 # Other publishers of the topic may tell of other joints.
-                if set(self._joints) <= set(known):
-                    return np.array([float(known[name]) for name in self._joints])
+                if set(self._joints) <= set(positions):
+                    return np.array([float(positions[name]) for name in self._joints])
         finally:
             self._send(op="unsubscribe", topic=self._topic)
         raise RemoteUnavailableError(

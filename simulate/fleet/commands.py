@@ -209,7 +209,7 @@ def requests(
         click.echo(json.dumps(summary))
         return
     print_table("Requests by class", COLUMNS, request_rows(summary))
-    for kind, one in summary["classes"].items():
-        if one["failed"] and kind != "all":
-            click.echo(f"{kind} failed: {json.dumps(one['failed'])}")
+    for kind, figures in summary["classes"].items():
+        if figures["failed"] and kind != "all":
+            click.echo(f"{kind} failed: {json.dumps(figures['failed'])}")
     click.echo(f"report  {out / 'report.json'}")

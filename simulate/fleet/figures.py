@@ -53,8 +53,8 @@ def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
     products = products_known(done["robots"])
     counts = {}
     for robot in done["robots"]:
-        known = [met for met in _encounters(robot) if met["recognised"]]
-        scored = [met for met in known if met["recognised"] in products or not met["product"]]
+        recognised = [met for met in _encounters(robot) if met["recognised"]]
+        scored = [met for met in recognised if met["recognised"] in products or not met["product"]]
         right = sum(products.get(met["recognised"]) == met["product"] != "" for met in scored)
         counts[robot["name"]] = (right, len(scored) - right)
     return counts

@@ -83,7 +83,7 @@ def _first_tries(result: Mapping[str, Any], condition: str) -> list[tuple[bool, 
     ]
 
 
-def headroom_words(found: Mapping[str, Any]) -> str:
+def headroom_words(headroom: Mapping[str, Any]) -> str:
     """Return the share won with the first tries from which it follows.
 
     >>> headroom_words({"n": 8, "first_try": [0.5, 0.875], "best": 1.0, "won": 0.75,
@@ -96,13 +96,13 @@ def headroom_words(found: Mapping[str, Any]) -> str:
     >>> headroom_words({"n": 0, "first_try": None, "best": None, "won": None, "interval95": None})
     '-'
     """
-    if found["won"] is None:
+    if headroom["won"] is None:
         return "-"
-    first, last = found["first_try"]
+    first, last = headroom["first_try"]
     interval = ", too few for an interval"
-    if found["interval95"] is not None:
-        interval = " [{:.2f}, {:.2f}]".format(*found["interval95"])
+    if headroom["interval95"] is not None:
+        interval = " [{:.2f}, {:.2f}]".format(*headroom["interval95"])
     return (
-        f"at least {found['won']:.2f}{interval}; first tries {first:.2f} -> "
-        f"{last:.2f} of {found['best']:.2f} that can be held, {found['n']} products"
+        f"at least {headroom['won']:.2f}{interval}; first tries {first:.2f} -> "
+        f"{last:.2f} of {headroom['best']:.2f} that can be held, {headroom['n']} products"
     )

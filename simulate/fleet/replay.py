@@ -79,41 +79,41 @@ def replay(
     """
     if fleets < 1 or on_table < 1:
         raise UsageError(f"--fleets and --table must be at least 1, got {fleets} and {on_table}")
-    things = [thing for thing in table["products"] if thing["arms"]]
-    if on_table > len(things):
-        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
+    usable = [product for product in table["products"] if product["arms"]]
+    if on_table > len(usable):
+        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(usable)}")
     policy, hand = Policy(), gripper_named(str(table["settings"]["hand"]))
     player = Player(policy, hand, cap)
     plain = Player(replace(policy, causes=False), hand, cap)
     rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}
     without: list[list[int]] = []
-    oracle = [_oracle(thing) for thing in things]
+    oracle = [_oracle(product) for product in usable]
     for fleet in range(fleets):
         rng = stream(seed, _REPLAY, fleet)
-        drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
+        drawn = [int(i) for i in rng.choice(len(usable), on_table, replace=False)]
         for i in drawn:
-            one, two, other = (Luck.draw(rng, cap) for _ in range(3))
-            first = player.play(things[i], one)
-            alone = player.play(things[i], two)
-            first_plain = plain.play(things[i], one)
-            known = first_plain if two.recognised else []
-            second_plain = plain.play(things[i], two, known)
+            first_luck, two, other = (Luck.draw(rng, cap) for _ in range(3))
+            first = player.play(usable[i], first_luck)
+            alone = player.play(usable[i], two)
+            first_plain = plain.play(usable[i], first_luck)
+            recalled = first_plain if two.recognised else []
+            second_plain = plain.play(usable[i], two, recalled)
             without.append([i, *(player.count(done) for done in (first_plain, second_plain))])
             for name in CONDITIONS:
-                memory = _memory(name, i, things, first, player, other, rng)
+                memory = _memory(name, i, usable, first, player, other, rng)
                 if memory is None:
                     continue
-                second = player.play(things[i], two, *memory) if two.recognised else alone
+                second = player.play(usable[i], two, *memory) if two.recognised else alone
                 rows[name].append([i, *(player.count(done) for done in (first, second, alone))])
     return {
         "fleets": fleets,
-        "products": len(things),
+        "products": len(usable),
         "oracle_first_try": round(float(np.mean(oracle)), 4),
         "causes": _causes(np.array(rows["shared"]), np.array(without)),
         "conditions": {
-            name: _summary(np.array(found), np.array(oracle))
-            for name, found in rows.items()
-            if found
+            name: _summary(np.array(outcomes), np.array(oracle))
+            for name, outcomes in rows.items()
+            if outcomes
         },
     }
 
@@ -145,7 +145,7 @@ class Luck:
 
 
 def _memory(
-    condition: str, i: int, things: Sequence[Mapping[str, Any]], first: Sequence[Told],
+    condition: str, i: int, products: Sequence[Mapping[str, Any]], first: Sequence[Told],
     player: Player, luck: Luck, rng: np.random.Generator,
 ) -> tuple[Sequence[Told], Mapping[str, Any]] | None:  # fmt: skip
     """Return attempts to remember for a product, and the product on which they were made.
@@ -153,17 +153,17 @@ def _memory(
     None if no product is of the kind that the condition asks for.
     """
     if condition == "shared":
-        return first, things[i]
+        return first, products[i]
     if condition == "random grasps":
-        places = rng.permutation(len(things[i]["arms"]))
-        moved = [Told(int(k), one.held) for k, one in zip(places, first, strict=False)]
-        return moved, things[i]
+        places = rng.permutation(len(products[i]["arms"]))
+        moved = [Told(int(k), other.held) for k, other in zip(places, first, strict=False)]
+        return moved, products[i]
     alike = condition == "look-alikes"
-    kind = things[i]["kind"]
-    others = [k for k, one in enumerate(things) if k != i and (one["kind"] == kind) is alike]
+    kind = products[i]["kind"]
+    others = [k for k, other in enumerate(products) if k != i and (other["kind"] == kind) is alike]
     if not others:
         return None
-    source = things[int(rng.choice(others))]
+    source = products[int(rng.choice(others))]
     return player.play(source, luck), source
 
 
@@ -178,7 +178,7 @@ class Player:
         return len(done) if done and done[-1].held else self.cap + 1
 
     def play(
-        self, thing: Mapping[str, Any], luck: Luck, told: Sequence[Told] = (),
+        self, thing: Mapping[str, Any], luck: Luck, reports: Sequence[Told] = (),
         source: Mapping[str, Any] | None = None,
     ) -> list[Told]:  # fmt: skip
         """Return the attempts of a robot at a product.
@@ -191,14 +191,20 @@ class Player:
             Product on which they were made; None = this one.
         """
         source = source or thing
-        arms = self._arms(thing, told, source, luck.turned)
+        arms = self._arms(thing, reports, source, luck.turned)
         learner = BetaThompson(self.policy.bandit, max(thing["size"]))
         sign = -1.0 if luck.turned else 1.0
-        known = [(sign * source["arms"][one.arm]["x"], one.held, one.weight) for one in told]
+        reported = [
+            (sign * source["arms"][attempt.arm]["x"], attempt.held, attempt.weight)
+            for attempt in reports
+        ]
         done: list[Told] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
-            tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
-            seen = [*known, *((trial.position[0], trial.success, 1.0) for trial in tries)]
+            tries = [
+                Trial(arms[attempt.arm].position, arms[attempt.arm].theta, attempt.held)
+                for attempt in done
+            ]
+            seen = [*reported, *((trial.position[0], trial.success, 1.0) for trial in tries)]
             order = learner.rank(self._with_causes(arms, seen, thing["size"][0]), tries, seed)
             if not order:
                 break
@@ -222,7 +228,7 @@ class Player:
         return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(
-        self, thing: Mapping[str, Any], told: Sequence[Told], source: Mapping[str, Any],
+        self, thing: Mapping[str, Any], reports: Sequence[Told], source: Mapping[str, Any],
         turned: bool,
     ) -> list[Arm]:  # fmt: skip
         at = np.array([[a["x"], a["y"], a["z"]] for a in thing["arms"]])
@@ -230,8 +236,8 @@ class Player:
         length, width, height = (float(s) for s in thing["size"])
         size = (length, width, height)
         weights = Weights(self.policy, {"it": 1.0}, self.hand, size, _NOW)
-        tried = sorted({one.arm for one in told})
-        memory = [self._remembered(arm, told, source, turned) for arm in tried]
+        tried = sorted({report.arm for report in reports})
+        memory = [self._remembered(arm, reports, source, turned) for arm in tried]
         evidence = gather(at, thetas, memory, weights, self.policy.bandit.bandwidth)
         return [
             Arm(
@@ -242,11 +248,11 @@ class Player:
         ]  # fmt: skip
 
     def _remembered(
-        self, number: int, told: Sequence[Told], source: Mapping[str, Any], turned: bool
+        self, number: int, reports: Sequence[Told], source: Mapping[str, Any], turned: bool
     ) -> Remembered:
         arm = source["arms"][number]
         sign = -1.0 if turned else 1.0  # half a turn leaves the closing direction as it is
-        counts = Counter((one.held, one.weight) for one in told if one.arm == number)
+        counts = Counter((report.held, report.weight) for report in reports if report.arm == number)
         tallies = tuple(Tally(held, n, weight=w) for (held, w), n in sorted(counts.items()))
         return Remembered(
             f"grasp:{number}", "it", False, sign * arm["x"], sign * arm["y"], arm["z"],
@@ -255,9 +261,9 @@ class Player:
         )  # fmt: skip
 
 
-def _oracle(thing: Mapping[str, Any]) -> float:
+def _oracle(product: Mapping[str, Any]) -> float:
     """Return the outcome of the grasp that did best on all tries but the last, on the last."""
-    held = np.array([arm["held"] for arm in thing["arms"]], dtype=np.float64)
+    held = np.array([arm["held"] for arm in product["arms"]], dtype=np.float64)
     best = held[:, :-1].mean(axis=1)
     return float(held[best == best.max(), -1].mean())
 
@@ -265,28 +271,30 @@ def _oracle(thing: Mapping[str, Any]) -> float:
 def _causes(rows: NDArray[np.int64], without: NDArray[np.int64]) -> dict[str, Any]:
     """Return the attempts of both robots with and without causes, paired, with intervals."""
     products = rows[:, 0]
-    known = np.unique(products)
-    found: dict[str, Any] = {}
+    distinct_products = np.unique(products)
+    effects: dict[str, Any] = {}
     for robot in (1, 2):
         less = rows[:, robot] - without[:, robot]
-        sums = np.array([[(products == i).sum(), less[products == i].sum()] for i in known])
+        sums = np.array(
+            [[(products == i).sum(), less[products == i].sum()] for i in distinct_products]
+        )
 
         def change(i: NDArray[np.intp], sums: NDArray[np.int64] = sums) -> float:
             return float(sums[i, 1].sum() / sums[i, 0].sum())
 
-        found[f"robot_{robot}"] = {
+        effects[f"robot_{robot}"] = {
             "with": round(float(rows[:, robot].mean()), 4),
             "without": round(float(without[:, robot].mean()), 4),
             "change": round(float(less.mean()), 4),
-            "interval95": [round(v, 4) for v in bootstrap(change, len(known))],
+            "interval95": [round(v, 4) for v in bootstrap(change, len(distinct_products))],
         }
-    return found
+    return effects
 
 
 def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, Any]:
     """Return the figures of one condition, with 95 % intervals over products."""
     products, first, second, alone = rows.T
-    known = np.unique(products)
+    distinct_products = np.unique(products)
     sums = np.array(
         [
             [
@@ -294,7 +302,7 @@ def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, 
                 mine[:, 3].sum(), (mine[:, 1] == 1).sum(), (mine[:, 2] == 1).sum(),
                 len(mine) * oracle[i],
             ]
-            for i in known
+            for i in distinct_products
         ],
         dtype=np.float64,
     )  # fmt: skip
@@ -307,18 +315,18 @@ def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, 
         room = max((sums[i, 6] - sums[i, 4]).sum(), 1e-9)
         return float((sums[i, 5] - sums[i, 4]).sum() / room)
 
-    everything = np.arange(len(known))
+    everything = np.arange(len(distinct_products))
     has_room = bool((sums[:, 6] - sums[:, 4]).sum() > 0)
     return {
         "n": len(rows),
         "robot_1": round(float(first.mean()), 4),
         "robot_2": round(float(second.mean()), 4),
         "robot_2_alone": round(float(alone.mean()), 4),
-        "first_try": [round(float((found == 1).mean()), 4) for found in (first, second)],
+        "first_try": [round(float((held_first == 1).mean()), 4) for held_first in (first, second)],
         "effect": round(effect(everything), 4),
-        "effect_interval95": [round(v, 4) for v in bootstrap(effect, len(known))],
+        "effect_interval95": [round(v, 4) for v in bootstrap(effect, len(distinct_products))],
         "headroom_won": round(won(everything), 4) if has_room else None,
-        "headroom_interval95": [round(v, 4) for v in bootstrap(won, len(known))]
+        "headroom_interval95": [round(v, 4) for v in bootstrap(won, len(distinct_products))]
         if has_room
         else None,
     }
@@ -331,16 +339,16 @@ def replay_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
         "another family": "another family", "random grasps": "random grasps",
     }  # fmt: skip
     rows: list[tuple[str, ...]] = []
-    for name, found in summary["conditions"].items():
-        low, high = found["effect_interval95"]
+    for name, figures in summary["conditions"].items():
+        low, high = figures["effect_interval95"]
         rows.append(
             (
                 names[name],
-                f"{found['robot_1']:.2f}", f"{found['robot_2']:.2f}",
-                f"{found['robot_2_alone']:.2f}",
-                f"{found['effect']:+.2f} [{low:+.2f}, {high:+.2f}]",
-                "{:.2f} -> {:.2f}".format(*found["first_try"]),
-                "-" if found["headroom_won"] is None else f"{found['headroom_won']:.2f}",
+                f"{figures['robot_1']:.2f}", f"{figures['robot_2']:.2f}",
+                f"{figures['robot_2_alone']:.2f}",
+                f"{figures['effect']:+.2f} [{low:+.2f}, {high:+.2f}]",
+                "{:.2f} -> {:.2f}".format(*figures["first_try"]),
+                "-" if figures["headroom_won"] is None else f"{figures['headroom_won']:.2f}",
             )
         )  # fmt: skip
     return rows

@@ -77,17 +77,21 @@ def carry_out(request: Request) -> dict[str, Any]:
         fetcher = Fetcher(body, cast(RequestServer, client), config)
         fetched = fetcher.fetch(request.wanted)
         chosen = fetched.tried[-1]["object"] if fetched.tried else ""
-        met = (one for one in fetcher.encounters.values() if one.object_iri == chosen)
-        runs = [attempt.run for one in met for attempt in one.attempts if attempt.physical]
+        met = (
+            encounter for encounter in fetcher.encounters.values() if encounter.object_iri == chosen
+        )
+        runs = [
+            attempt.run for encounter in met for attempt in encounter.attempts if attempt.physical
+        ]
         took = _in_a_box(body, watched[max(runs) - 1].target) if runs else ""
     return {**asdict(fetched), "took": took}
 
 
-def _in_a_box(body: SimulatedBody, thing: int) -> str:
+def _in_a_box(body: SimulatedBody, body_id: int) -> str:
     """Return the name of a product if it lies in a box, else nothing."""
-    spec = body.world.objects.get(thing)
+    spec = body.world.objects.get(body_id)
     boxes = body.world.place_boxes.values()
-    if spec is None or not any(_inside(body.world.object_pose(thing), box) for box in boxes):
+    if spec is None or not any(_inside(body.world.object_pose(body_id), box) for box in boxes):
         return ""
     return spec.name
 

@@ -74,14 +74,14 @@ def request_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def summarise_requests(results: Results) -> dict[str, Any]:
     """Return shares by class and over all, with reasons of those that failed, as JSON data."""
-    kinds = sorted({str(one["kind"]) for one in results})
-    parts = {kind: [one for one in results if one["kind"] == kind] for kind in kinds}
+    kinds = sorted({str(trial["kind"]) for trial in results})
+    parts = {kind: [trial for trial in results if trial["kind"] == kind] for kind in kinds}
     return {
         "classes": {
             kind: {
-                **share(sum(one["brought"] for one in mine), len(mine)),
+                **share(sum(trial["brought"] for trial in mine), len(mine)),
                 "robot_was_right": share(
-                    sum(one["says"] == one["brought"] for one in mine), len(mine)
+                    sum(trial["says"] == trial["brought"] for trial in mine), len(mine)
                 ),
                 "failed": dict(Counter(o["why"] for o in mine if not o["brought"]).most_common()),
                 "thesis_table_5_s": _TABLE_5_S.get(kind),
@@ -95,12 +95,12 @@ def summarise_requests(results: Results) -> dict[str, Any]:
 def request_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     """Return the rows of the table for people."""
     rows = []
-    for kind, one in summary["classes"].items():
-        low, high = one["interval95"]
-        seconds = one["thesis_table_5_s"]
+    for kind, figures in summary["classes"].items():
+        low, high = figures["interval95"]
+        seconds = figures["thesis_table_5_s"]
         rows.append([
-            kind, str(one["hits"]), str(one["n"]), f"{low:.2f} to {high:.2f}",
-            f"{one['robot_was_right']['hits']} of {one['n']}",
+            kind, str(figures["hits"]), str(figures["n"]), f"{low:.2f} to {high:.2f}",
+            f"{figures['robot_was_right']['hits']} of {figures['n']}",
             "-" if seconds is None else f"{seconds:.1f} s a grasp, no share",
         ])  # fmt: skip
     return rows
@@ -111,6 +111,6 @@ def write_request_report(
 ) -> dict[str, Any]:
     """Write ``report.json`` with settings, figures and trials; return the figures."""
     summary = summarise_requests(results)
-    told = {"settings": dict(settings), **summary, "results": list(results)}
-    (folder / "report.json").write_text(json.dumps(told, indent=1) + "\n", "utf-8")
+    report = {"settings": dict(settings), **summary, "results": list(results)}
+    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", "utf-8")
     return summary

@@ -226,13 +226,13 @@ def _memory_first(
         robots = result[condition][:robot]
         products = products_known(robots if condition == "shared" else robots[-1:])
         met += [
-            one
-            for one in objects_tried(robots[-1])
-            if one["attempts"] and one["recognised"]
-            if products.get(one["recognised"]) == one["product"]
+            encounter
+            for encounter in objects_tried(robots[-1])
+            if encounter["attempts"] and encounter["recognised"]
+            if products.get(encounter["recognised"]) == encounter["product"]
         ]
-    recalled = [one for one in met if one["attempts"][0]["source"] == "memory"]
-    held = sum(one["tries_to_success"] == 1 for one in recalled)
+    recalled = [encounter for encounter in met if encounter["attempts"][0]["source"] == "memory"]
+    held = sum(encounter["tries_to_success"] == 1 for encounter in recalled)
     return {"known": len(met), "recalled": len(recalled), "held": held}
 
 
@@ -326,15 +326,15 @@ def write_sharing_report(
                 r for r in summary["robots"]
                 if r["graph"] == condition and r[f"attempts_{what}"]["mean"] is not None
             ]  # fmt: skip
-            found = [r[f"attempts_{what}"] for r in rows]
-            if found:
+            values = [r[f"attempts_{what}"] for r in rows]
+            if values:
                 lines.append(
                     Line(
                         f"{what}, {condition}",
                         [r["robot"] for r in rows],
-                        [m["mean"] for m in found],
-                        [m["interval95"][0] for m in found],
-                        [m["interval95"][1] for m in found],
+                        [m["mean"] for m in values],
+                        [m["interval95"][0] for m in values],
+                        [m["interval95"][1] for m in values],
                     )
                 )
     if lines:

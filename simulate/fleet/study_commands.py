@@ -50,8 +50,8 @@ def attempts(
     study = attempt_study(count, products, gripper, grasps, tries, seed)
     results = run(study, out, workers, resume)
     write_attempts(out / "attempts.json", results, study.settings)
-    made = sum(len(arm["held"]) for thing in results for arm in thing["arms"])
-    held = sum(sum(arm["held"]) for thing in results for arm in thing["arms"])
+    made = sum(len(arm["held"]) for product in results for arm in product["arms"])
+    held = sum(sum(arm["held"]) for product in results for arm in product["arms"])
     if as_json:
         counts = {"products": len(results), "attempts": made, "held": held}
         click.echo(json.dumps({**counts, "path": str(out / "attempts.json")}))
@@ -169,12 +169,12 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     click.echo(
         f"the best grasp of each product holds {summary['oracle_first_try']:.2f} of the time"
     )
-    for robot, found in summary["causes"].items():
-        low, high = found["interval95"]
+    for robot, effect in summary["causes"].items():
+        low, high = effect["interval95"]
         click.echo(
             f"{robot.replace('_', ' ')} without reasoning about hidden causes: "
-            f"{found['without']:.2f} attempts; with it: {found['with']:.2f}, "
-            f"{found['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
+            f"{effect['without']:.2f} attempts; with it: {effect['with']:.2f}, "
+            f"{effect['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
     click.echo(f"report  {out / 'replay.json'}")
 

@@ -90,16 +90,16 @@ def replay_trust(
         )
     if lie not in LIES:
         raise UsageError(f"--lie: expected one of {', '.join(LIES)}, got {lie!r}")
-    things = [thing for thing in table["products"] if thing["arms"]]
-    if on_table > len(things):
-        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
+    products = [product for product in table["products"] if product["arms"]]
+    if on_table > len(products):
+        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(products)}")
     player = Player(policy or Policy(), gripper_named(str(table["settings"]["hand"])), cap)
     rows: list[list[float]] = []
     named: list[int] = []
     falsely = once = 0
     for number in range(fleets):
         played = {
-            name: _play(name, player, things, number, robots, liars, on_table, rounds, seed, lie)
+            name: _play(name, player, products, number, robots, liars, on_table, rounds, seed, lie)
             for name in _CONDITIONS
         }
         row: list[float] = []
@@ -107,10 +107,10 @@ def replay_trust(
             held = float(np.mean([held for _, held in fleet.first]))
             row += [held, float(np.mean(fleet.attempts))]
         rows.append(row)
-        found = played["weighed"].named
+        named_by_robot = played["weighed"].named
         once += sum(robot >= liars for robot in played["weighed"].ever)
-        named += [found.get(robot, -1) for robot in range(liars)]
-        falsely += sum(robot >= liars for robot in found)
+        named += [named_by_robot.get(robot, -1) for robot in range(liars)]
+        falsely += sum(robot >= liars for robot in named_by_robot)
     summary, better = _summary(np.array(rows))
     return {
         "fleets": fleets, "robots": robots, "liars": liars, "products": on_table, "lie": lie,
@@ -128,25 +128,25 @@ def replay_trust(
 
 
 def _play(
-    condition: str, player: Player, things: Sequence[Mapping[str, Any]], number: int, robots: int,
+    condition: str, player: Player, products: Sequence[Mapping[str, Any]], number: int, robots: int,
     liars: int, on_table: int, rounds: int, seed: int, lie: str,
 ) -> _Fleet:  # fmt: skip
     """Return one fleet under one condition; its luck depends on the number alone."""
     rng = stream(seed, _TRUST, number)
-    drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
+    drawn = [int(i) for i in rng.choice(len(products), on_table, replace=False)]
     meetings = [(robot, i) for robot in range(robots) for i in drawn for _ in range(rounds)]
     order = rng.permutation(len(meetings))
     fleet = _Fleet()
     for meeting in order.tolist():
         robot, i = meetings[meeting]
-        luck, said = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
-        told = list(_heard(fleet, robot, fleet.told.get(i, [])))
+        luck, claims = Luck.draw(rng, player.cap), rng.random(player.cap) < 0.5
+        reports = list(_heard(fleet, robot, fleet.told.get(i, [])))
         if condition == "unheard":
-            told = [one for who, one in fleet.told.get(i, []) if who >= liars]
-        done = player.play(things[i], luck, told if luck.recognised else ())
+            reports = [attempt for who, attempt in fleet.told.get(i, []) if who >= liars]
+        done = player.play(products[i], luck, reports if luck.recognised else ())
         lies = not condition.startswith("truthful") and robot < liars
-        for one, held in zip(done, said.tolist(), strict=False):
-            report = Told(one.arm, _lie(lie, one.held, held)) if lies else one
+        for attempt, held in zip(done, claims.tolist(), strict=False):
+            report = Told(attempt.arm, _lie(lie, attempt.held, held)) if lies else attempt
             fleet.told.setdefault(i, []).append((robot, report))
         fleet.count[robot] = fleet.count.get(robot, 0) + len(done)
         if robot >= liars and done:
@@ -157,12 +157,12 @@ def _play(
     return fleet
 
 
-def _heard(fleet: _Fleet, asking: int, told: Sequence[tuple[int, Told]]) -> Iterator[Told]:
+def _heard(fleet: _Fleet, asking: int, reports: Sequence[tuple[int, Told]]) -> Iterator[Told]:
     """Yield what a robot takes from the reports on a product; its own word counts in full."""
-    for who, one in told:
+    for who, report in reports:
         weight = fleet.doubts.get(who, 1.0) if who != asking else 1.0
         if weight > 0:
-            yield replace(one, weight=weight)
+            yield replace(report, weight=weight)
 
 
 def _lie(lie: str, held: bool, anything: bool) -> bool:
@@ -172,20 +172,20 @@ def _lie(lie: str, held: bool, anything: bool) -> bool:
 def _judge(fleet: _Fleet, is_weighed: bool) -> None:
     """Name robots that are found not to report truthfully, and weigh the others if asked."""
     counts: dict[tuple[int, int, int], list[int]] = {}
-    for i, told in fleet.told.items():
-        for robot, one in told:
-            count = counts.setdefault((robot, i, one.arm), [0, 0])
-            count[0] += one.held
+    for i, entries in fleet.told.items():
+        for robot, entry in entries:
+            count = counts.setdefault((robot, i, entry.arm), [0, 0])
+            count[0] += entry.held
             count[1] += 1
     reports = [
         Reports(str(robot), f"{i}/{arm}", held, n) for (robot, i, arm), (held, n) in counts.items()
     ]
-    beliefs = {int(name): one for name, one in judge_honesty(reports).items()}
-    found = {robot for robot, one in beliefs.items() if one.contradicts}
-    fleet.doubts = {robot: one.weight if is_weighed else 1.0 for robot, one in beliefs.items()}
-    fleet.doubts |= dict.fromkeys(found, 0.0)
-    fleet.named = {robot: fleet.named.get(robot, fleet.count[robot]) for robot in found}
-    for robot in found:
+    beliefs = {int(name): entry for name, entry in judge_honesty(reports).items()}
+    contradicting = {robot for robot, entry in beliefs.items() if entry.contradicts}
+    fleet.doubts = {robot: entry.weight if is_weighed else 1.0 for robot, entry in beliefs.items()}
+    fleet.doubts |= dict.fromkeys(contradicting, 0.0)
+    fleet.named = {robot: fleet.named.get(robot, fleet.count[robot]) for robot in contradicting}
+    for robot in contradicting:
         fleet.ever.setdefault(robot, fleet.count[robot])
 
 
@@ -196,7 +196,7 @@ def _summary(rows: NDArray[np.float64]) -> tuple[dict[str, dict[str, Any]], dict
     """
     first = dict(zip(_CONDITIONS, rows[:, ::2].T, strict=True))
     attempts = dict(zip(_CONDITIONS, rows[:, 1::2].T, strict=True))
-    found = {
+    figures = {
         name: {
             "first_try": round(float(first[name].mean()), 4),
             "attempts": round(float(attempts[name].mean()), 4),
@@ -204,7 +204,7 @@ def _summary(rows: NDArray[np.float64]) -> tuple[dict[str, dict[str, Any]], dict
         }
         for name in _CONDITIONS
     }
-    return found, _change(first["weighed"] - first["left out"])
+    return figures, _change(first["weighed"] - first["left out"])
 
 
 def _change(less: NDArray[np.float64]) -> dict[str, Any]:
@@ -221,9 +221,9 @@ def trust_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return the table of :data:`COLUMNS`."""
     return [
         (
-            _CONDITIONS[name], f"{found['first_try']:.3f}",
-            "{:+.3f} [{:+.3f}, {:+.3f}]".format(found["change"], *found["interval95"]),
-            f"{found['attempts']:.2f}",
+            _CONDITIONS[name], f"{figures['first_try']:.3f}",
+            "{:+.3f} [{:+.3f}, {:+.3f}]".format(figures["change"], *figures["interval95"]),
+            f"{figures['attempts']:.2f}",
         )
-        for name, found in summary["conditions"].items()
+        for name, figures in summary["conditions"].items()
     ]  # fmt: skip

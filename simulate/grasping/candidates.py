@@ -133,7 +133,7 @@ def find_candidates(
         angle_tolerance=_ANGLE_TOLERANCE, position_tolerance=request.position_tolerance
     )
     rng = np.random.default_rng((seed, _PURPOSE_IK))
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for raised, height in enumerate(rules.heights(request)):
         for direction, angle in enumerate(rules.angles(request)):
             position = np.array([request.x, request.y, request.table_height + height])
@@ -142,8 +142,8 @@ def find_candidates(
             postures = solve_ik(chain, goal, rng, options)
             if len(postures):
                 draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, direction, 0)
-                found += _judged(space, arm, request, around, draft, postures, closing)
-    return found
+                candidates += _judged(space, arm, request, around, draft, postures, closing)
+    return candidates
 
 
 def can_get_there(space: ArmSpace, arm: str, request: GraspRequest, seed: int) -> bool:
@@ -223,13 +223,13 @@ def most_promising(
     candidates: Sequence[Candidate], request: GraspRequest, rules: HandRules
 ) -> list[Candidate]:
     """Return the cheapest candidates whose postures differ from those of cheaper ones."""
-    kept: list[Candidate] = []
+    distinct: list[Candidate] = []
     for candidate in sorted(candidates, key=lambda c: c.cost(request, rules)):
-        if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in kept):
-            kept.append(candidate)
-            if len(kept) == _POSTURES_TRIED:
+        if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in distinct):
+            distinct.append(candidate)
+            if len(distinct) == _POSTURES_TRIED:
                 break
-    return kept
+    return distinct
 
 
 def target_obstacle(request: GraspRequest) -> Obstacle | PointField:

@@ -97,18 +97,18 @@ def clear_clutter(
         if view is None or len(view.points) < _FEWEST_POINTS:
             yield Move("none", "empty" if view is not None else "no_table")
             return
-        found = plan_in_view(view, hand, SceneOptions(seed=seed + number))
-        found = _without(found, failed)
+        proposals = plan_in_view(view, hand, SceneOptions(seed=seed + number))
+        proposals = _without(proposals, failed)
         pick, refused = None, tuple[str, ...]()
         if len(failed) < 3:
-            pick, refused = pick_from(view, found, executor, arm, seed + number)
-        seen = (len(view.segments), len(found))
+            pick, refused = pick_from(view, proposals, executor, arm, seed + number)
+        seen = (len(view.segments), len(proposals))
         if pick is None:
             pushed = ""
             if pushes and in_a_row < _PUSHES_IN_A_ROW:
                 pushed = _push(executor, view, arm, seed + number)
             if not pushed:
-                reason = found.reason or "out_of_reach"
+                reason = proposals.reason or "out_of_reach"
                 yield Move("none", reason, False, *seen, refused=refused)
                 return
             in_a_row += 1
@@ -136,17 +136,17 @@ def _push(executor: Executor, view: ClutterView, arm: str, seed: int) -> str:
     return ""
 
 
-def _without(found: Proposals, failed: list[GraspCandidate]) -> Proposals:
+def _without(proposals: Proposals, failed: list[GraspCandidate]) -> Proposals:
     """Return the proposals without those that repeat a failed one."""
     if not failed:
-        return found
-    kept = tuple(
-        one
-        for one in found
+        return proposals
+    untried = tuple(
+        candidate
+        for candidate in proposals
         if not any(
-            np.linalg.norm(one.centre - other.centre) < _SAME_M
-            and abs(float(one.closing @ other.closing)) > _SAME_COS
+            np.linalg.norm(candidate.centre - other.centre) < _SAME_M
+            and abs(float(candidate.closing @ other.closing)) > _SAME_COS
             for other in failed
         )
     )
-    return replace(found, candidates=kept)
+    return replace(proposals, candidates=untried)

@@ -47,10 +47,10 @@ def hand_of(robot: RobotDescription, name: str) -> EndEffector:
         return cup_with_wrist(robot, arm)
     if arm.three is not None:
         return arm.three
-    told = ParallelGripper(
+    jaws = ParallelGripper(
         arm.end_effector, arm.gripper_type, 0.0, arm.mouth, max_payload=arm.max_payload
     )
-    hand = told.modelled()
+    hand = jaws.modelled()
     if arm.grip == "parallel_jaws":
         hand = replace(hand, fingertip=ParallelJaws.TIP_BELOW_TOOL)
     return hand
@@ -77,7 +77,7 @@ class Pick:
 
 def pick_from(
     view: ClutterView,
-    found: Proposals,
+    proposals: Proposals,
     executor: Executor,
     arm: str,
     seed: int = 0,
@@ -95,20 +95,20 @@ def pick_from(
         How many of them at most.
     """
     refused: list[str] = []
-    for rank, one in enumerate(list(found)[:tries]):
-        request, obstacles = _asked(view, one, arm)
+    for rank, candidate in enumerate(list(proposals)[:tries]):
+        request, obstacles = _asked(view, candidate, arm)
         planned = executor.plan(request, obstacles, seed)
         if not isinstance(planned, str):
-            return Pick(one, planned, rank), tuple(refused)
+            return Pick(candidate, planned, rank), tuple(refused)
         refused.append(planned)
     return None, tuple(refused)
 
 
 def _asked(
-    view: ClutterView, one: GraspCandidate, arm: str
+    view: ClutterView, candidate: GraspCandidate, arm: str
 ) -> tuple[GraspRequest, list[PointField]]:
     """Return the request for a candidate and what stands around its object."""
-    own = view.labels == one.segment
+    own = view.labels == candidate.segment
     # Points of no segment at the edge of the object are its own, or noise.
     if own.any():
         low, high = view.points[own].min(axis=0), view.points[own].max(axis=0)
@@ -117,11 +117,15 @@ def _asked(
         ).all(axis=1)
         own |= stray
     else:
-        own = np.linalg.norm(view.points - one.centre, axis=1) < one.width
-    opening = one.width if one.opening is None else one.opening
+        own = np.linalg.norm(view.points - candidate.centre, axis=1) < candidate.width
+    opening = candidate.width if candidate.opening is None else candidate.opening
     request = replace(
         GraspRequest.at_pose(
-            one.frame_from_gripper, one.width, opening, view.points[own], view.table_height
+            candidate.frame_from_gripper,
+            candidate.width,
+            opening,
+            view.points[own],
+            view.table_height,
         ),
         arm=arm,
     )

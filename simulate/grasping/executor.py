@@ -80,13 +80,13 @@ class Executor:
         """
         started = time.process_time()
         boxes: list[Obstacle | PointField] = []
-        for thing in obstacles:
-            if isinstance(thing, Obstacle | PointField):
-                boxes.append(thing)
-            elif len(thing) and request.pose is not None:
-                boxes.append(PointField.of("neighbour", thing, request.table_height))
-            elif len(thing):
-                boxes.append(Obstacle.around("neighbour", thing, request.table_height))
+        for obstacle in obstacles:
+            if isinstance(obstacle, Obstacle | PointField):
+                boxes.append(obstacle)
+            elif len(obstacle) and request.pose is not None:
+                boxes.append(PointField.of("neighbour", obstacle, request.table_height))
+            elif len(obstacle):
+                boxes.append(Obstacle.around("neighbour", obstacle, request.table_height))
         planned: PlannedGrasp | str = "ik"
         if request.stances != "other":
             planned = self.planner.plan(request, boxes, seed)

@@ -90,10 +90,12 @@ class ParallelJaws:
         """Return half the height of the object or the depth of the fingers, and 7 mm more."""
         lowest = self.TIP_BELOW_TOOL + self._CLEAR
         rule = max(0.5 * request.height, request.height - self._USABLE_DEPTH, lowest)
-        wanted = request.z - request.table_height
-        if not np.isnan(wanted):
+        requested = request.z - request.table_height
+        if not np.isnan(requested):
             highest = max(request.height - 0.01, lowest)
-            rule = float(np.clip(wanted, max(request.height - self._USABLE_DEPTH, lowest), highest))
+            rule = float(
+                np.clip(requested, max(request.height - self._USABLE_DEPTH, lowest), highest)
+            )
         return (rule, rule + 0.007)
 
     def openings(self, request: GraspRequest) -> tuple[float, ...]:

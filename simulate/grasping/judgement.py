@@ -39,7 +39,7 @@ _MOVED_OPENING = 0.05
 _WIDTH_ERROR_M = 0.003
 """By which an object may be wider than it was seen to be."""
 MIN_RISE_M = 0.02
-_KEPT_SHARE = 0.75
+_MIN_OPENING_SHARE = 0.75
 """Share of the opening after the lift that must remain; a slipping object lets the hand close."""
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
@@ -107,8 +107,8 @@ def judge_held(openings: Mapping[str, float], rise_m: float) -> Judgement:
     evidence = f"opening {path}, tool rose {1000 * rise_m:.0f} mm"
     if not np.isfinite(rise_m) or not np.isfinite(openings["hold"]):
         return Judgement("unknown", evidence)
-    kept = openings["hold"] > max(CLOSED_ON_SOMETHING, _KEPT_SHARE * openings["lift"])
-    held = kept and rise_m > MIN_RISE_M
+    is_gripped = openings["hold"] > max(CLOSED_ON_SOMETHING, _MIN_OPENING_SHARE * openings["lift"])
+    held = is_gripped and rise_m > MIN_RISE_M
     return Judgement("yes" if held else "no", evidence)
 
 
@@ -170,15 +170,15 @@ class HeightMap:
         low, high = np.array([x_range[0], y_range[0]]), np.array([x_range[1], y_range[1]])
         shape = np.maximum(np.ceil((high - low) / _CELL_M).astype(int), 1)
         inside = ((points[:, :2] >= low) & (points[:, :2] < high)).all(axis=1)
-        kept = points[inside & (points[:, 2] < ceiling)]
-        cells = ((kept[:, :2] - low) / _CELL_M).astype(int)
+        inside_points = points[inside & (points[:, 2] < ceiling)]
+        cells = ((inside_points[:, :2] - low) / _CELL_M).astype(int)
         index = cells[:, 0] * shape[1] + cells[:, 1]
         heights = np.full(int(shape[0] * shape[1]), np.nan)
-        order = np.lexsort((kept[:, 2], index))
+        order = np.lexsort((inside_points[:, 2], index))
         starts = np.flatnonzero(np.diff(index[order], prepend=-1))
         ends = np.append(starts[1:], len(order))
         middle = (starts + ends - 1) // 2
-        heights[index[order[starts]]] = kept[order[middle], 2] - floor
+        heights[index[order[starts]]] = inside_points[order[middle], 2] - floor
         return cls(heights.reshape(tuple(shape)), low)
 
     @property
@@ -212,7 +212,7 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
 
 
 def judge_placed(
-    kept: bool, before: HeightMap, after: HeightMap, volume: float = np.inf
+    is_gripped: bool, before: HeightMap, after: HeightMap, volume: float = np.inf
 ) -> Judgement:
     """Judge whether an object arrived at its destination.
 
@@ -240,13 +240,13 @@ def judge_placed(
         int(cells[1:-1, 1:-1].sum())
         for cells in (new_cells(before, after), new_cells(after, before) & seen)
     )
-    evidence = f"place +{came} -{went} cells, {'held' if kept else 'lost'} in transport"
+    evidence = f"place +{came} -{went} cells, {'held' if is_gripped else 'lost'} in transport"
     heaped = float(np.nansum((after.heights - before.heights)[1:-1, 1:-1])) * _CELL_M**2
-    arrived = heaped > _HEAPED_SHARE * volume or (kept and came - went >= _MIN_NEW_CELLS)
+    arrived = heaped > _HEAPED_SHARE * volume or (is_gripped and came - went >= _MIN_NEW_CELLS)
     pushed = went >= _MIN_NEW_CELLS and np.isfinite(volume)
-    if arrived and pushed and not (kept and heaped >= _PUSHED_SHARE * volume):
+    if arrived and pushed and not (is_gripped and heaped >= _PUSHED_SHARE * volume):
         return Judgement("unknown", f"{evidence}, what lay there was pushed about")
-    if kept and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
+    if is_gripped and not arrived and seen[1:-1, 1:-1].mean() < _ALL_SEEN_SHARE:
         return Judgement("unknown", f"{evidence}, a part of the place is hidden")
     return Judgement("yes" if arrived else "no", evidence)
 

@@ -206,8 +206,8 @@ def plan_place(
         for x, y in spot.centres:
             height = ground + tool_over_bottom + release
             goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
-            found = solve_ik(chain, goal, rng, _IK, warm=start[None])
-            for posture in _most_upright(chain, found, upright, start):
+            postures = solve_ik(chain, goal, rng, _IK, warm=start[None])
+            for posture in _most_upright(chain, postures, upright, start):
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
@@ -336,14 +336,14 @@ def _climb(
     return line
 
 
-def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:
+def _most_upright(chain: Chain, postures: Floats, upright: Floats, start: Floats) -> Floats:
     """Return the best few postures, those that tilt the object and move the joints least."""
-    if len(found) == 0:
-        return found
-    tip = np.linalg.norm(chain.tool_poses(found)[0][:, 2] - upright, axis=1)
-    travel = np.abs(found - start).max(axis=1)
+    if len(postures) == 0:
+        return postures
+    tip = np.linalg.norm(chain.tool_poses(postures)[0][:, 2] - upright, axis=1)
+    travel = np.abs(postures - start).max(axis=1)
     order = np.argsort(_TURN_WEIGHT * tip + _JOINT_WEIGHT * travel, kind="stable")
-    return found[order[:_POSTURES_TRIED]]
+    return postures[order[:_POSTURES_TRIED]]
 
 
 def held_load(plan: PlannedGrasp, chain: Chain) -> Load:

@@ -124,7 +124,9 @@ class GraspRecord:
             "still there": self.old_place,
         }
         return "; ".join(
-            f"{name}: {one.answer} ({one.evidence})" for name, one in judged.items() if one.evidence
+            f"{name}: {judgement.answer} ({judgement.evidence})"
+            for name, judgement in judged.items()
+            if judgement.evidence
         )
 
 

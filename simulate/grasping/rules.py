@@ -252,8 +252,8 @@ def grasp_heights(request: GraspRequest) -> Iterator[float]:
     else:
         rule = max(0.55 * request.height, 0.018)
         low, high = max(rule - 0.004, 0.016), rule + 0.004
-    wanted = request.z - request.table_height
-    first = rule if math.isnan(wanted) else min(max(wanted, low), high)
+    requested = request.z - request.table_height
+    first = rule if math.isnan(requested) else min(max(requested, low), high)
     yield from (first, first + 0.007, first + 0.014)
 
 

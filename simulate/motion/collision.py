@@ -182,8 +182,8 @@ class PointField:
         inside = np.clip(place, 0, last)
         index = np.rint(inside).astype(np.int64)
         beyond = self.cell * np.linalg.norm(place - inside, axis=1)
-        found = self.away[index[:, 0], index[:, 1], index[:, 2]]
-        return np.asarray(np.where(beyond > 0, beyond + _FIELD_PAD_M - self.cell, found))
+        distances = self.away[index[:, 0], index[:, 1], index[:, 2]]
+        return np.asarray(np.where(beyond > 0, beyond + _FIELD_PAD_M - self.cell, distances))
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ class Surroundings:
     def with_obstacles(self, more: Iterable[Obstacle | PointField]) -> Surroundings:
         """Return the surroundings with further obstacles."""
         more = tuple(more)
-        boxes = tuple(one for one in more if isinstance(one, Obstacle))
-        fields = tuple(one for one in more if isinstance(one, PointField))
+        boxes = tuple(obstacle for obstacle in more if isinstance(obstacle, Obstacle))
+        fields = tuple(obstacle for obstacle in more if isinstance(obstacle, PointField))
         return Surroundings((*self.obstacles, *boxes), (*self.fields, *fields))
 
     @property
@@ -401,14 +401,14 @@ def body_obstacles(
     base_from_root = robot.base_from_root.matrix
     poses = link_poses(robot.root, robot.joints, values)
     poses[robot.root] = np.eye(4)
-    found: list[Obstacle] = []
+    obstacles: list[Obstacle] = []
     for link in robot.links:
         if link.name in own:
             continue
         name = "trunk" if link.name == robot.root else "body"
         pose = base_from_root @ poses[link.name]
-        found += [o for shape in link.shapes for o in _rounded(name, shape, pose)]
-    return tuple(found)
+        obstacles += [o for shape in link.shapes for o in _rounded(name, shape, pose)]
+    return tuple(obstacles)
 
 
 def _rounded(name: str, shape: Shape, base_from_link: Floats) -> list[Obstacle]:

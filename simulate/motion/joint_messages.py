@@ -83,12 +83,12 @@ def _positions(points: Sequence[Mapping[str, Any]], dof: int) -> Floats:
     """Return the positions (n, dof) of points."""
     rows = [point.get("positions") or [] for point in points]
     try:
-        found = np.array(rows, dtype=np.float64)
+        rows_read = np.array(rows, dtype=np.float64)
     except (TypeError, ValueError):
-        found = np.zeros((0, 0))
-    if found.shape != (len(points), dof) or not np.isfinite(found).all():
+        rows_read = np.zeros((0, 0))
+    if rows_read.shape != (len(points), dof) or not np.isfinite(rows_read).all():
         raise UsageError(f"positions: expected {dof} finite numbers in each point")
-    return found
+    return rows_read
 
 
 def _seconds(duration: Any) -> float:
@@ -130,7 +130,7 @@ def _duration(seconds: float) -> dict[str, int]:
 
 
 def off_goal(
-    goal: Mapping[str, Any], joints: Sequence[str], wanted: Floats, measured: Floats
+    goal: Mapping[str, Any], joints: Sequence[str], target: Floats, measured: Floats
 ) -> str:
     """Return which joint ended too far from its goal; empty if none did.
 
@@ -143,10 +143,12 @@ def off_goal(
     wanted, measured : (dof,) float, rad
     """
     allowed = {}
-    for one in goal.get("goal_tolerance") or ():
-        if isinstance(one, Mapping) and isinstance(one.get("position"), int | float):
-            allowed[one.get("name")] = one["position"] if one["position"] > 0 else _TOLERANCE_RAD
-    for name, off in zip(joints, np.abs(measured - wanted), strict=True):
+    for tolerance in goal.get("goal_tolerance") or ():
+        if isinstance(tolerance, Mapping) and isinstance(tolerance.get("position"), int | float):
+            allowed[tolerance.get("name")] = (
+                tolerance["position"] if tolerance["position"] > 0 else _TOLERANCE_RAD
+            )
+    for name, off in zip(joints, np.abs(measured - target), strict=True):
         if not off <= allowed.get(name, _TOLERANCE_RAD):
             return f"{name} ended {off:.3f} rad from its goal"
     return ""

@@ -310,11 +310,11 @@ def _errors(chain: Chain, q: Floats, goal: Goal) -> tuple[Floats, Floats]:
 
 
 def _distinct(q: Floats, distance: float) -> Floats:
-    kept: list[Floats] = []
+    distinct: list[Floats] = []
     for candidate in q:
-        if all(np.max(np.abs(candidate - other)) >= distance for other in kept):
-            kept.append(candidate)
-    return np.array(kept).reshape(-1, q.shape[1])
+        if all(np.max(np.abs(candidate - other)) >= distance for other in distinct):
+            distinct.append(candidate)
+    return np.array(distinct).reshape(-1, q.shape[1])
 
 
 def follow_line(
@@ -358,8 +358,8 @@ def follow_line(
             approach,
             chain.orients_freely,
         )
-        found = solve_ik(chain, goal, rng, options, warm=line[-1][None])
-        if len(found) == 0 or np.max(np.abs(found[0] - line[-1])) > largest_jump:
+        postures = solve_ik(chain, goal, rng, options, warm=line[-1][None])
+        if len(postures) == 0 or np.max(np.abs(postures[0] - line[-1])) > largest_jump:
             return None
-        line.append(found[0])
+        line.append(postures[0])
     return np.array(line)

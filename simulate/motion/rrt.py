@@ -102,11 +102,11 @@ class _Tree:
 
     def branch(self, index: int) -> list[Floats]:
         """Return the postures from a node to the root."""
-        found = []
+        branch = []
         while index >= 0:
-            found.append(self.node(index))
+            branch.append(self.node(index))
             index = self._parents[index]
-        return found
+        return branch
 
 
 def _connect(

@@ -101,10 +101,12 @@ class Body:
         RobotError
             A joint that moves the body or the camera has no value, or there is no such joint.
         """
-        known = {joint.name: joint for joint in self._joints}
+        joint_of_name = {joint.name: joint for joint in self._joints}
         for name in values:
-            if name not in known:
-                raise RobotError(f"the robot has no joint {name!r}{nearest(name, list(known))}")
+            if name not in joint_of_name:
+                raise RobotError(
+                    f"the robot has no joint {name!r}{nearest(name, list(joint_of_name))}"
+                )
         complete = dict(values)
         for joint in self._joints:
             if joint.mimic is not None and joint.mimic[0] in complete:
@@ -117,14 +119,14 @@ class Body:
 
     def _movers(self, camera: str | None) -> list[str]:
         """Return the joints that move a shape or the camera."""
-        found = set()
-        for link in {*(one.link for one in self._surfaces), *([camera] if camera else [])}:
+        movers = set()
+        for link in {*(surface.link for surface in self._surfaces), *([camera] if camera else [])}:
             while link in self._parent:
                 joint = self._parent[link]
                 if joint.kind != "fixed":
-                    found.add(joint.name)
+                    movers.add(joint.name)
                 link = joint.parent
-        return [joint.name for joint in self._joints if joint.name in found]
+        return [joint.name for joint in self._joints if joint.name in movers]
 
     def seen(
         self,
@@ -148,21 +150,22 @@ class Body:
         """
         camera_from_root = np.linalg.inv(root_from_camera)
         placed = [
-            _moved(camera_from_root @ poses[one.link], one.vertices) for one in self._surfaces
+            _moved(camera_from_root @ poses[surface.link], surface.vertices)
+            for surface in self._surfaces
         ]
         distances = _distances(points, placed, self._surfaces)
         on_body = distances <= padding_m
         behind = np.zeros(len(points), dtype=bool)
         # What the camera is mounted in or on does not hide anything from it.
         hiding = [
-            (vertices, one)
-            for vertices, one in zip(placed, self._surfaces, strict=True)
-            if not _houses_camera(vertices, one)
+            (vertices, surface)
+            for vertices, surface in zip(placed, self._surfaces, strict=True)
+            if not _houses_camera(vertices, surface)
         ]
         if hiding and not on_body.all():
             rest = ~on_body
-            kept, surfaces = zip(*hiding, strict=True)
-            behind[rest] = _hidden(points[rest], kept, surfaces)
+            vertices_hiding, surfaces = zip(*hiding, strict=True)
+            behind[rest] = _hidden(points[rest], vertices_hiding, surfaces)
         return SelfSeen(on_body, behind)
 
 
@@ -198,7 +201,7 @@ def _scene(
     # One thread: the workers of a service share the machine's cores already.
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     offsets = np.cumsum([0, *(len(vertices) for vertices in placed)])
-    faces = [one.faces + offset for one, offset in zip(surfaces, offsets, strict=False)]
+    faces = [surface.faces + offset for surface, offset in zip(surfaces, offsets, strict=False)]
     scene.add_triangles(
         open3d.core.Tensor.from_numpy(np.concatenate(placed).astype(np.float32)),
         open3d.core.Tensor.from_numpy(np.concatenate(faces).astype(np.uint32)),
@@ -211,8 +214,8 @@ def _distances(points: Floats, placed: Sequence[Floats], surfaces: Sequence[_Sur
     import open3d
 
     queries = open3d.core.Tensor.from_numpy(points.astype(np.float32))
-    found = _scene(placed, surfaces).compute_distance(queries, nthreads=1)
-    return np.asarray(found.numpy(), dtype=np.float64)
+    distances = _scene(placed, surfaces).compute_distance(queries, nthreads=1)
+    return np.asarray(distances.numpy(), dtype=np.float64)
 
 
 def _hidden(
@@ -241,7 +244,7 @@ def _houses_camera(vertices: Floats, surface: _Surface) -> bool:
     if _distances(np.zeros((1, 3)), [vertices], [surface])[0] <= _HOUSING_M:
         return True
     a, b, c = (vertices[surface.faces[:, k]] for k in range(3))
-    la, lb, lc = (np.linalg.norm(one, axis=1) for one in (a, b, c))
+    la, lb, lc = (np.linalg.norm(edge, axis=1) for edge in (a, b, c))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))
     dots = [np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a))]
     flat = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb

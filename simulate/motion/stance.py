@@ -42,8 +42,8 @@ def stance_of(robot: RobotDescription, name: str) -> Stance:
     if name == UPRIGHT:
         return Stance(robot.base_from_root, {})
     if name not in robot.stances:
-        known = ", ".join(robot.stances) or "none"
-        raise RobotError(f"robot {robot.name!r} has no stance {name!r}; it has {known}")
+        names = ", ".join(robot.stances) or "none"
+        raise RobotError(f"robot {robot.name!r} has no stance {name!r}; it has {names}")
     return robot.stances[name]
 
 

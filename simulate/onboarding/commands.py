@@ -170,13 +170,13 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
             findings.append(finding)
     passed = all(finding.passed for finding in findings)
     if as_json:
-        kept = ("product", "held", "placed", "reason")
+        columns = ("product", "held", "placed", "reason")
         print_json(
             {
                 "name": name,
                 "passed": passed,
                 "findings": [finding.to_json() for finding in findings],
-                "grasps": [{key: row[key] for key in kept} for row in rows],
+                "grasps": [{key: row[key] for key in columns} for row in rows],
             }
         )
     else:
@@ -235,8 +235,8 @@ def remove(name: str, as_json: bool) -> None:
 
     path = robots_folder() / f"{name}.toml"
     if name not in robot_names():
-        known = ", ".join(robot_names()) or "none"
-        raise RobotError(f"no robot {name!r} was added; there are: {known}")
+        names = ", ".join(robot_names()) or "none"
+        raise RobotError(f"no robot {name!r} was added; there are: {names}")
     path.unlink()
     if as_json:
         print_json({"name": name, "removed": str(path)})

@@ -107,11 +107,11 @@ def guess_robot(
         raise RobotError(_no_hand(whole, urdf, warnings))
     rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
     robot, _ = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, rest=rest)
-    found = _hands(robot, other)
-    if not found:
+    mounted = _hands(robot, other)
+    if not mounted:
         raise RobotError(_no_hand(robot, urdf, warnings))
     robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
-    arms = dict(_arms(robot, found, other))
+    arms = dict(_arms(robot, mounted, other))
     placed = place_robot(replace(robot, arms=arms, model=whole.name), seed)
     robot = without_contacts(placed.robot, seed)
     allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
@@ -280,12 +280,18 @@ def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) ->
 
 def _alone(robot: RobotDescription, arm: Arm, homes: Mapping[str, Floats]) -> RobotDescription:
     """Return the robot with the arms at home that have one, and without the others' shapes."""
-    waiting = [one for one in robot.arms.values() if one is not arm and one.name not in homes]
-    moving = {name for one in waiting for name in (*one.joints, *one.fingers)}
+    waiting = [
+        other_arm
+        for other_arm in robot.arms.values()
+        if other_arm is not arm and other_arm.name not in homes
+    ]
+    moving = {name for other_arm in waiting for name in (*other_arm.joints, *other_arm.fingers)}
     bare = {joint.child for joint in robot.joints if joint.name in moving}
     arms = {
-        name: replace(one, home=tuple(float(v) for v in homes[name])) if name in homes else one
-        for name, one in robot.arms.items()
+        name: replace(other_arm, home=tuple(float(v) for v in homes[name]))
+        if name in homes
+        else other_arm
+        for name, other_arm in robot.arms.items()
     }
     links = tuple(replace(link, shapes=()) if link.name in bare else link for link in robot.links)
     return replace(robot, arms=arms, links=links)

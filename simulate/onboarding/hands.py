@@ -84,12 +84,12 @@ class FoundHand:
 
 def find_hands(robot: RobotDescription) -> list[FoundHand]:
     """Return the hands of a robot without fixed joints, in the order of its links."""
-    found = []
+    hands = []
     for wrist in _wrists(robot):
         hand = hand_of(robot, wrist)
         if hand is not None:
-            found.append(hand)
-    return found
+            hands.append(hand)
+    return hands
 
 
 def shapeless_fingers(robot: RobotDescription) -> list[str]:
@@ -220,7 +220,7 @@ def _ends(
 
 def _source(joint: Joint, fingers: Sequence[Joint]) -> Joint | None:
     assert joint.mimic is not None
-    return next((one for one in fingers if one.name == joint.mimic[0]), None)
+    return next((finger for finger in fingers if finger.name == joint.mimic[0]), None)
 
 
 def _with_mimics(fingers: Sequence[Joint], chosen: Mapping[str, float]) -> dict[str, float]:

@@ -59,8 +59,8 @@ def survey_files(files: Iterable[Path], strict: bool = False) -> Iterator[Survey
     for file in files:
         if not file.exists():
             raise UsageError(f"{file}: there is no such file or folder")
-        found = sorted(file.rglob("*.urdf")) if file.is_dir() else [file]
-        for path in found:
+        paths = sorted(file.rglob("*.urdf")) if file.is_dir() else [file]
+        for path in paths:
             yield _surveyed(path, strict)
 
 

@@ -74,14 +74,14 @@ class SelfContacts:
         return tuple(sorted(pairs))
 
     def _within_hands(self, opening: float) -> set[tuple[str, str]]:
-        client, found = self._world.client, set()
+        client, touching_pairs = self._world.client, set()
         for arm in self._robot.arms.values():
             for joint, value in arm.finger_values(opening).items():
                 client.resetJointState(self._body.body, self._body.joint_index[joint], value)
             hand = {arm.wrist, *(self._robot.joint(name).child for name in arm.fingers)}
             touching = self.touching({arm.name: np.array(arm.home)})
-            found |= {pair for pair in touching if set(pair) <= hand}
-        return found
+            touching_pairs |= {pair for pair in touching if set(pair) <= hand}
+        return touching_pairs
 
 
 def without_contacts(robot: RobotDescription, seed: int = 0) -> RobotDescription:

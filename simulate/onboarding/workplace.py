@@ -137,13 +137,13 @@ def reach_share(robot: RobotDescription, grid: tuple[int, int] = (5, 7), seed: i
     """
     place = robot.workplace
     chains = {name: Chain.of(robot, name) for name in robot.arms}
-    found = []
+    reached = []
     for x, y, height in _points(place, grid):
         side = 1 if y > 0 else -1
         arms = [arm for arm in robot.arms.values() if arm.side in (0, side)]
         target = np.array([x, y, place.table_height + height])
-        found.append(any(_comes_down(chains[arm.name], target, seed) for arm in arms))
-    return float(np.mean(found))
+        reached.append(any(_comes_down(chains[arm.name], target, seed) for arm in arms))
+    return float(np.mean(reached))
 
 
 def _points(place: Workplace, grid: tuple[int, int]) -> Iterator[tuple[float, float, float]]:
@@ -163,10 +163,10 @@ def _comes_down(chain: Chain, target: Floats, seed: int) -> bool:
     rng = np.random.default_rng((seed, 2))
     closing = np.array([0.0, 1.0, 0.0]) if chain.orients_freely else None
     goal = Goal(target, closing, _DOWN, chain.orients_freely)
-    found = solve_ik(chain, goal, rng)
-    if not len(found):
+    postures = solve_ik(chain, goal, rng)
+    if not len(postures):
         return False
-    rotation, _ = chain.tool_poses(found)
+    rotation, _ = chain.tool_poses(postures)
     return bool((rotation[:, :, 2] @ _DOWN).max() >= math.cos(_STEEP))
 
 

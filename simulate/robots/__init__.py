@@ -61,9 +61,9 @@ def check_robot(robot: str) -> None:
     RobotError
         It names the robots that there are.
     """
-    known = known_robots()
-    if robot not in known:
-        hint = nearest(robot, known) or f"; known: {', '.join(known)}"
+    available = known_robots()
+    if robot not in available:
+        hint = nearest(robot, available) or f"; known: {', '.join(available)}"
         raise RobotError(
             f"no robot is called {robot!r}{hint}; `rtask robot add FILE.urdf` makes one of a URDF"
         )

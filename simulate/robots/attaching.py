@@ -137,9 +137,9 @@ def _longest_end(robot: ReadRobot) -> str:
 
 def hold_still(robot: RobotDescription, rest: Mapping[str, float]) -> RobotDescription:
     """Return a robot with the joints of ``rest`` fixed at their values (rad or m), welded."""
-    known = {joint.name for joint in robot.joints}
+    names = {joint.name for joint in robot.joints}
     for name in rest:
-        if name not in known:
+        if name not in names:
             raise RobotError(f"robot {robot.name!r} has no joint {name!r} to hold still")
     joints = tuple(
         _fixed_at(joint, rest[joint.name]) if joint.name in rest else joint

@@ -376,9 +376,9 @@ class RobotDescription:
         for arm in (name, f"{name}_arm"):
             if arm in self.arms:
                 return self.arms[arm]
-        for found in self.arms.values():
-            if name in ("left", "right") and found.side == 0:
-                return found
+        for candidate in self.arms.values():
+            if name in ("left", "right") and candidate.side == 0:
+                return candidate
         raise RobotError(f"robot {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}")
 
     def path(self, link: str) -> list[Joint]:

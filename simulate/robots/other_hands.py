@@ -71,17 +71,17 @@ def other_hand(text: str) -> OtherHand | None:
     if not described and text.partition(":")[0] not in ("suction", "three"):
         return None
     try:
-        found = end_effector_named(text)
+        effector = end_effector_named(text)
     except OSError as error:
         raise RobotError(f"gripper {text!r}: {error.strerror}") from error
     except ValueError as error:
         named = str(error) if text in str(error) else f"gripper {text!r}: {error}"
         raise RobotError(named) from error
-    if not isinstance(found, OtherHand):
+    if not isinstance(effector, OtherHand):
         raise RobotError(
             f"gripper {text!r} describes jaws without links; an arm takes jaw:STROKE or a URDF file"
         )
-    return found
+    return effector
 
 
 def links_of(hand: OtherHand) -> ReadRobot:

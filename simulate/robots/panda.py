@@ -59,10 +59,10 @@ def describe_panda(*, name: str = "panda", hand: str | None = None) -> RobotDesc
     RobotError
         ``pybullet_data`` is not installed, or its file cannot be read.
     """
-    found = importlib.util.find_spec("pybullet_data")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("pybullet_data")
+    if spec is None or spec.origin is None:
         raise RobotError("the panda comes with the package pybullet_data, which is not installed")
-    read = read_urdf(Path(found.origin).parent / _FILE)
+    read = read_urdf(Path(spec.origin).parent / _FILE)
     other = None if hand is None else other_hand(hand)
     if hand is not None and other is None:
         raise RobotError(f"gripper {hand!r}: the panda takes suction:RADIUS, three:OPENING or FILE")

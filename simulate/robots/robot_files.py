@@ -179,7 +179,7 @@ def _gripper_from(path: Path, table: Mapping[str, Any]) -> str | None:
 
 
 def _arm(path: Path, name: str, table: Mapping[str, Any], hand: OtherHand | None) -> Arm:
-    _known(path, f"arms.{name}", table, _ARM_FIELDS)
+    _check_keys(path, f"arms.{name}", table, _ARM_FIELDS)
     arm = Arm(**{"name": name, **{key: _frozen(value) for key, value in table.items()}})
     if arm.grip == "suction_cup" and isinstance(hand, SuctionCup):
         return replace(arm, cup=hand)
@@ -194,15 +194,15 @@ def _arm(path: Path, name: str, table: Mapping[str, Any], hand: OtherHand | None
 
 
 def _camera(path: Path, name: str, table: Mapping[str, Any]) -> CameraMount:
-    known = {"parent", "xyz", "rpy", "frame_id", "size", "horizontal_fov", "depth_range", "look"}
-    _known(path, f"cameras.{name}", table, known)
+    fields = {"parent", "xyz", "rpy", "frame_id", "size", "horizontal_fov", "depth_range", "look"}
+    _check_keys(path, f"cameras.{name}", table, fields)
     rest = {k: _frozen(v) for k, v in table.items() if k not in ("parent", "xyz", "rpy", "look")}
     look = {side: tuple(values) for side, values in table.get("look", {}).items()}
     return CameraMount(name, str(table["parent"]), _pose(table), look=look, **rest)
 
 
 def _workplace(path: Path, table: Mapping[str, Any]) -> Workplace:
-    _known(path, "workplace", table, _PLACE_FIELDS)
+    _check_keys(path, "workplace", table, _PLACE_FIELDS)
     return Workplace(**{key: _frozen(value) for key, value in table.items()})
 
 
@@ -216,10 +216,10 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _known(path: Path, where: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+def _check_keys(path: Path, where: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:
     for key in table:
-        if key not in known:
-            raise RobotError(f"{path}: {where} has no {key!r}; it has {', '.join(sorted(known))}")
+        if key not in allowed:
+            raise RobotError(f"{path}: {where} has no {key!r}; it has {', '.join(sorted(allowed))}")
 
 
 def _check(path: Path, robot: RobotDescription) -> None:
@@ -299,7 +299,7 @@ def _pose_table(pose: Pose) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return round(value, 9) if isinstance(value, float | np.floating) else value
 
 

@@ -52,9 +52,9 @@ def read_srdf(path: Path) -> Srdf:
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
     homes: dict[str, float] = {}
-    for wanted in reversed(_HOMES):
+    for home_name in reversed(_HOMES):
         for state in tree.findall("group_state"):
-            if state.get("name") == wanted:
+            if state.get("name") == home_name:
                 homes |= dict(_values(path, state))
     pairs = (
         (element.get("link1", ""), element.get("link2", ""))

@@ -144,24 +144,24 @@ class _Reader:
     def _link(self, element: ET.Element, moved: set[str]) -> Link:
         name = element.get("name", "")
         parts = element.findall("collision") if self._shapes else ()
-        found = (self._shape(name, part) for part in parts)
-        shapes = tuple(shape for group in found for shape in group)
+        groups = (self._shape(name, part) for part in parts)
+        shapes = tuple(shape for group in groups for shape in group)
         return Link(name, self._inertial(name, element, shapes, name in moved), shapes)
 
     def _inertial(
         self, name: str, element: ET.Element, shapes: tuple[Shape, ...], moves: bool
     ) -> Inertial:
         where = f"link {name!r}"
-        found = element.find("inertial")
-        mass_of = found.find("mass") if found is not None else None
-        tensor = found.find("inertia") if found is not None else None
+        tag = element.find("inertial")
+        mass_of = tag.find("mass") if tag is not None else None
+        tensor = tag.find("inertia") if tag is not None else None
         mass = self._number(where, mass_of, "value", 0.0) if mass_of is not None else 0.0
-        if mass <= 0.0 or found is None:
+        if mass <= 0.0 or tag is None:
             if not moves:
                 return Inertial(0.0, _ZERO, _ZERO)
             problem = (
                 "moves and has no <inertial>: expected mass and inertia"
-                if found is None
+                if tag is None
                 else f"moves and weighs {mass:g} kg: expected a mass above 0"
             )
             return self._estimated(where, problem, shapes)
@@ -169,7 +169,7 @@ class _Reader:
             return self._estimated(where, "has a mass and no <inertia>", shapes, mass)
         keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         xx, yy, zz, xy, xz, yz = (self._number(where, tensor, key, 0.0) for key in keys)
-        pose = self._pose(where, found)
+        pose = self._pose(where, tag)
         inertial = Inertial(mass, pose.xyz, (xx, yy, zz), (xy, xz, yz))
         rotation = pose.matrix[:3, :3]
         rotated = rotation @ inertial.tensor @ rotation.T
@@ -216,17 +216,17 @@ class _Reader:
     def _mesh(self, where: str, part: ET.Element, pose: Pose) -> Iterator[Shape]:
         name = part.get("filename", "")
         scale = self._vector(where, part, "scale", (1.0, 1.0, 1.0))
-        found = find_mesh(self._path, name, self._meshes_in)
-        if found is None:
+        mesh_path = find_mesh(self._path, name, self._meshes_in)
+        if mesh_path is None:
             self._gap(where, f"has the mesh {name!r}, which is not there", "left out")
             return
         if not self._strict:
             try:
-                mesh_box(str(found), scale)
+                mesh_box(str(mesh_path), scale)
             except RobotError as error:
                 self._gap(where, f"has a mesh that cannot be read ({error})", "left out")
                 return
-        yield Shape("mesh", scale, pose, str(found))
+        yield Shape("mesh", scale, pose, str(mesh_path))
 
     # -- joints -----------------------------------------------------------------------------
 

@@ -83,17 +83,17 @@ class RosBody:
         import rospy
 
         request = mapping_of(message)
-        told: queue.Queue[dict[str, Any] | RtaskError] = queue.Queue()
+        outcome: queue.Queue[dict[str, Any] | RtaskError] = queue.Queue()
 
         def act() -> None:
             try:
-                told.put(self._service.act(request))
+                outcome.put(self._service.act(request))
             except RtaskError as error:
-                told.put(error)
+                outcome.put(error)
 
         self._work.put(act)
         try:
-            answer = told.get(timeout=_ACT_S)
+            answer = outcome.get(timeout=_ACT_S)
         except queue.Empty:
             raise rospy.ServiceException(f"act: no answer within {_ACT_S:g} s") from None
         if isinstance(answer, RtaskError):

@@ -74,8 +74,8 @@ class ArmDriver:
                 raise RemoteUnavailableError(
                     f"/joint_states tells no {', '.join(self._joints)} within {_STATE_S:g} s"
                 )
-            known = dict(zip(self._newest.name, self._newest.position, strict=True))
-        return np.array([known[name] for name in self._joints])
+            positions = dict(zip(self._newest.name, self._newest.position, strict=True))
+        return np.array([positions[name] for name in self._joints])
 
     def follow(self, way: Trajectory) -> None:
         """Have the arm follow a trajectory, and wait for its end; cancelled on every other exit.

@@ -91,12 +91,12 @@ class ArmAction:
             goal.cancelled.set()
         self._post(lambda: self._run(goal))
         while True:
-            told = goal.outcome.get()
-            if isinstance(told, tuple):
+            news = goal.outcome.get()
+            if isinstance(news, tuple):
                 break
-            self._server.publish_feedback(told)
+            self._server.publish_feedback(news)
         result = make_message("control_msgs/FollowJointTrajectoryResult")
-        result.error_code, result.error_string = told
+        result.error_code, result.error_string = news
         if goal.cancelled.is_set():
             self._server.set_preempted(result, "cancelled")
         elif result.error_code:
@@ -143,12 +143,12 @@ class ArmAction:
                 due += _FEEDBACK_S
                 yield self._feedback(position)
 
-    def _feedback(self, wanted: NDArray[np.float64]) -> Any:
+    def _feedback(self, desired: NDArray[np.float64]) -> Any:
         import rospy
 
-        told = make_message("control_msgs/FollowJointTrajectoryFeedback")
+        feedback = make_message("control_msgs/FollowJointTrajectoryFeedback")
         now = self._robot.arm_joints(self._arm)
-        told.header.stamp, told.joint_names = rospy.Time.now(), list(self._joints)
-        told.desired.positions, told.actual.positions = wanted.tolist(), now.tolist()
-        told.error.positions = (wanted - now).tolist()
-        return told
+        feedback.header.stamp, feedback.joint_names = rospy.Time.now(), list(self._joints)
+        feedback.desired.positions, feedback.actual.positions = desired.tolist(), now.tolist()
+        feedback.error.positions = (desired - now).tolist()
+        return feedback

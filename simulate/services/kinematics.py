@@ -148,16 +148,16 @@ class Kinematics(Service):
             starts=starts, iterations=80, limit_margin=0.0, position_tolerance=np.inf,
             angle_tolerance=np.inf, converged=1e-9,
         )  # fmt: skip
-        found = solve_ik(chain, goal, np.random.default_rng(seed), options)
-        distance, angle = _errors(chain, found, pose)
+        postures = solve_ik(chain, goal, np.random.default_rng(seed), options)
+        distance, angle = _errors(chain, postures, pose)
         order = np.argsort(distance + chain_scale(chain) * angle, kind="stable")
         good = [
             i for i in order if distance[i] <= position_tolerance and angle[i] <= rotation_tolerance
         ]
         best = order[0]
         return Solutions(
-            solutions=[found[i] for i in good],
-            nearest=found[best],
+            solutions=[postures[i] for i in good],
+            nearest=postures[best],
             position_error=float(distance[best]),
             rotation_error=float(angle[best]),
         )
@@ -212,14 +212,14 @@ class Kinematics(Service):
 
 
 def _described(chains: dict[str, Chain], tips: dict[str, str]) -> Manipulators:
-    found = [
+    manipulators = [
         Manipulator(
             name=name, tip=tips[name], joints=list(chain.names), lower=chain.lower,
             upper=chain.upper, links=list(_mid_range(chain)),
         )
         for name, chain in sorted(chains.items())
     ]  # fmt: skip
-    return Manipulators(manipulators=found)
+    return Manipulators(manipulators=manipulators)
 
 
 def _mid_range(chain: Chain) -> Floats:
@@ -275,11 +275,11 @@ def read_chains(model: Path) -> tuple[dict[str, Chain], dict[str, str]]:
     else:
         parents = {joint.parent for joint in robot.joints}
         tips = {link.name: link.name for link in robot.links if link.name not in parents}
-    found = {name: _path(robot, tip) for name, tip in tips.items()}
+    paths = {name: _path(robot, tip) for name, tip in tips.items()}
     tool = Tool(np.zeros(3), np.eye(3))
     chains = {
         name: Chain(path, np.eye(4), tool)
-        for name, path in found.items()
+        for name, path in paths.items()
         if any(joint.kind != "fixed" for joint in path)
     }
     return chains, {name: tips[name] for name in chains}

@@ -152,10 +152,10 @@ class Trajopt(Service):
         first, last = _inside(chain, start, "start"), _inside(chain, goal, "goal")
         rng = np.random.default_rng(seed)
         options = PlanOptions(resolution=_RESOLUTION, iterations=iterations)
-        found = plan_path(first, last, chain.lower, chain.upper, is_free, rng, options)
-        if isinstance(found, str):
-            raise ServiceError(_WORDS[found], reason=found)
-        return _answer(found)
+        path = plan_path(first, last, chain.lower, chain.upper, is_free, rng, options)
+        if isinstance(path, str):
+            raise ServiceError(_WORDS[path], reason=path)
+        return _answer(path)
 
     @method
     def check(
@@ -283,7 +283,7 @@ class Trajopt(Service):
         links = link_lines(chain, q)
         rotations, positions = chain.tool_poses(q)
         near = _clearance(chain, obstacles, link_radius)(q)
-        found = [
+        frames = [
             Posture(
                 joints=q[i], links=list(links[i].reshape(-1, 6)),
                 pose=pose_matrix(rotations[i], positions[i]),
@@ -291,7 +291,7 @@ class Trajopt(Service):
             )
             for i in range(len(q))
         ]  # fmt: skip
-        return Traced(postures=found)
+        return Traced(postures=frames)
 
 
 def _is_free(chain: Chain, obstacles: Floats | None, radius: float, margin: float = 0.0) -> IsFree:
@@ -368,7 +368,7 @@ def _inside(chain: Chain, joints: Floats, name: str) -> Floats:
 def _corners(chain: Chain, path: list[Floats], at_least: int = 2) -> Floats:
     if len(path) < at_least:
         raise ServiceError(f"path: expected {at_least} or more postures, got {len(path)}")
-    return np.array([checked(chain, one) for one in path])
+    return np.array([checked(chain, posture) for posture in path])
 
 
 def _answer(path: Floats) -> Path:

@@ -115,10 +115,10 @@ class SelfFilter(Service):
         else:
             points, is_point = view.positions, np.ones(len(view), dtype=bool)
         some = points[is_point].astype(np.float64)
-        found = self.body.seen(some, poses, pose, padding)
-        is_kept = is_point.copy()
-        is_kept[is_point] = ~(found.on_body | found.behind)
-        return _filtered(view, is_kept, found)
+        body_seen = self.body.seen(some, poses, pose, padding)
+        is_free = is_point.copy()
+        is_free[is_point] = ~(body_seen.on_body | body_seen.behind)
+        return _filtered(view, is_free, body_seen)
 
     def _placed(
         self, values: dict[str, float], frame: str, camera: str | None, given: Floats | None
@@ -157,28 +157,30 @@ def _values(names: list[str], positions: Floats) -> dict[str, float]:
     return dict(zip(names, positions.tolist(), strict=True))
 
 
-def _filtered(view: Frame | DecodedCloud, is_kept: NDArray[np.bool_], found: SelfSeen) -> Filtered:
-    kept = int(is_kept.sum())
+def _filtered(
+    view: Frame | DecodedCloud, is_free: NDArray[np.bool_], body_seen: SelfSeen
+) -> Filtered:
+    count = int(is_free.sum())
     return Filtered(
-        cloud=_packed(view, is_kept) if kept else None,
-        kept=kept,
-        on_body=int(found.on_body.sum()),
-        behind=int(found.behind.sum()),
+        cloud=_packed(view, is_free) if count else None,
+        kept=count,
+        on_body=int(body_seen.on_body.sum()),
+        behind=int(body_seen.behind.sum()),
     )
 
 
-def _packed(view: Frame | DecodedCloud, is_kept: NDArray[np.bool_]) -> bytes:
+def _packed(view: Frame | DecodedCloud, is_free: NDArray[np.bool_]) -> bytes:
     from features.codec import encode_cloud, encode_frame
 
     if isinstance(view, Frame):
-        mask = is_kept.reshape(view.depth_m.shape)
+        mask = is_free.reshape(view.depth_m.shape)
         left = replace(
             view,
             depth_m=np.where(mask, view.depth_m, np.float32(0)),
             mask=None if view.mask is None else view.mask & mask,
         )
         return encode_frame(left)
-    colours = None if view.colours is None else view.colours[is_kept]
+    colours = None if view.colours is None else view.colours[is_free]
     return encode_cloud(
-        view.positions[is_kept], colours, frame_id=view.frame_id, stamp_s=view.stamp_s
+        view.positions[is_free], colours, frame_id=view.frame_id, stamp_s=view.stamp_s
     )

@@ -102,11 +102,11 @@ def _footprint(spec: ObjectSpec) -> Footprint:
 
 def _distinct(grasps: Sequence[PlanarGrasp], most: int) -> list[PlanarGrasp]:
     """Return the best grasp of each place and direction, best first."""
-    kept: dict[tuple[float, ...], PlanarGrasp] = {}
+    best_of_aim: dict[tuple[float, ...], PlanarGrasp] = {}
     for grasp in grasps:
         aim = round(grasp.x, 4), round(grasp.y, 4), round(grasp.theta, 4)
-        kept.setdefault(aim, grasp)
-    return list(kept.values())[:most]
+        best_of_aim.setdefault(aim, grasp)
+    return list(best_of_aim.values())[:most]
 
 
 def _try(
@@ -134,8 +134,8 @@ def write_attempts(
     path: Path, results: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
 ) -> None:
     """Write a table of attempts as JSON."""
-    kept = [{k: v for k, v in one.items() if k != "says"} for one in results]
-    data = {"format": _FORMAT, "settings": dict(settings), "products": kept}
+    rows = [{k: v for k, v in result.items() if k != "says"} for result in results]
+    data = {"format": _FORMAT, "settings": dict(settings), "products": rows}
     path.parent.mkdir(parents=True, exist_ok=True)
     write_durably(path, json.dumps(data) + "\n")
 
@@ -152,10 +152,10 @@ def read_attempts(path: Path) -> dict[str, Any]:
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if data["format"] != _FORMAT or not data["products"]:
             raise ValueError(f"format {data['format']!r}, {len(data['products'])} products")
-        for thing in data["products"]:
-            for arm in thing["arms"]:
+        for product in data["products"]:
+            for arm in product["arms"]:
                 if len(arm["held"]) < 3:
-                    raise ValueError(f"{thing['product']}: a grasp with fewer than 3 tries")
+                    raise ValueError(f"{product['product']}: a grasp with fewer than 3 tries")
         gripper_named(str(data["settings"]["hand"]))
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UsageError(

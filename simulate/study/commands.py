@@ -175,8 +175,8 @@ def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
                     client.call(
                         "register_robot", name="nao", model="nao-h25-v5", simulated=True,
                         end_effectors=[
-                            {**one, "max_opening": 0.05, "max_payload": 0.3}
-                            for one in (hand, other)
+                            {**variant, "max_opening": 0.05, "max_payload": 0.3}
+                            for variant in (hand, other)
                         ],
                     )  # fmt: skip
                     rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
@@ -199,8 +199,8 @@ def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
         from simulate.study.runner import Progress
         from simulate.study.tables import TABLE_5, grasp_times
 
-        told = Progress(repeats * len(TABLE_5), 0)
-        _print_times(grasp_times(repeats, seed, preset, told.step), as_json, out)
+        progress = Progress(repeats * len(TABLE_5), 0)
+        _print_times(grasp_times(repeats, seed, preset, progress.step), as_json, out)
 
 
 def _print_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:

@@ -86,7 +86,7 @@ def _first_plan(body: SimulatedBody, placements: Sequence[Placement], seed: int)
     RobotError
         It can grasp none.
     """
-    for placement in sorted(placements, key=lambda one: one.y):
+    for placement in sorted(placements, key=lambda spot: spot.y):
         if placement.y < 0:
             plan = body.executor.plan(grasp_across(body, placement), seed=mix_seed(seed))
             if isinstance(plan, PlannedGrasp):
@@ -127,7 +127,7 @@ def write_film(path: Path, robots: Sequence[Frames], film: Film) -> None:
     if not robots or not all(robots):
         raise UsageError("there are no pictures to show")
     count = max(map(len, robots))
-    rows = [np.hstack([one[min(k, len(one) - 1)] for one in robots]) for k in range(count)]
+    rows = [np.hstack([frames[min(k, len(frames) - 1)] for frames in robots]) for k in range(count)]
     animation = cv2.Animation()
     animation.frames = [np.ascontiguousarray(row[..., ::-1]) for row in rows]
     pause_ms = round(1000 / (film.frames_per_s * film.speed))

@@ -72,17 +72,17 @@ def collect_samples(
         seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
         cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
         cloud = complete_by_symmetry(cloud)
-        found = _candidates(cloud, gripper, candidates)
-        if not found:
+        proposals = _candidates(cloud, gripper, candidates)
+        if not proposals:
             continue
-        statistics, pictures = closing_regions(cloud, found, gripper)
+        statistics, pictures = closing_regions(cloud, proposals, gripper)
         rows["statistics"].append(statistics)
         rows["pictures"].append(pictures)
-        rows["right"].append(correct(found, mesh, gripper))
-        rows["objects"].append(np.full(len(found), number))
-        geometry = [one.scores.get("geometry", np.nan) for one in found]
+        rows["right"].append(correct(proposals, mesh, gripper))
+        rows["objects"].append(np.full(len(proposals), number))
+        geometry = [candidate.scores.get("geometry", np.nan) for candidate in proposals]
         rows["geometry"].append(np.array(geometry, np.float32))
-        rows["one_sided"].append(np.array([c.antipodal != "full" for c in found]))
+        rows["one_sided"].append(np.array([c.antipodal != "full" for c in proposals]))
     empty = {
         "statistics": np.empty((0, len(STATISTICS)), np.float32),
         "pictures": np.empty((0, *PICTURE), bool),

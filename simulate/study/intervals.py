@@ -52,11 +52,11 @@ def bootstrap(
     indices = np.arange(n)
     if n == 1:
         return (value := float(statistic(indices))), value
-    found = stats.bootstrap(
+    interval = stats.bootstrap(
         (indices,), statistic, n_resamples=draws, vectorized=False, method="percentile",
         rng=np.random.default_rng(seed),
     ).confidence_interval  # fmt: skip
-    return float(found.low), float(found.high)
+    return float(interval.low), float(interval.high)
 
 
 def mean_interval(values: ArrayLike) -> dict[str, Any]:

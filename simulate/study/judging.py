@@ -97,17 +97,17 @@ def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         body = SimulatedBody([], Path(assets), _conditions(settings, number))
         try:
-            for one in specs:
-                (placement,) = arrange([one], rng, [side], workplace=describe(robot).workplace)
+            for attempt in specs:
+                (placement,) = arrange([attempt], rng, [side], workplace=describe(robot).workplace)
                 (laid,) = lay(body.world, [placement], Path(assets))
-                off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * one.extent[0]
+                off = float(rng.uniform(-_OFF_MIDDLE, _OFF_MIDDLE)) * attempt.extent[0]
                 request = _held_off_middle(grasp_across(body, placement), placement, off)
-                attempts.append({"product": one.name, **_attempt(body, request, number)})
+                attempts.append({"product": attempt.name, **_attempt(body, request, number)})
                 if attempts[-1].get("truth", {}).get("placed") is not True:
                     body.world.remove(laid.body)
         finally:
             body.close()
-    placed = sum(one["placed"] == "yes" for one in attempts if one["planned"])
+    placed = sum(attempt["placed"] == "yes" for attempt in attempts if attempt["planned"])
     says = f"{placed} of {len(attempts)} placed"
     return {"robot": robot, "attempts": attempts, "says": says}
 
@@ -230,8 +230,8 @@ def grasp_across(
 
 def summarise_judging(results: Results) -> dict[str, Any]:
     """Return the figures as JSON data: how often the judgements agree with the truth."""
-    every = [one for result in results for one in result.get("attempts", [result])]
-    tried = [one for one in every if one["planned"]]
+    every = [attempt for result in results for attempt in result.get("attempts", [result])]
+    tried = [attempt for attempt in every if attempt["planned"]]
     figures = {
         question: _agreement([(r[question], bool(r["truth"][question])) for r in tried])
         for question in ("held", "placed")
@@ -242,17 +242,17 @@ def summarise_judging(results: Results) -> dict[str, Any]:
         "not_held": share(sum(not r["truth"]["held"] for r in tried), len(tried)),
         **figures,
         "frames": float(np.mean([r["frames"] for r in tried])) if tried else None,
-        "reasons": dict(Counter(one["reason"] for one in every)),
+        "reasons": dict(Counter(attempt["reason"] for attempt in every)),
     }
 
 
 def _agreement(pairs: Sequence[tuple[str, bool]]) -> dict[str, Any]:
-    said_yes = sum(answer == "yes" for answer, _ in pairs)
+    yes_count = sum(answer == "yes" for answer, _ in pairs)
     false_yes = sum(answer == "yes" and not true for answer, true in pairs)
     return {
         "true": sum(true for _, true in pairs),
         "right": share(sum((answer == "yes") == true for answer, true in pairs), len(pairs)),
-        "false_yes": share(false_yes, said_yes),
+        "false_yes": share(false_yes, yes_count),
         "false_no": sum(answer == "no" and true for answer, true in pairs),
         "unknown": sum(answer == "unknown" for answer, _ in pairs),
     }

@@ -58,9 +58,9 @@ class Learner:
     run: Callable[[Objects, int, str], Iterator[int]]
 
 
-def _arms(thing: Mapping[str, Any], source: str) -> list[Mapping[str, Any]]:
+def _arms(product: Mapping[str, Any], source: str) -> list[Mapping[str, Any]]:
     """Return the grasps of a source that the arm can reach."""
-    return [a for a in thing["arms"] if a["source"] == source and is_counted(a["reason"])]
+    return [a for a in product["arms"] if a["source"] == source and is_counted(a["reason"])]
 
 
 # -- the default learner ----------------------------------------------------------------------
@@ -73,30 +73,30 @@ def _bandit(
     if not prior:
         policy = replace(policy, bandit=replace(policy.bandit, kappa=0.0, selection="mean"))
     remembered: dict[str, list[Remembered]] = {}
-    for number, thing in enumerate(objects):
-        known = remembered.setdefault(thing["kind"], [])
-        told = [g for g in known if _alike(g, thing, policy)] if memory else []
-        tried, attempts = _episode(thing, source, told, policy, prior, (seed, number))
-        known.extend(_as_memory(thing, arm, number) for arm in tried)
+    for number, product in enumerate(objects):
+        of_kind = remembered.setdefault(product["kind"], [])
+        similar = [g for g in of_kind if _alike(g, product, policy)] if memory else []
+        tried, attempts = _episode(product, source, similar, policy, prior, (seed, number))
+        of_kind.extend(_as_memory(product, arm, number) for arm in tried)
         yield attempts
 
 
 def _episode(
-    thing: Mapping[str, Any],
+    product: Mapping[str, Any],
     source: str,
-    told: Sequence[Remembered],
+    memory: Sequence[Remembered],
     policy: Policy,
     prior: bool,
     seed: tuple[int, int],
 ) -> tuple[list[Mapping[str, Any]], int]:
     """Return the grasps tried in order and the number of attempts to the first success."""
-    arms = _arms(thing, source)
-    size = (float(thing["size"][0]), float(thing["size"][1]), float(thing["size"][2]))
+    arms = _arms(product, source)
+    size = (float(product["size"][0]), float(product["size"][1]), float(product["size"][2]))
     rng = np.random.default_rng(seed)
     at = np.array([[a["x"], a["y"], a["z"]] for a in arms]).reshape(-1, 3)
     thetas = np.array([a["theta"] for a in arms])
     weights = Weights(policy, {}, _GRIPPER, size, _NOW)
-    evidence = gather(at, thetas, told, weights, policy.bandit.bandwidth)
+    evidence = gather(at, thetas, memory, weights, policy.bandit.bandwidth)
     ties = _TIE * rng.random(
         len(arms)
     )  # without a prior all are equal at first: any may come first
@@ -123,15 +123,15 @@ def _episode(
     return tried, FAILED
 
 
-def _alike(grasp: Remembered, thing: Mapping[str, Any], policy: Policy) -> bool:
+def _alike(grasp: Remembered, product: Mapping[str, Any], policy: Policy) -> bool:
     """Return whether the engine would consider an object of that size."""
     assert grasp.size is not None
-    ratio = np.array(grasp.size) / np.array(thing["size"])
+    ratio = np.array(grasp.size) / np.array(product["size"])
     return bool(np.all(np.maximum(ratio, 1 / ratio) < policy.size_tolerance))
 
 
-def _as_memory(thing: Mapping[str, Any], arm: Mapping[str, Any], number: int) -> Remembered:
-    length, width, height = (float(s) for s in thing["size"])
+def _as_memory(product: Mapping[str, Any], arm: Mapping[str, Any], number: int) -> Remembered:
+    length, width, height = (float(s) for s in product["size"])
     return Remembered(
         f"grasp:{number}", f"object:{number}", True, arm["x"], arm["y"], arm["z"], arm["theta"],
         _GRIPPER.max_opening, arm["quality"], _GRIPPER.gripper_type, (length, width, height),
@@ -141,8 +141,8 @@ def _as_memory(thing: Mapping[str, Any], arm: Mapping[str, Any], number: int) ->
 
 def _random(objects: Objects, seed: int, source: str) -> Iterator[int]:
     rng = np.random.default_rng(seed)
-    for thing in objects:
-        arms = _arms(thing, source)
+    for product in objects:
+        arms = _arms(product, source)
         order = [arms[i]["reason"] == "ok" for i in rng.permutation(len(arms))]
         yield order.index(True) + 1 if True in order[:MAX_ATTEMPTS] else FAILED
 
@@ -164,22 +164,22 @@ def _quadrants(
     agent = make(bins, seed)
     components = GrowingComponents(seed=seed)
     rng = np.random.default_rng((seed, 2))
-    for number, thing in enumerate(objects):
-        components.add(thing["look"])
-        state = np.clip(components.state(thing["look"]).features, -_STATE_RANGE, _STATE_RANGE)
-        problem = Problem(f"{number}", state, _both_ways(thing, source, rng))
+    for number, product in enumerate(objects):
+        components.add(product["look"])
+        state = np.clip(components.state(product["look"]).features, -_STATE_RANGE, _STATE_RANGE)
+        problem = Problem(f"{number}", state, _both_ways(product, source, rng))
         if not problem.candidates:
             yield FAILED
             continue
         yield _steps(agent, GraspEnv([problem], _judge))
 
 
-def _both_ways(thing: Mapping[str, Any], source: str, rng: np.random.Generator) -> list[_Grasp]:
+def _both_ways(product: Mapping[str, Any], source: str, rng: np.random.Generator) -> list[_Grasp]:
     """Return each grasp in its quadrant and in the opposite one, as two jaws are symmetric.
 
     In random order, which decides between grasps of one quality.
     """
-    arms = _arms(thing, source)
+    arms = _arms(product, source)
     return [
         _Grasp(
             a["theta"] + turn, a["quality"] if source == "geometry" else 0.0, a["reason"] == "ok"

@@ -167,7 +167,7 @@ def _by_kind_seen(
     Each object is measured against its own mean, so that whether a hard one came early in few
     orders counts little. Intervals are over orders and objects at once, as those of the change.
     """
-    kinds = np.unique([str(thing["kind"]) for thing in objects], return_inverse=True)[1]
+    kinds = np.unique([str(product["kind"]) for product in objects], return_inverse=True)[1]
     met = kinds[order]
     seen = np.empty(met.shape, np.intp)
     for kind in range(kinds.max() + 1):
@@ -210,15 +210,15 @@ def learning_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return the table of :data:`COLUMNS`."""
     return [
         (
-            str(found["grasps"]),
-            str(found["learner"]),
-            _show(found["attempts"]),
-            _show(found["first_try"]),
-            "-" if found["first_half"] is None else f"{found['first_half']:.2f}",
-            f"{found['second_half']:.2f}",
-            _show(found["second_less_first"]),
+            str(figures["grasps"]),
+            str(figures["learner"]),
+            _show(figures["attempts"]),
+            _show(figures["first_try"]),
+            "-" if figures["first_half"] is None else f"{figures['first_half']:.2f}",
+            f"{figures['second_half']:.2f}",
+            _show(figures["second_less_first"]),
         )
-        for found in summary["learners"]
+        for figures in summary["learners"]
     ]
 
 
@@ -246,8 +246,8 @@ def write_learning_report(folder: Path, results: Results, seed: int, seeds: int)
                 f"attempts to first success, mean of {seeds} orders", lines,
             )  # fmt: skip
         kinds = [
-            _kind_line(found) for found in summary["learners"]
-            if found["grasps"] == source and len(found["by_kind_seen"]) > 1
+            _kind_line(learner) for learner in summary["learners"]
+            if learner["grasps"] == source and len(learner["by_kind_seen"]) > 1
         ]  # fmt: skip
         if kinds:
             line_chart(
@@ -262,12 +262,12 @@ def _line(name: str, curve: NDArray[np.float64]) -> Line:
     return Line(name, (np.arange(len(smooth)) + _WINDOW).tolist(), smooth.tolist())
 
 
-def _kind_line(found: Mapping[str, Any]) -> Line:
+def _kind_line(figures: Mapping[str, Any]) -> Line:
     """Return first tries by objects of the kind met before; with a band where it is the bandit."""
-    points = found["by_kind_seen"]
-    is_ours = str(found["learner"]).startswith("bandit")
+    points = figures["by_kind_seen"]
+    is_ours = str(figures["learner"]).startswith("bandit")
     return Line(
-        str(found["learner"]),
+        str(figures["learner"]),
         [p["seen"] for p in points],
         [p["first_try"] for p in points],
         [p["interval95"][0] for p in points] if is_ours else None,

@@ -87,11 +87,11 @@ class _Bench:
 
     def proposed(self) -> Iterator[PlanarGrasp]:
         """Yield the candidates of geometry, best first, each position and direction once."""
-        kept: set[tuple[float, ...]] = set()
+        aims: set[tuple[float, ...]] = set()
         for grasp in propose_planar(self.shape, self.gripper, seed=self.seed):
             aim = (round(grasp.x, 4), round(grasp.y, 4), round(grasp.theta, 4))
-            if aim not in kept:
-                kept.add(aim)
+            if aim not in aims:
+                aims.add(aim)
                 yield grasp
 
     def blind(self, rng: np.random.Generator) -> Iterator[PlanarGrasp]:
@@ -111,7 +111,7 @@ class _Bench:
             )  # fmt: skip
 
     def try_some(
-        self, source: str, grasps: Iterator[PlanarGrasp], wanted: int, most: int
+        self, source: str, grasps: Iterator[PlanarGrasp], required: int, most: int
     ) -> list[dict[str, Any]]:
         """Execute the first ``wanted`` reachable grasps, and more until one of them holds.
 
@@ -121,8 +121,8 @@ class _Bench:
         missed = 0
         for grasp in grasps:
             made = len(tried) - missed
-            enough = made >= wanted and any(arm["reason"] == "ok" for arm in tried)
-            if enough or made >= most or missed > (_DRAWS - 1) * wanted:
+            enough = made >= required and any(arm["reason"] == "ok" for arm in tried)
+            if enough or made >= most or missed > (_DRAWS - 1) * required:
                 break
             tried.append(self._try(source, grasp, len(tried)))
             missed += not is_counted(tried[-1]["reason"])

@@ -110,14 +110,14 @@ def run(
     broken: dict[int, str] = {}
     with closing(Journal(folder / "journal.jsonl", settings, resume)) as journal:
         missing = [n for n in range(study.trials) if n not in journal.done]
-        told = Progress(study.trials, study.trials - len(missing), progress)
+        bar = Progress(study.trials, study.trials - len(missing), progress)
         for number, result, why in run_trials(study.trial, study.settings, missing, processes):
             if result is None:
                 broken[number] = why
-                told.failed(number, why)
+                bar.failed(number, why)
             else:
                 journal.append(number, result)
-                told.step(str(result.get("says", "")))
+                bar.step(str(result.get("says", "")))
         done = dict(journal.done)
     if broken:
         first = min(broken)

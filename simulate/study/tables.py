@@ -52,7 +52,7 @@ def looks_at(
         lighting=Lighting.sample(stream(seed, _LIGHT, turn)), noise_seed=(seed, _NOISE, turn)
     )
     body = SimulatedBody(arrange(specs, stream(seed, _TABLE, turn)), assets, conditions)
-    found = []
+    looks = []
     try:
         scorer = Scorer(body)
         names = {laid.body: laid.placement.spec.name for laid in body.laid}
@@ -69,27 +69,27 @@ def looks_at(
                         "support_height": view.table_height,
                         "gripper_id": body.gripper_ids[side],
                     }
-                    found.append((name, request, seen))
+                    looks.append((name, request, seen))
     finally:
         body.close()
-    return found
+    return looks
 
 
 def fill(client: rtask.client.Client, objects: int, seed: int) -> dict[str, list[ObjectSpec]]:
     """Store a view of each of ``n`` products; return their tables."""
     specs = sample_objects(stream(seed, _PRODUCTS), objects)
     tables = [specs[i : i + _ON_TABLE] for i in range(0, objects, _ON_TABLE)]
-    known: dict[str, list[ObjectSpec]] = {}
+    tables_by_product: dict[str, list[ObjectSpec]] = {}
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         for number, table in enumerate(tables):
             for name, request, _ in looks_at(table, seed, number, Path(assets)):
                 client.insert_object(objects=[{**request, "name": name, "merge": False}])
-                known[name] = table
-    return known
+                tables_by_product[name] = table
+    return tables_by_product
 
 
 def retrieval_times(
-    client: rtask.client.Client, known: Mapping[str, list[ObjectSpec]], seed: int, repeats: int
+    client: rtask.client.Client, stored: Mapping[str, list[ObjectSpec]], seed: int, repeats: int
 ) -> list[dict[str, Any]]:
     """Retrieve four known products from new views; return the times of each, s.
 
@@ -97,11 +97,11 @@ def retrieval_times(
     sending, recognition, the query, choosing a grasp, and the reply. ``server_s`` is the engine's
     share.
     """
-    chosen = sorted(known)[:: max(len(known) // len(TABLE_4), 1)][: len(TABLE_4)]
+    chosen = sorted(stored)[:: max(len(stored) // len(TABLE_4), 1)][: len(TABLE_4)]
     rows = []
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         for label, name in zip(TABLE_4, chosen, strict=False):
-            again = looks_at(known[name], seed, 10_000, Path(assets))
+            again = looks_at(stored[name], seed, 10_000, Path(assets))
             request = next((r for seen, r, _ in again if seen == name), None)
             if request is None:
                 continue
@@ -145,7 +145,7 @@ def grasp_times(
         for number in range(_ATTEMPTS * repeats):
             if len(done) == repeats:
                 break
-            times = _one_grasp(kind, seed, number, preset)
+            times = _timed_grasp(kind, seed, number, preset)
             if times is not None:
                 done.append(times)
                 on_grasp(f"{kind}: held")
@@ -159,7 +159,7 @@ def grasp_times(
     return rows
 
 
-def _one_grasp(kind: Kind, seed: int, number: int, preset: str) -> dict[str, float] | None:
+def _timed_grasp(kind: Kind, seed: int, number: int, preset: str) -> dict[str, float] | None:
     """Return the times of one grasp; None if it could not be planned or did not hold."""
     rng = stream(seed, _TABLE, number)
     spec = product(kind, int(rng.integers(200)))

@@ -47,9 +47,11 @@ def run_trials(
     processes
         Number of processes.
     """
-    wanted = list(numbers)
+    numbers_left = list(numbers)
     with Processes(processes, quiet=True) as workers:
-        for i, done in workers.finished(_Trial(trial, dict(settings)), wanted):
+        for i, done in workers.finished(_Trial(trial, dict(settings)), numbers_left):
             yield (
-                (wanted[i], done.value, "") if done.error is None else (wanted[i], None, done.trace)
+                (numbers_left[i], done.value, "")
+                if done.error is None
+                else (numbers_left[i], None, done.trace)
             )

@@ -215,8 +215,8 @@ def _box(extent: Floats, look: Look) -> TexturedMesh:
     for name, _, right, up in _FACES:
         sizes[name] = float(extent @ np.abs(right)), float(extent @ np.abs(up))
     panels = [paint_panel(look, name, *size) for name, size in sizes.items()]
-    atlas, found = _atlas(panels)
-    regions = dict(zip(sizes, found, strict=True))
+    atlas, regions_found = _atlas(panels)
+    regions = dict(zip(sizes, regions_found, strict=True))
     mesh = TexturedMesh(atlas)
     across, down = np.meshgrid([0.0, 1.0], [0.0, 1.0])
     for name, normal, right, up in _FACES:

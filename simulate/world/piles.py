@@ -58,7 +58,7 @@ def drop(
         client.resetBasePositionAndOrientation(body, (*at, top + _FALL_M - low[2]), turn)
         client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
         _rest(world, bodies[: fallen + 1])
-        top = max(client.getAABB(one)[1][2] for one in bodies[: fallen + 1])
+        top = max(client.getAABB(other)[1][2] for other in bodies[: fallen + 1])
     _push_together(world, walls, centre, half)
     for wall in walls.values():
         client.removeBody(wall)

@@ -33,8 +33,8 @@ def without_banner() -> Iterator[None]:
                 yield
         finally:
             printed.seek(0)
-            kept = [line for line in printed if not line.startswith(_BANNERS)]
-            os.write(2, b"".join(kept))
+            other_lines = [line for line in printed if not line.startswith(_BANNERS)]
+            os.write(2, b"".join(other_lines))
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def _redirected(target: int, descriptors: tuple[int, ...]) -> Iterator[None]:
     sys.stdout.flush()
     sys.stderr.flush()
     c_library.fflush(None)
-    kept = {descriptor: os.dup(descriptor) for descriptor in descriptors}
+    copies = {descriptor: os.dup(descriptor) for descriptor in descriptors}
     for descriptor in descriptors:
         os.dup2(target, descriptor)
     try:
@@ -51,6 +51,6 @@ def _redirected(target: int, descriptors: tuple[int, ...]) -> Iterator[None]:
     finally:
         sys.stderr.flush()
         c_library.fflush(None)
-        for descriptor, copy in kept.items():
+        for descriptor, copy in copies.items():
             os.dup2(copy, descriptor)
             os.close(copy)

@@ -87,9 +87,9 @@ def arrange(
             drawn = rng.permuted(np.resize([-1, 1], len(specs)))
         else:
             drawn = np.array([sides[i] for i in order])
-        found = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng, place)
-        if found is not None:
-            return found
+        placed = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng, place)
+        if placed is not None:
+            return placed
     raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")
 
 

@@ -110,14 +110,19 @@ class BopDataset:
     def scenes(self, split: str = "test") -> list[int]:
         """Return the numbers of the scenes of a split."""
         folder = self.folder / split
-        return sorted(int(one.name) for one in folder.iterdir() if one.name.isdigit())
+        return sorted(int(entry.name) for entry in folder.iterdir() if entry.name.isdigit())
 
     def targets(self, name: str = "test_targets_bop19.json") -> list[tuple[int, int, int, int]]:
         """Return (scene, image, object, number of instances) of what is to be estimated."""
         listed = json.loads((self.folder / name).read_text("utf-8"))
         return [
-            (int(one["scene_id"]), int(one["im_id"]), int(one["obj_id"]), int(one["inst_count"]))
-            for one in listed
+            (
+                int(target["scene_id"]),
+                int(target["im_id"]),
+                int(target["obj_id"]),
+                int(target["inst_count"]),
+            )
+            for target in listed
         ]
 
     def views(
@@ -139,9 +144,9 @@ class BopDataset:
         cameras = _read_json(folder / "scene_camera.json")
         true = _read_json(folder / "scene_gt.json", {})
         info = _read_json(folder / "scene_gt_info.json", {})
-        wanted = None if images is None else set(images)
+        requested = None if images is None else set(images)
         for number in sorted(map(int, cameras)):
-            if wanted is not None and number not in wanted:
+            if requested is not None and number not in requested:
                 continue
             key = str(number)
             frame = _frame(folder, number, cameras[key])
@@ -229,9 +234,9 @@ def _symmetries(info: dict[str, Any]) -> Float64Array:
         turn[:3, 3] *= _MM
         discrete.append(turn)
     continuous = [np.eye(4)]
-    for one in info.get("symmetries_continuous", ()):
-        axis = np.asarray(one["axis"], np.float64)
-        offset = np.asarray(one.get("offset", (0, 0, 0)), np.float64) * _MM
+    for symmetry in info.get("symmetries_continuous", ()):
+        axis = np.asarray(symmetry["axis"], np.float64)
+        offset = np.asarray(symmetry.get("offset", (0, 0, 0)), np.float64) * _MM
         for step in range(1, _TURNS):
             turn = np.eye(4)
             angle = 2 * np.pi * step / _TURNS
@@ -246,12 +251,12 @@ def write_results(path: Path, estimates: Iterable[BopEstimate]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["scene_id", "im_id", "obj_id", "score", "R", "t", "time"])
-        for one in estimates:
-            turn, place = one.camera_from_object[:3, :3], one.camera_from_object[:3, 3] / _MM
+        for result in estimates:
+            turn, place = result.camera_from_object[:3, :3], result.camera_from_object[:3, 3] / _MM
             writer.writerow(
                 [
-                    one.scene_id, one.image_id, one.object_id, f"{one.score:.6f}",
+                    result.scene_id, result.image_id, result.object_id, f"{result.score:.6f}",
                     " ".join(f"{v:.9g}" for v in turn.ravel()),
-                    " ".join(f"{v:.9g}" for v in place), f"{one.seconds:.6f}",
+                    " ".join(f"{v:.9g}" for v in place), f"{result.seconds:.6f}",
                 ]
             )  # fmt: skip

@@ -179,10 +179,12 @@ def average_recall(errors: Sequence[BopErrors | None]) -> AverageRecall:
     0.5
     """
     count = max(len(errors), 1)
-    found = [one for one in errors if one is not None]
-    by_vsd = sum(float((np.array(one.vsd)[:, None] < _SHARES).mean()) for one in found)
-    by_mssd = sum(float((one.mssd_m < _SHARES * one.diameter_m).mean()) for one in found)
-    by_mspd = sum(float((one.mspd_px < _PIXELS * one.width_px / _WIDTH_PX).mean()) for one in found)
+    estimated = [error for error in errors if error is not None]
+    by_vsd = sum(float((np.array(error.vsd)[:, None] < _SHARES).mean()) for error in estimated)
+    by_mssd = sum(float((error.mssd_m < _SHARES * error.diameter_m).mean()) for error in estimated)
+    by_mspd = sum(
+        float((error.mspd_px < _PIXELS * error.width_px / _WIDTH_PX).mean()) for error in estimated
+    )
     return AverageRecall(by_vsd / count, by_mssd / count, by_mspd / count)
 
 

@@ -66,7 +66,7 @@ class AlignmentParams:
     tolerance: float = 0.02
     fallback_tolerance: float = 0.03
     min_homography_matches: int = 8
-    min_kept: float = 0.6
+    min_agreeing: float = 0.6
     max_perspective: float = 2.5
 
 
@@ -122,9 +122,9 @@ def align_views(
     matrix = np.vstack([affine.query_from_view, [[0.0, 0.0, 1.0]]])
     agreed = affine.inliers
     agreed = agreed & (_residuals(matrix, here, there) < params.fallback_tolerance * side_px)
-    found = _homography(here, there, side_px, affine, params)
-    if found is not None:
-        matrix, agreed = found
+    mapping = _homography(here, there, side_px, affine, params)
+    if mapping is not None:
+        matrix, agreed = mapping
     if np.count_nonzero(agreed) < params.min_inliers:
         return None
     residual = _residuals(matrix, here[agreed], there[agreed])
@@ -169,7 +169,7 @@ def _homography(
     matrix = np.asarray(matrix, np.float64) / matrix[2, 2]
     agreed = np.zeros(len(here), bool)
     agreed[near] = _residuals(matrix, here[near], there[near]) < params.tolerance * side_px
-    if np.count_nonzero(agreed) < params.min_kept * np.count_nonzero(affine.inliers):
+    if np.count_nonzero(agreed) < params.min_agreeing * np.count_nonzero(affine.inliers):
         return None
     denominators = there[agreed, :2] @ matrix[2, :2] + 1.0
     if len(denominators) == 0 or denominators.min() <= 0:

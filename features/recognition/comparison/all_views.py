@@ -75,18 +75,18 @@ def agreement_of_views(
         views = np.sort(views[np.argsort(-alike, kind="stable")[: params.max_aligned]])
     matching: list[tuple[int, Alignment]] = []
     for view in views.tolist():
-        found = align_views(query, snapshot.stored_view(view), query.side_px)
-        if found is not None and len(found) >= params.min_matches:
-            matching.append((view, found))
+        alignment = align_views(query, snapshot.stored_view(view), query.side_px)
+        if alignment is not None and len(alignment) >= params.min_matches:
+            matching.append((view, alignment))
     matching.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
     picture = ViewPicture.from_bytes(query.picture)
     shown = agreeing = 0
-    for view, found in matching[: params.max_compared]:
+    for view, alignment in matching[: params.max_compared]:
         stored = facts.picture(snapshot, view)
         if stored is None:
             continue
-        places = query.keypoints[found.query_rows, :2]
-        comparison = compare_pictures(picture, stored, found.query_from_view, places)
+        places = query.keypoints[alignment.query_rows, :2]
+        comparison = compare_pictures(picture, stored, alignment.query_from_view, places)
         counted = _cells(comparison, facts.supported(snapshot, view))
         shown, agreeing = shown + counted[0], agreeing + counted[1]
     return agreeing / shown if shown else (0.0 if matching else None)
@@ -108,5 +108,5 @@ def odds_of_views(odds: float, agreement: float, params: AllViewsParams | None =
     (3.26, 0.26)
     """
     params = params or AllViewsParams()
-    kept = params.kept * (min(odds, params.max_odds) - params.even_odds)
-    return params.even_odds + kept + params.weight * (agreement - params.usual)
+    from_best = params.kept * (min(odds, params.max_odds) - params.even_odds)
+    return params.even_odds + from_best + params.weight * (agreement - params.usual)

@@ -79,7 +79,7 @@ def _clear(e: PrintEvidence) -> float:
 
 
 # Offset first, then the weights in the order of the terms.
-_ONE = (
+_ONE_VIEW = (
     -6.16, 0.0, 13.3, 0.0, 0.0, 0.265, 1.91, -1.1,
     0.0, 0.0, 5.83, 0.593, 0.0, 0.0, 0.0, 0.0,
     0.0, 0.0, -8.0, 4.46, 0.0, 2.59,
@@ -120,7 +120,7 @@ class PrintParams:
         between them correlates so far.
     """
 
-    weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _ROUND, _TWO, _FOUR))
+    weights: tuple[tuple[float, ...], ...] = field(default=(_ONE_VIEW, _ROUND, _TWO, _FOUR))
     min_extent: float = 0.24
     min_seen: float = 0.65
     max_contradiction: float = 0.15

@@ -110,9 +110,9 @@ class _Reader:
 
     def array(self, dtype: str, count: int) -> NDArray[Any]:
         """Return the next ones."""
-        found = np.frombuffer(self._data, dtype, count, self._position)
-        self._position += found.nbytes
-        return found
+        values = np.frombuffer(self._data, dtype, count, self._position)
+        self._position += values.nbytes
+        return values
 
     @property
     def has_more(self) -> bool:

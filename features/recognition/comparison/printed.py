@@ -91,7 +91,7 @@ def printed_objects(
     snapshot: Snapshot,
     facts: StoreFacts,
     views: Iterable[int],
-    wanted: Collection[int],
+    required: Collection[int],
     first: int,
 ) -> dict[int, PrintedView]:
     """Return the best view of every object whose print agrees in enough places.
@@ -110,17 +110,19 @@ def printed_objects(
     aligned: list[tuple[int, Alignment]] = []
     for view in views:
         stored = snapshot.stored_view(view)
-        found = align_views(query, stored, query.side_px) if len(stored.picture) else None
-        if found is not None:
-            aligned.append((view, found))
+        alignment = align_views(query, stored, query.side_px) if len(stored.picture) else None
+        if alignment is not None:
+            aligned.append((view, alignment))
     aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
-    tried = (_laid(query, snapshot, facts, *one) for one in aligned[:_MAX_COMPARED])
-    laid = [one for one in tried if one is not None]
-    objects = [int(snapshot.object_of_view[one.view]) for one in laid]
-    spare = spare_objects(objects, [len(one.alignment) for one in laid], max(first, 2)) - {*wanted}
+    tried = (_laid(query, snapshot, facts, *laid_view) for laid_view in aligned[:_MAX_COMPARED])
+    laid = [laid_view for laid_view in tried if laid_view is not None]
+    objects = [int(snapshot.object_of_view[laid_view.view]) for laid_view in laid]
+    spare = spare_objects(
+        objects, [len(laid_view.alignment) for laid_view in laid], max(first, 2)
+    ) - {*required}
     drawn = [
-        _drawn(query, picture, one)
-        for one, number in zip(laid, objects, strict=True)
+        _drawn(query, picture, laid_view)
+        for laid_view, number in zip(laid, objects, strict=True)
         if number not in spare
     ]
     return with_leads(_best_of_objects(query, snapshot, facts, drawn))
@@ -144,7 +146,7 @@ def spare_objects(objects: Sequence[int], matches: Sequence[int], first: int) ->
     for number, count in zip(objects, matches, strict=True):
         least[number] = min(count, least.get(number, count))
         most[number] = max(count, most.get(number, count))
-    return {k for k in most if sum(one > most[k] for one in least.values()) >= first}
+    return {k for k in most if sum(score > most[k] for score in least.values()) >= first}
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +176,12 @@ def _laid(
     return None if stored is None else _Laid(view, alignment, stored, movement)
 
 
-def _drawn(query: ViewFeatures, picture: ViewPicture, one: _Laid) -> _Drawn:
+def _drawn(query: ViewFeatures, picture: ViewPicture, laid: _Laid) -> _Drawn:
     """Return the comparison with a view."""
-    places = query.keypoints[one.alignment.query_rows, :2]
-    found = compare_pictures(picture, one.picture, one.alignment.query_from_view, places)
-    most = highest_preference(one.alignment, found)
-    return _Drawn(one.view, one.alignment, one.picture, one.query_from_view, found, most)
+    places = query.keypoints[laid.alignment.query_rows, :2]
+    comparison = compare_pictures(picture, laid.picture, laid.alignment.query_from_view, places)
+    most = highest_preference(laid.alignment, comparison)
+    return _Drawn(laid.view, laid.alignment, laid.picture, laid.query_from_view, comparison, most)
 
 
 def _best_of_objects(
@@ -191,16 +193,18 @@ def _best_of_objects(
     follows from those of its keypoints, which take half as long.
     """
     views: dict[int, list[int]] = {}
-    for k, one in enumerate(drawn):
-        views.setdefault(int(snapshot.object_of_view[one.view]), []).append(k)
-    found: dict[int, PrintedView] = {}
+    for k, view in enumerate(drawn):
+        views.setdefault(int(snapshot.object_of_view[view.view]), []).append(k)
+    printed: dict[int, PrintedView] = {}
     for number, choice in views.items():
-        one = drawn[_preferred(query, snapshot, facts, drawn, choice)]
-        keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
-        known = facts.of(snapshot, one.view)
-        evidence = print_evidence(one.alignment, one.comparison, keypoints, query.mask_px, known)
-        found[number] = PrintedView(one.view, one.alignment, evidence, one.query_from_view)
-    return found
+        view = drawn[_preferred(query, snapshot, facts, drawn, choice)]
+        keypoints: NDArray[np.float32] = snapshot.stored_view(view.view).keypoints
+        view_facts = facts.of(snapshot, view.view)
+        evidence = print_evidence(
+            view.alignment, view.comparison, keypoints, query.mask_px, view_facts
+        )
+        printed[number] = PrintedView(view.view, view.alignment, evidence, view.query_from_view)
+    return printed
 
 
 def _preferred(
@@ -218,12 +222,14 @@ def _preferred(
         return choice[0]
     best = -np.inf, 0
     for k in sorted(choice, key=lambda k: (-drawn[k].most, k)):
-        one = drawn[k]
-        if (one.most, -k) < best:
+        candidate = drawn[k]
+        if (candidate.most, -k) < best:
             continue
-        keypoints: NDArray[np.float32] = snapshot.stored_view(one.view).keypoints
-        known = facts.of_keypoints(snapshot, one.view)
-        worth = preference(one.alignment, one.comparison, keypoints, query.mask_px, known)
+        keypoints: NDArray[np.float32] = snapshot.stored_view(candidate.view).keypoints
+        view_facts = facts.of_keypoints(snapshot, candidate.view)
+        worth = preference(
+            candidate.alignment, candidate.comparison, keypoints, query.mask_px, view_facts
+        )
         best = max(best, (worth, -k))
     return -best[1]
 
@@ -247,7 +253,7 @@ def with_leads(best: dict[int, PrintedView]) -> dict[int, PrintedView]:
     either. Its stable share is then the lead over nothing.
     """
     ranked = sorted(best.values(), key=lambda p: -p.evidence.matches)
-    found = {}
+    leading = {}
     for number, printed in best.items():
         rival = next((other for other in ranked if other is not printed), None)
         evidence = replace(
@@ -261,5 +267,5 @@ def with_leads(best: dict[int, PrintedView]) -> dict[int, PrintedView]:
                 lead=float(np.clip(np.log2(ahead), -2, 3)),
                 stable_lead=float(np.clip(gain, -_MAX_STABLE_LEAD, _MAX_STABLE_LEAD)),
             )
-        found[number] = replace(printed, evidence=evidence)
-    return found
+        leading[number] = replace(printed, evidence=evidence)
+    return leading

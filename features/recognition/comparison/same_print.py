@@ -37,7 +37,7 @@ _OTHER = 18.0
 """Lab units: cells that differ by more have another colour."""
 _UNLIKE = 0.2
 """Print that correlates by less is another."""
-_MAX_CONTRADICTED, _MAX_OF_ONE_VIEW = 0.09, 0.25
+_MAX_CONTRADICTED, _MAX_OF_SINGLE_VIEW = 0.09, 0.25
 """Share of the cells of all views, and of any one view, that the other object contradicts."""
 _MIN_CELLS = 100
 """One view with fewer cells to compare has no say of its own."""
@@ -138,7 +138,7 @@ def is_one_print(views: Iterable[tuple[int, int]]) -> bool:
     (True, False)
     """
     counts = [(against, of) for against, of in views if of]
-    if any(against > _MAX_OF_ONE_VIEW * of for against, of in counts if of >= _MIN_CELLS):
+    if any(against > _MAX_OF_SINGLE_VIEW * of for against, of in counts if of >= _MIN_CELLS):
         return False
     against, of = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
     return of > 0 and against <= _MAX_CONTRADICTED * of

@@ -57,7 +57,7 @@ _MAX_OWN, _MAX_OTHERS = 8, 6
 _MIN_VOTES = 6
 _MAX_VOTED, _MAX_MORE, _MAX_ALIKE = 200, 12, 6
 """Views that are looked through for more neighbours; how many are taken by votes, and by looks."""
-_MAX_KNOWN, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
+_MAX_RECORDS, _MAX_AT_HAND, _MAX_PICTURES = 10_000, 2_000, 256
 """Views of which something is kept in memory: without a file, and beside one; and pictures."""
 _MAX_PAIRS = 32
 """Comparisons of a view that are kept until it is asked for, and only those that count remain."""
@@ -96,7 +96,7 @@ class StoreFacts:
         self._cap = distance_cap
         self._file = None if path is None else FactsFile(path, f"{_RULES} {distance_cap}")
         self._changes = Changes(self._file)
-        self._known: Kept[int, Known] = Kept(_MAX_KNOWN if path is None else _MAX_AT_HAND)
+        self._known: Kept[int, Known] = Kept(_MAX_RECORDS if path is None else _MAX_AT_HAND)
         self._pictures: Kept[int, tuple[ViewPicture | None]] = Kept(_MAX_PICTURES)
         self._alignments: Kept[tuple[int, int], tuple[Alignment | None]] = Kept(_MAX_PICTURES)
         self._facts: Kept[int, tuple[Mapping[int, ViewPair | None], ViewFacts]]
@@ -126,25 +126,25 @@ class StoreFacts:
 
     def of(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture."""
-        return self._kept_facts(snapshot, view, self._current(snapshot, view), 1)
+        return self._cached_facts(snapshot, view, self._current(snapshot, view), 1)
 
     def of_keypoints(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture, the support of its cells perhaps left out.
 
         Without it no pictures are compared, which is half of the work.
         """
-        known = self._current(snapshot, view, drawn=False)
-        if known.is_drawn:
-            return self._kept_facts(snapshot, view, known, 1)
-        return self._followed(snapshot, view, known)
+        record = self._current(snapshot, view, drawn=False)
+        if record.is_drawn:
+            return self._cached_facts(snapshot, view, record, 1)
+        return self._followed(snapshot, view, record)
 
     def supported(self, snapshot: Snapshot, view: int) -> ViewFacts:
         """Return the facts of a view with a picture that its object's other views alone give.
 
         The view is not matched with everything. No keypoint counts as shared.
         """
-        known = replace(self._current(snapshot, view, voted=False), others=())
-        return self._kept_facts(snapshot, view, known, -1)
+        record = replace(self._current(snapshot, view, voted=False), others=())
+        return self._cached_facts(snapshot, view, record, -1)
 
     def siblings(self, snapshot: Snapshot, view: int) -> tuple[int, ...]:
         """Return the other views of the same object that a view is compared with."""
@@ -158,22 +158,24 @@ class StoreFacts:
         Views that match in too few places, or differ between their matches, do so whatever else
         is stored.
         """
-        known = self._current(snapshot, view)
+        record = self._current(snapshot, view)
         weak = [
             number
-            for number in known.others
-            if (pair := known.pairs[number]) is None or len(pair.rows) < MIN_SAME_PRINT
+            for number in record.others
+            if (pair := record.pairs[number]) is None or len(pair.rows) < MIN_SAME_PRINT
         ]
-        numbers = np.array([*known.different, *weak], np.int64)
+        numbers = np.array([*record.different, *weak], np.int64)
         return set(self._changes.at(snapshot).stored(numbers).tolist())
 
     def note_different(self, snapshot: Snapshot, view: int, others: Iterable[int]) -> None:
         """Keep what :meth:`different` returns from now on as well."""
         numbers = self._changes.at(snapshot).numbers
-        told = {int(numbers[other]) for other in others}
-        if told:
-            known = self._current(snapshot, view)
-            self._keep(int(numbers[view]), replace(known, different=known.different | told))
+        distinguished = {int(numbers[other]) for other in others}
+        if distinguished:
+            record = self._current(snapshot, view)
+            self._keep(
+                int(numbers[view]), replace(record, different=record.different | distinguished)
+            )
 
     def prepare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of new views, and compare with them what they may change facts of.
@@ -185,10 +187,10 @@ class StoreFacts:
         for view in views:
             if self.picture(snapshot, view) is None:
                 continue
-            number, known = int(moment.numbers[view]), self._current(snapshot, view)
-            for own in known.own:
+            number, record = int(moment.numbers[view]), self._current(snapshot, view)
+            for own in record.own:
                 self._meet(moment, own, number, is_own=True)
-            for other in known.others:
+            for other in record.others:
                 self._meet(moment, other, number, is_own=False)
         self._write()
 
@@ -201,8 +203,8 @@ class StoreFacts:
         alive = np.flatnonzero(snapshot.alive)
         places = np.array([self._places.get(k, -1) for k in moment.numbers[alive].tolist()])
         behind = max(MAX_ADDED, len(alive) // _MAX_BEHIND)
-        found: list[int] = alive[(places < 0) | (places < moment.place - behind)].tolist()
-        return found
+        outdated: list[int] = alive[(places < 0) | (places < moment.place - behind)].tolist()
+        return outdated
 
     def compare(self, snapshot: Snapshot, views: Iterable[int]) -> None:
         """Compute the facts of views as of now, and keep them."""
@@ -221,13 +223,13 @@ class StoreFacts:
         those of the objects that look most alike: where many views of a family match, or better
         pictures do, one that shows the very same gets few votes.
         """
-        known = self._current(snapshot, view)
+        record = self._current(snapshot, view)
         moment = self._changes.at(snapshot)
         own, others = (
             [int(moment.view_of[number]) for number in numbers]
-            for numbers in (known.own, known.others)
+            for numbers in (record.own, record.others)
         )
-        voted = self._proposed(moment, view, known.votes, _MAX_VOTED)
+        voted = self._proposed(moment, view, record.votes, _MAX_VOTED)
         alike = np.where(snapshot.alive, snapshot.appearance(snapshot.look(view)), -1)
         alike[snapshot.object_of_view == snapshot.object_of_view[view]] = -1
         others += _few_of_each(voted, snapshot, 2, _MAX_MORE)
@@ -247,13 +249,13 @@ class StoreFacts:
 
     def _held(self, number: int) -> Known | None:
         """Return what is known of a view, from memory or from the file."""
-        known = self._known.get(number) or self._unwritten.get(number)
-        if known is None and self._file is not None:
+        view_record = self._known.get(number) or self._unwritten.get(number)
+        if view_record is None and self._file is not None:
             record = self._file.record(number)
-            known = None if record is None else Known.from_bytes(record.place, record.content)
-            if known is not None:
-                self._known.put(number, known)
-        return known
+            view_record = None if record is None else Known.from_bytes(record.place, record.content)
+            if view_record is not None:
+                self._known.put(number, view_record)
+        return view_record
 
     def _current(
         self, snapshot: Snapshot, view: int, voted: bool = True, drawn: bool = True
@@ -276,39 +278,39 @@ class StoreFacts:
             if (part.has_voted or not voted) and (part.is_drawn or not drawn):
                 return part
             voted = voted or part.has_voted
-        known = self._brought_up(moment, view, (whole, part), voted, drawn)
-        if (voted or known.has_voted) and (drawn or known.is_drawn):
-            self._places[number] = known.place
-            return self._keep(number, known)
-        return self._keep(-number, known)
+        record = self._brought_up(moment, view, (whole, part), voted, drawn)
+        if (voted or record.has_voted) and (drawn or record.is_drawn):
+            self._places[number] = record.place
+            return self._keep(number, record)
+        return self._keep(-number, record)
 
     def _meet(self, moment: Moment, number: int, arrived: int, is_own: bool) -> None:
         """Compare a view of which something is known with one that arrived, by their numbers."""
-        known, view = self._held(number), int(moment.view_of[number])
-        if known is None or arrived in known.pairs:
+        record, view = self._held(number), int(moment.view_of[number])
+        if record is None or arrived in record.pairs:
             return
         if is_own and arrived not in self._siblings(moment, view):
             return
-        if len(known.pairs) >= _MAX_PAIRS:
+        if len(record.pairs) >= _MAX_PAIRS:
             self._current(moment.snapshot, view)
             return
         pair = self._compared(moment.snapshot, view, int(moment.view_of[arrived]), is_own)
-        known = replace(known, pairs={**known.pairs, arrived: pair})
-        self._keep(number, known)
+        record = replace(record, pairs={**record.pairs, arrived: pair})
+        self._keep(number, record)
 
-    def _keep(self, number: int, known: Known) -> Known:
+    def _keep(self, number: int, record: Known) -> Known:
         """Keep what is known of a view, in memory and for the file."""
-        self._known.put(number, known)
+        self._known.put(number, record)
         if self._file is None:
-            return known
+            return record
         with self._writing:
             if number > 0:
                 self._unwritten.pop(-number, None)
-            self._unwritten[number] = known
+            self._unwritten[number] = record
             is_much = len(self._unwritten) >= _MAX_UNWRITTEN
         if is_much:
             self._write()
-        return known
+        return record
 
     def _write(self) -> None:
         """Write what was computed since the last time, with the changes that it is based on."""
@@ -328,8 +330,8 @@ class StoreFacts:
                 self._filed_place,
                 changes[: moment.place - self._filed_place],
                 [
-                    Record(number, known.place, known.to_bytes())
-                    for number, known in records.items()
+                    Record(number, record.place, record.to_bytes())
+                    for number, record in records.items()
                     if abs(number) < len(moment.view_of) and moment.view_of[abs(number)] >= 0
                 ],
             )
@@ -339,14 +341,16 @@ class StoreFacts:
         self, moment: Moment, view: int, before: Before, voted: bool, drawn: bool
     ) -> Known:
         """Return what is known of a view at a moment, with as much of what was known as holds."""
-        lasting = (self._own(known, moment, view) for known in before)
-        own = next((one for one in lasting if one is not None), None)
+        lasting = (self._own(record, moment, view) for record in before)
+        own = next((own_views for own_views in lasting if own_views is not None), None)
         if own is None:
             own = self._siblings(moment, view)
         votes = self._votes(moment, view, before) if voted else NO_VOTES
         others = tuple(int(moment.numbers[k]) for k in self._proposed(moment, view, votes))
-        told = {number for known in before if known is not None for number in known.different}
-        different = moment.numbers[moment.stored(np.array(sorted(told), np.int64))]
+        distinguished = {
+            number for record in before if record is not None for number in record.different
+        }
+        different = moment.numbers[moment.stored(np.array(sorted(distinguished), np.int64))]
         whole = before[0]
         if whole is not None and (own, others) == (whole.own, whole.others):
             pairs = whole.pairs
@@ -356,23 +360,23 @@ class StoreFacts:
 
     def _votes(self, moment: Moment, view: int, before: Before) -> Votes:
         """Return the votes of a view, of what was known the latest brought up to date."""
-        voted = [known for known in before if known is not None and known.has_voted]
-        votes, last = None, max(voted, key=lambda known: known.place, default=None)
+        voted = [record for record in before if record is not None and record.has_voted]
+        votes, last = None, max(voted, key=lambda record: record.place, default=None)
         changes = None if last is None else self._changes.between(last.place, moment.place)
         if last is not None and changes is not None:
             descriptors = moment.snapshot.stored_view(view).descriptors
             votes = updated_votes(last.votes, descriptors, moment, *changes)
         return votes or cast_votes(moment, view)
 
-    def _own(self, known: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
+    def _own(self, record: Known | None, moment: Moment, view: int) -> tuple[int, ...] | None:
         """Return the other views of the object as they were known, None where they may differ."""
-        changes = None if known is None else self._changes.between(known.place, moment.place)
-        if known is None or changes is None:
+        changes = None if record is None else self._changes.between(record.place, moment.place)
+        if record is None or changes is None:
             return None
         added, gone = changes
         objects = moment.snapshot.object_of_view
         is_touched = len(gone) > 0 or (objects[moment.stored(added)] == objects[view]).any()
-        return None if is_touched else known.own
+        return None if is_touched else record.own
 
     def _siblings(self, moment: Moment, view: int) -> tuple[int, ...]:
         return tuple(int(moment.numbers[k]) for k in _siblings(moment.snapshot, view))
@@ -388,35 +392,35 @@ class StoreFacts:
     ) -> dict[int, ViewPair | None]:
         """Return the comparisons of a view with others, those that are known already included."""
         pairs: dict[int, ViewPair | None] = {}
-        for known in reversed(before):
-            pairs.update({} if known is None else known.pairs)
-        found: dict[int, ViewPair | None] = {}
+        for record in reversed(before):
+            pairs.update({} if record is None else record.pairs)
+        pairs_by_number: dict[int, ViewPair | None] = {}
         for number in (*own, *others):
             is_drawn = drawn and number in own
             pair = pairs.get(number)
             if number not in pairs or (is_drawn and pair is not None and not pair.is_drawn):
                 other = int(moment.view_of[number])
                 pair = self._compared(moment.snapshot, view, other, is_drawn)
-            found[number] = pair
-        return found
+            pairs_by_number[number] = pair
+        return pairs_by_number
 
-    def _kept_facts(self, snapshot: Snapshot, view: int, known: Known, sign: int) -> ViewFacts:
+    def _cached_facts(self, snapshot: Snapshot, view: int, record: Known, sign: int) -> ViewFacts:
         """Return what follows from a view's comparisons; kept until there are others."""
         key = sign * int(self._changes.at(snapshot).numbers[view])
         held = self._facts.get(key)
-        if held is None or held[0] is not known.pairs:
-            held = self._facts.put(key, (known.pairs, self._followed(snapshot, view, known)))
+        if held is None or held[0] is not record.pairs:
+            held = self._facts.put(key, (record.pairs, self._followed(snapshot, view, record)))
         return held[1]
 
-    def _followed(self, snapshot: Snapshot, view: int, known: Known) -> ViewFacts:
+    def _followed(self, snapshot: Snapshot, view: int, record: Known) -> ViewFacts:
         picture = self.picture(snapshot, view)
         assert picture is not None
         rows, columns = grid_shape(picture.mask.shape, ComparisonParams())
         return facts_of(
             len(snapshot.stored_view(view).keypoints),
             rows * columns,
-            [known.pairs[number] for number in known.own],
-            [known.pairs[number] for number in known.others],
+            [record.pairs[number] for number in record.own],
+            [record.pairs[number] for number in record.others],
         )
 
     def _proposed(
@@ -433,16 +437,18 @@ class StoreFacts:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
         if len(first.picture) == 0 or len(second.picture) == 0:
             return None
-        found = self.aligned(snapshot, view, other)
-        if found is None or len(found) < MIN_MATCHES:
+        alignment = self.aligned(snapshot, view, other)
+        if alignment is None or len(alignment) < MIN_MATCHES:
             return None
         here, there = self.picture(snapshot, view), self.picture(snapshot, other)
         if here is None or there is None:
             return None
         if not drawn:
-            return keypoints_only(found)
-        places = first.keypoints[found.query_rows, :2]
-        return view_pair(found, compare_pictures(here, there, found.query_from_view, places))
+            return keypoints_only(alignment)
+        places = first.keypoints[alignment.query_rows, :2]
+        return view_pair(
+            alignment, compare_pictures(here, there, alignment.query_from_view, places)
+        )
 
 
 def _siblings(snapshot: Snapshot, view: int) -> list[int]:
@@ -467,13 +473,13 @@ def _first_by(
     return ranked[:count]
 
 
-def _few_of_each(views: list[int], snapshot: Snapshot, of_one: int, most: int) -> list[int]:
+def _few_of_each(views: list[int], snapshot: Snapshot, of_each: int, most: int) -> list[int]:
     """Return the first so many of the views of each object, and so many in all."""
     chosen, taken = list[int](), Counter[int]()
     for view in views:
         number = int(snapshot.object_of_view[view])
         taken[number] += 1
-        if taken[number] <= of_one:
+        if taken[number] <= of_each:
             chosen.append(view)
     return chosen[:most]
 

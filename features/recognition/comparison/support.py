@@ -85,7 +85,7 @@ def facts_of(
     """
     agreeing, valid = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
     like = [pair for pair in own if pair is not None]
-    for pair in (one for one in like if one.is_drawn):
+    for pair in (pair_like for pair_like in like if pair_like.is_drawn):
         agreeing += np.unpackbits(pair.agreeing, count=cells)
         valid += np.unpackbits(pair.valid, count=cells)
     return ViewFacts(

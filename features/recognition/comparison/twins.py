@@ -24,7 +24,7 @@ __all__ = ["Twins"]
 
 _MAX_VIEWS = 8
 """Views of each of two objects of which all pairs are compared."""
-_MAX_KEPT = 4_000
+_MAX_CACHED = 4_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Twins:
 
     def __init__(self, facts: StoreFacts) -> None:
         self._facts = facts
-        self._kept: Kept[tuple[int, int], _Compared] = Kept(_MAX_KEPT)
+        self._kept: Kept[tuple[int, int], _Compared] = Kept(_MAX_CACHED)
 
     def of_view(self, snapshot: Snapshot, view: int) -> list[int]:
         """Return the objects that cannot be told from a view's object where the view shows it."""
@@ -85,19 +85,19 @@ class Twins:
         """Return a view of each other object that shows nothing but the print of a view."""
         if self._facts.picture(snapshot, view) is None:
             return []
-        found: dict[int, int] = {}
-        known, told = self._facts.different(snapshot, view), list[int]()
+        same: dict[int, int] = {}
+        different, newly_different = self._facts.different(snapshot, view), list[int]()
         for other in self._facts.neighbours(snapshot, view).others:
             number = int(snapshot.object_of_view[other])
-            if number in found or other in known:
+            if number in same or other in different:
                 continue
             pair = self._compared(snapshot, view, other, is_asked=False).agreement
             if pair is None:
-                told.append(other)
+                newly_different.append(other)
             elif pair.is_same:
-                found[number] = other
-        self._facts.note_different(snapshot, view, told)
-        return list(found.values())
+                same[number] = other
+        self._facts.note_different(snapshot, view, newly_different)
+        return list(same.values())
 
     def _with_siblings(self, snapshot: Snapshot, view: int) -> list[int]:
         return [view, *self._facts.siblings(snapshot, view)][:_MAX_VIEWS]
@@ -127,8 +127,8 @@ class Twins:
         key = _key(snapshot, view, other)
         held = self._kept.get(key)
         if held is not None and held.agreement is not None:
-            known = self._facts.supported(snapshot, other)
-            if _is_support_equal(held.facts, known):
+            support = self._facts.supported(snapshot, other)
+            if _is_support_equal(held.facts, support):
                 return held
         elif held is not None and (held.is_final or not is_asked):
             return held
@@ -136,18 +136,18 @@ class Twins:
 
     def _drawn(self, snapshot: Snapshot, view: int, other: int, is_asked: bool) -> _Compared:
         first, second = snapshot.stored_view(view), snapshot.stored_view(other)
-        here, there = (self._facts.picture(snapshot, one) for one in (view, other))
-        found = self._facts.aligned(snapshot, view, other) if here and there else None
-        if here is None or there is None or found is None or len(found) < MIN_SAME_PRINT:
+        here, there = (self._facts.picture(snapshot, side) for side in (view, other))
+        alignment = self._facts.aligned(snapshot, view, other) if here and there else None
+        if here is None or there is None or alignment is None or len(alignment) < MIN_SAME_PRINT:
             return _Compared(is_final=True)
-        places = first.keypoints[found.query_rows, :2]
-        comparison = compare_pictures(here, there, found.query_from_view, places)
+        places = first.keypoints[alignment.query_rows, :2]
+        comparison = compare_pictures(here, there, alignment.query_from_view, places)
         if not is_asked and not agrees_between(comparison):
             return _Compared()
         height, width = here.mask.shape
         mask_px = np.array([0, 0, width, height], np.float32)
         facts = self._facts.supported(snapshot, other)
-        evidence = print_evidence(found, comparison, second.keypoints, mask_px, facts)
+        evidence = print_evidence(alignment, comparison, second.keypoints, mask_px, facts)
         return _Compared(agreement_of(evidence, comparison, facts), facts)
 
 

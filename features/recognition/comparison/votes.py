@@ -58,8 +58,8 @@ class Moment:
 
     def stored(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the views in the snapshot of those numbers that are stored."""
-        found = self.view_of[numbers[numbers < len(self.view_of)]]
-        return found[found >= 0]
+        views = self.view_of[numbers[numbers < len(self.view_of)]]
+        return views[views >= 0]
 
 
 class Changes:
@@ -127,12 +127,12 @@ class Changes:
         names = [self._objects.setdefault(o, len(self._objects)) for o in snapshot.object_iris]
         objects = np.array(names, np.int64)[snapshot.object_of_view[alive]]
         serials = snapshot.serials[alive]
-        wanted = int(serials.max(initial=0)) + 1 - len(self._number_of_serial)
-        self._number_of_serial = np.pad(self._number_of_serial, (0, max(wanted, 0)))
+        missing = int(serials.max(initial=0)) + 1 - len(self._number_of_serial)
+        self._number_of_serial = np.pad(self._number_of_serial, (0, max(missing, 0)))
         numbers = self._number_of_serial[serials]
         is_new = (numbers == 0) | (self._object_of_number[numbers] != objects)
         for row in np.flatnonzero(is_new).tolist():
-            numbers[row] = self._known_before(snapshot, int(alive[row])) or self._next_number
+            numbers[row] = self._earlier_number(snapshot, int(alive[row])) or self._next_number
             self._next_number = max(self._next_number, int(numbers[row]) + 1)
         room = self._next_number - len(self._object_of_number)
         self._object_of_number = np.pad(self._object_of_number, (0, room), constant_values=-1)
@@ -141,13 +141,13 @@ class Changes:
         self._before = {}  # whoever was not met at the start is gone
         return numbers
 
-    def _known_before(self, snapshot: Snapshot, view: int) -> int:
+    def _earlier_number(self, snapshot: Snapshot, view: int) -> int:
         """Return the number that an earlier process gave to the same content, 0 where none."""
-        known = self._before.get(snapshot.view_iris[view])
-        if known is None:
+        filed = self._before.get(snapshot.view_iris[view])
+        if filed is None:
             return 0
-        now = filed_view(known.id, snapshot, view)
-        return known.id if now == known else 0
+        now = filed_view(filed.id, snapshot, view)
+        return filed.id if now == filed else 0
 
 
 def filed_view(number: int, snapshot: Snapshot, view: int) -> FiledView:
@@ -195,12 +195,12 @@ NO_VOTES = Votes(
 def cast_votes(moment: Moment, view: int) -> Votes:
     """Match a view with everything that is stored."""
     snapshot = moment.snapshot
-    found = snapshot.match(snapshot.stored_view(view).descriptors)
+    votes = snapshot.match(snapshot.stored_view(view).descriptors)
 
     def numbers(views: NDArray[np.int32]) -> NDArray[np.int64]:
         return np.where(views >= 0, moment.numbers[views], 0)
 
-    return Votes(numbers(found.view), found.nearest, numbers(found.rival_view), found.rival)
+    return Votes(numbers(votes.view), votes.nearest, numbers(votes.rival_view), votes.rival)
 
 
 def updated_votes(
@@ -227,7 +227,7 @@ def updated_votes(
     if len(arrived) > MAX_ADDED:
         return None
     snapshot = moment.snapshot
-    blocks = [snapshot.stored_view(int(one)).descriptors for one in arrived]
+    blocks = [snapshot.stored_view(int(row)).descriptors for row in arrived]
     first, nearest, second, rival = nearest_views(
         descriptors, blocks, snapshot.object_of_view[arrived]
     )

@@ -103,10 +103,10 @@ def _means(
         colours[:] = 0
         for y in range(max(rows[r] - reach, 0), min(rows[r] + reach + 1, height)):
             for x in range(width):
-                one = np.int32(cover[y, x])
-                a = one * (np.int32(first[y, x]) - np.int32(128))
-                b = one * (np.int32(second[y, x]) - np.int32(128))
-                sums[0, x] += one
+                weight = np.int32(cover[y, x])
+                a = weight * (np.int32(first[y, x]) - np.int32(128))
+                b = weight * (np.int32(second[y, x]) - np.int32(128))
+                sums[0, x] += weight
                 sums[1, x] += a
                 sums[2, x] += b
                 sums[3, x] += a * a

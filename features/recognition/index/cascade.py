@@ -34,10 +34,10 @@ Codes = NDArray[np.uint64]
 FAR = 2**31 - 1
 """Squared distance of a neighbour that does not exist."""
 
-KEPT_CANDIDATES = 10
+MAX_CANDIDATES = 10
 """Candidates measured exactly for each query descriptor; all ties of the last one come along."""
 
-KEPT_RIVALS = 5
+MAX_RIVALS = 5
 """Candidates of other objects that are measured too: an object that is stored from many views
 would fill the first ten places alone, and pass the ratio rule for want of a rival."""
 
@@ -105,12 +105,12 @@ def _squared_distance(a: UInt8Array, b: UInt8Array) -> Any:
 
 
 @nb.njit(cache=True, nogil=True)
-def _distance_reached(histogram: Rows, wanted: int, last: int) -> int:
+def _distance_reached(histogram: Rows, target: int, last: int) -> int:
     """Return the least Hamming distance, at most ``last``, within which ``wanted`` rows lie."""
     reached = 0
     for h in range(last):
         reached += histogram[h]
-        if reached >= wanted:
+        if reached >= target:
             return h
     return last
 
@@ -118,12 +118,12 @@ def _distance_reached(histogram: Rows, wanted: int, last: int) -> int:
 @nb.njit(cache=True, nogil=True)
 def _shortlist(hamming: NDArray[np.int16], count: int, most: int, short: Rows) -> int:
     """Write the candidates with a Hamming distance of at most ``most`` to ``short``."""
-    kept = 0
+    shortlisted = 0
     for c in range(count):
         if hamming[c] <= most:
-            short[kept] = c
-            kept += 1
-    return kept
+            short[shortlisted] = c
+            shortlisted += 1
+    return shortlisted
 
 
 @nb.njit(cache=True, nogil=True)
@@ -144,10 +144,10 @@ def _two_nearest(
     ``histogram`` of the Hamming distances is used up; ``short`` and ``measured`` are scratch of
     ``count`` rows.
     """
-    limit = _distance_reached(histogram, KEPT_CANDIDATES, 128)
-    kept = _shortlist(hamming, count, limit, short)
+    limit = _distance_reached(histogram, MAX_CANDIDATES, 128)
+    shortlisted = _shortlist(hamming, count, limit, short)
     best, nearest = -1, FAR
-    for k in range(kept):
+    for k in range(shortlisted):
         row = candidates[short[k]]
         distance = _squared_distance(query, stored[row])
         measured[k] = distance
@@ -157,13 +157,13 @@ def _two_nearest(
         return -1, FAR, -1, FAR
     own = labels[views[best]]
     rivals, rival_row, rival = 0, -1, FAR
-    for k in range(kept):
+    for k in range(shortlisted):
         row = candidates[short[k]]
         if labels[views[row]] != own:
             rivals += 1
             if measured[k] < rival or (measured[k] == rival and row < rival_row):
                 rival_row, rival = row, measured[k]
-    if rivals < KEPT_RIVALS and kept < count:
+    if rivals < MAX_RIVALS and shortlisted < count:
         rival_row, rival = _nearest_rival(
             query, stored, labels, views, candidates, hamming, count, histogram, short, own, limit
         )
@@ -185,21 +185,21 @@ def _nearest_rival(
     limit: int,
 ) -> tuple[int, int]:
     """Look for rivals beyond the last of the ten: row of the nearest, and its distance."""
-    kept = _shortlist(hamming, count, min(limit + _RIVAL_REACH, 128), short)
+    shortlisted = _shortlist(hamming, count, min(limit + _RIVAL_REACH, 128), short)
     for _ in range(2):
         histogram[:] = 0
         others = 0
-        for k in range(kept):
+        for k in range(shortlisted):
             if labels[views[candidates[short[k]]]] != own:
                 histogram[hamming[short[k]]] += 1
                 others += 1
-        if others >= KEPT_RIVALS or kept == count:
+        if others >= MAX_RIVALS or shortlisted == count:
             break
         # Many views of one object crowd the list: look at all candidates, which is rarely needed.
-        kept = _shortlist(hamming, count, 128, short)
-    limit = max(limit, _distance_reached(histogram, KEPT_RIVALS, 128))
+        shortlisted = _shortlist(hamming, count, 128, short)
+    limit = max(limit, _distance_reached(histogram, MAX_RIVALS, 128))
     rival_row, rival = -1, FAR
-    for k in range(kept):
+    for k in range(shortlisted):
         row = candidates[short[k]]
         if hamming[short[k]] <= limit and labels[views[row]] != own:
             distance = _squared_distance(query, stored[row])
@@ -233,7 +233,7 @@ def _distinct_rows(
     """
     seen[:] = -1
     last = np.uint32(len(seen) - 1)
-    found = 0
+    count = 0
     for table in range(len(buckets)):
         bucket = buckets[table] & mask
         for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
@@ -242,10 +242,10 @@ def _distinct_rows(
             at = (np.uint32(row) * np.uint32(2654435761) >> np.uint32(7)) & last
             while seen[at] >= 0 and seen[at] != row:
                 at = (at + np.uint32(1)) & last
-            candidates[found] = row
-            found += seen[at] != row
+            candidates[count] = row
+            count += seen[at] != row
             seen[at] = row
-    return found
+    return count
 
 
 @nb.njit(cache=True, nogil=True)
@@ -310,14 +310,14 @@ def match_tables(
             short = np.empty(room, np.int32)
             measured = np.empty(room, np.int32)
             seen = np.empty(_slots(room), np.int32)
-        found = _distinct_rows(
+        distinct = _distinct_rows(
             query_buckets[i], mask, offsets, table_rows, seen[: _slots(most)], candidates
         )
         # Rows lie anywhere in memory. Without branches, which would be guessed wrong, the processor
         # waits for many of them at once.
         count = 0
         histogram[:] = 0
-        for c in range(found):
+        for c in range(distinct):
             row = candidates[c]
             candidates[count] = row
             h = _hamming(query_codes, i, codes, row)
@@ -474,6 +474,9 @@ def match_exact(
     distances[row_labels[None, :] == row_labels[best][:, None]] = np.inf
     second = distances.argmin(axis=1)
     second_distance = distances[np.arange(n), second]
-    known = np.isfinite(second_distance)
-    rival_row[known], rival[known] = second[known], second_distance[known].astype(np.int32)
+    has_rival = np.isfinite(second_distance)
+    rival_row[has_rival], rival[has_rival] = (
+        second[has_rival],
+        second_distance[has_rival].astype(np.int32),
+    )
     return best, nearest, rival_row, rival

@@ -171,9 +171,9 @@ class RecognitionIndex:
         """
         with self._writing:
             number = self._number[view_iri]
-            kept = _name_of(self._snapshot, number).class_iri if class_iri is None else class_iri
-            self._record(Change("relabel", view_iri, object_iri, kept))
-            self._apply_relabel(ViewName(view_iri, object_iri, kept))
+            kind = _name_of(self._snapshot, number).class_iri if class_iri is None else class_iri
+            self._record(Change("relabel", view_iri, object_iri, kind))
+            self._apply_relabel(ViewName(view_iri, object_iri, kind))
 
     def save(self) -> None:
         """Seal the delta into a segment, merge and compact; nothing is lost without it."""

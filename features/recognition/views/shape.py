@@ -89,8 +89,10 @@ def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
     flat = (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2]
     _, number, counts = np.unique(flat, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(number, points[:, axis]) for axis in range(3)], axis=1)
-    kept = counts >= max(2.0, _STRAY_SHARE * float(np.median(counts)))
-    means: NDArray[np.float64] = (sums / counts[:, None])[kept if kept.sum() > 2 else slice(None)]
+    is_dense = counts >= max(2.0, _STRAY_SHARE * float(np.median(counts)))
+    means: NDArray[np.float64] = (sums / counts[:, None])[
+        is_dense if is_dense.sum() > 2 else slice(None)
+    ]
     return means
 
 

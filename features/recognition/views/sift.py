@@ -101,14 +101,14 @@ def detect_keypoints(
         way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         crop = np.asarray(cv2.resize(crop, size, interpolation=way), dtype=np.uint8)
         crop_mask = np.asarray(cv2.resize(crop_mask, size, interpolation=cv2.INTER_NEAREST))
-    found, raw = cv2.SIFT.create(contrastThreshold=params.contrast).detectAndCompute(
+    detected, raw = cv2.SIFT.create(contrastThreshold=params.contrast).detectAndCompute(
         crop, crop_mask
     )
-    if raw is None or len(found) == 0:
+    if raw is None or len(detected) == 0:
         return np.empty((0, 4), np.float32), np.empty((0, 128), np.uint8)
-    order = np.argsort([-k.response for k in found], kind="stable")[: params.max_keypoints]
+    order = np.argsort([-k.response for k in detected], kind="stable")[: params.max_keypoints]
     keypoints = np.array(
-        [(*found[i].pt, found[i].size, found[i].angle) for i in order], dtype=np.float32
+        [(*detected[i].pt, detected[i].size, detected[i].angle) for i in order], dtype=np.float32
     )
     # Resizing maps pixel centres: x_small = (x_large + 1/2) / scale - 1/2.
     keypoints[:, :2] = (keypoints[:, :2] + 0.5) / scale - 0.5 + (left, top)

@@ -59,7 +59,7 @@ def stored_features(features: ViewFeatures, frame: Frame | None = None) -> list[
     >>> [feature.kind for feature in stored_features(view)]
     ['HOGDescriptor', 'BSplineContour']
     """
-    found = [
+    collected = [
         StoredFeature(
             "HOGDescriptor",
             _npz(hog=features.hog.astype("<f4")),
@@ -72,7 +72,7 @@ def stored_features(features: ViewFeatures, frame: Frame | None = None) -> list[
         if len(finite) >= 10:
             voxels = build_voxels(finite, None, _FPFH_VOXEL_M)
             histograms = fpfh(voxels).astype("<f4")
-            found.append(
+            collected.append(
                 StoredFeature(
                     "FPFHFeatureSet",
                     _npz(fpfh=histograms, places_m=voxels.centroids.astype("<f4")),
@@ -81,7 +81,7 @@ def stored_features(features: ViewFeatures, frame: Frame | None = None) -> list[
             )
     if features.contour is not None:
         points_px = features.contour.control_points.astype("<f4")
-        found.append(
+        collected.append(
             StoredFeature(
                 "BSplineContour",
                 _npz(control_points_px=points_px),
@@ -90,7 +90,7 @@ def stored_features(features: ViewFeatures, frame: Frame | None = None) -> list[
         )
     if features.surface is not None:
         surface = features.surface
-        found.append(
+        collected.append(
             StoredFeature(
                 "BSplineSurface",
                 _npz(
@@ -103,7 +103,7 @@ def stored_features(features: ViewFeatures, frame: Frame | None = None) -> list[
                 },
             )
         )
-    return found
+    return collected
 
 
 def _descriptors(count: int, length: int) -> dict[str, Any]:

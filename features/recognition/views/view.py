@@ -195,8 +195,8 @@ def describe_frame(frame: Frame, params: SiftParams | None = None) -> ViewFeatur
     shifted = Intrinsics(
         width, height, camera.fx, camera.fy, camera.cx - frame.x0, camera.cy - frame.y0
     )
-    found = describe_view(frame.rgb, frame.object_mask(), frame.depth_m, shifted, params)
-    return replace(found, is_mask_guessed=frame.is_mask_guessed)
+    described = describe_view(frame.rgb, frame.object_mask(), frame.depth_m, shifted, params)
+    return replace(described, is_mask_guessed=frame.is_mask_guessed)
 
 
 def describe_view(
@@ -356,11 +356,11 @@ def _lift(
     u = np.clip(np.rint(keypoints[:, 0]).astype(int)[:, None] + around, 0, width - 1)
     windows = depth_m[v[:, :, None], u[:, None, :]].reshape(len(keypoints), -1)
     measured = np.where(np.isfinite(windows) & (windows > 0), windows, np.nan)
-    known = np.isfinite(measured).sum(axis=1) >= 3
-    z = np.nanmedian(measured[known], axis=1)
-    points[known, 0] = (keypoints[known, 0] - intrinsics.cx) / intrinsics.fx * z
-    points[known, 1] = (keypoints[known, 1] - intrinsics.cy) / intrinsics.fy * z
-    points[known, 2] = z
+    has_depth = np.isfinite(measured).sum(axis=1) >= 3
+    z = np.nanmedian(measured[has_depth], axis=1)
+    points[has_depth, 0] = (keypoints[has_depth, 0] - intrinsics.cx) / intrinsics.fx * z
+    points[has_depth, 1] = (keypoints[has_depth, 1] - intrinsics.cy) / intrinsics.fy * z
+    points[has_depth, 2] = z
     return points
 
 

@@ -74,10 +74,10 @@ class ArmDrive:
         heights = [self._tool_height[p] for p in ("close", "lift", "hold") if p in self.times]
         return heights[-1] - heights[0] if heights else 0.0
 
-    def tool_error(self, wanted: Floats) -> float:
+    def tool_error(self, target: Floats) -> float:
         """Return how far the tool is from a position, (3,) m in the base frame; in m."""
         tool = self.robot.tool_pose(self.arm)[:3, 3]
-        return float(np.linalg.norm(tool - wanted))
+        return float(np.linalg.norm(tool - target))
 
     # -- motion ----------------------------------------------------------------------------
 

@@ -204,8 +204,8 @@ class AttemptRun:
     def _look_in_hand(self) -> None:
         """Look whether what is held has turned about the closing axis, and how far."""
         request = self.plan.request
-        known = request.outline is not None or request.points is not None
-        if not known or self.drive.hand.grip in _DO_NOT_TURN:
+        has_shape = request.outline is not None or request.points is not None
+        if not has_shape or self.drive.hand.grip in _DO_NOT_TURN:
             return
         turn = self.looks.turn_in_hand()
         self._turn = turn or 0.0
@@ -247,7 +247,7 @@ class AttemptRun:
         self.drive.go_home(self.plan.free)
 
     def _place(
-        self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], wanted: Floats
+        self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], target: Floats
     ) -> str:
         start = (self._raised or self.plan.lift).positions[-1]
         space = self._station.space_of(self.plan.stance)
@@ -256,9 +256,9 @@ class AttemptRun:
             self.put_back()
             self.place_reason = way
             return way
-        kept = self.drive.follow(way.transport, watch=True)
+        was_kept = self.drive.follow(way.transport, watch=True)
         self.drive.end("transport")
-        if kept:
+        if was_kept:
             self._set_down(way)
         else:  # set down, the empty hand would push about what lies there
             self.drive.open(self.plan.opening)
@@ -268,16 +268,16 @@ class AttemptRun:
         after = look()
         request = self.plan.request
         volume = request.width * max(request.length, request.width) * request.height
-        self.placed = judge_placed(kept, before, after, volume)
+        self.placed = judge_placed(was_kept, before, after, volume)
         self._look_after()
         if self.placed.is_yes:
-            self.place_reason = "ok" if kept else "slip_transport"
+            self.place_reason = "ok" if was_kept else "slip_transport"
             arrived = after.centre_of(new_cells(before, after))
-            self._place_offset = float(np.linalg.norm(arrived - wanted))
+            self._place_offset = float(np.linalg.norm(arrived - target))
         elif self.placed.answer == "unknown":
             self.place_reason = "not_judged"
         else:
-            self.place_reason = "drop_outside" if kept else "slip_transport"
+            self.place_reason = "drop_outside" if was_kept else "slip_transport"
         return self.place_reason
 
     def _set_down(self, way: PlacePlan) -> None:
@@ -331,7 +331,7 @@ class AttemptRun:
             tilt=plan.tilt,
             ik_solutions=plan.ik_solutions,
             times=drive.times,
-            links={phase: one.links for phase, one in touch.items()},
-            forces={phase: one.force_n for phase, one in touch.items()},
+            links={phase: reading.links for phase, reading in touch.items()},
+            forces={phase: reading.force_n for phase, reading in touch.items()},
             motion=drive.log.motion,
         )

@@ -101,9 +101,9 @@ def execute_suction(
         Friction, centre of mass and shaking; None = the cup's own friction and a lift alone.
     """
     world.put(body, rest.position.tolist(), rest.quaternion.tolist())
-    told = conditions or Conditions(friction=cup.friction)
+    load = conditions or Conditions(friction=cup.friction)
     hand = FloatingCup(
-        world, replace(cup, friction=told.friction), world_from_gripper, told.com_error
+        world, replace(cup, friction=load.friction), world_from_gripper, load.com_error
     )
-    pull = misplaced_weight(world, body, told)
-    return carry_out(world, body, hand, rest, pull, shaken=told.shake)
+    pull = misplaced_weight(world, body, load)
+    return carry_out(world, body, hand, rest, pull, shaken=load.shake)

@@ -86,7 +86,7 @@ class FloatingThreeFinger(FloatingHand):
     def touches(self, body: int) -> tuple[bool, ...]:
         """Tell for each finger whether it touches a body."""
         contacts = self.world.client.getContactPoints
-        return tuple(len(contacts(self.body, body, linkIndexA=one)) > 0 for one in _FINGERS)
+        return tuple(len(contacts(self.body, body, linkIndexA=finger)) > 0 for finger in _FINGERS)
 
     def holds(self, body: int) -> bool:
         """Tell whether two fingers or more touch a body: two opposed ones hold a bar."""

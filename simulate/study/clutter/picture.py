@@ -40,12 +40,12 @@ def draw_grasps(
     """
     assert frame.rgb is not None
     image = np.ascontiguousarray(frame.rgb[..., ::-1])
-    shown = [(one, _OTHERS) for one in list(grasps)[:_SHOWN] if one is not chosen]
+    shown = [(grasp, _OTHERS) for grasp in list(grasps)[:_SHOWN] if grasp is not chosen]
     if chosen is not None:
         shown.append((chosen, _FIRST))
     camera_from_base = np.linalg.inv(base_from_camera)
-    for one, colour in shown:
-        half = (gripper.max_opening if one.opening is None else one.opening) / 2
+    for grasp, colour in shown:
+        half = (gripper.max_opening if grasp.opening is None else grasp.opening) / 2
         wide = gripper.finger_width / 2
         corners = [
             (-half, -wide),
@@ -56,7 +56,7 @@ def draw_grasps(
             (half, 0),
         ]
         local = np.c_[np.array(corners, dtype=np.float64), np.zeros(6), np.ones(6)]
-        placed = local @ (camera_from_base @ one.frame_from_gripper).T
+        placed = local @ (camera_from_base @ grasp.frame_from_gripper).T
         lens = frame.intrinsics
         x = lens.fx * placed[:, 0] / placed[:, 2] + lens.cx
         y = lens.fy * placed[:, 1] / placed[:, 2] + lens.cy

@@ -37,7 +37,7 @@ __all__ = ["ARM", "Table", "clear_trial", "laid_table", "pile_trial"]
 ARM = "panda_arm"
 """Of the Panda; the NAO's arm takes no full poses."""
 
-_THINGS, _PLACE, _LIGHT, _NOISE, _CHOICE, _COLOUR = range(60, 66)
+_OBJECTS, _PLACE, _LIGHT, _NOISE, _CHOICE, _COLOUR = range(60, 66)
 _MIDDLE, _HALF_M, _OF = (0.46, 0.0), 0.07, 6
 _NUMBERS = 100_000
 _FRICTION = (0.35, 0.8)
@@ -63,7 +63,7 @@ class Table:
     """
 
     cell: Workcell
-    things: dict[int, GraspObject]
+    contents: dict[int, GraspObject]
     touching: int
     lifted: set[int] = field(default_factory=set)
     _before: dict[int, float] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class Table:
         world = self.cell.world
         if phase == "pregrasp":
             self.lifted = set()
-            self._before = {body: world.object_pose(body).z for body in self.things}
+            self._before = {body: world.object_pose(body).z for body in self.contents}
         if phase == "hold":
             fewest = 2 if self.cell.robot.arm(ARM).cup is None else 1
             self.lifted = {
@@ -86,7 +86,7 @@ class Table:
     def empty_boxes(self) -> int:
         """Take everything out of the boxes and the world; return how many things it was."""
         world, gone = self.cell.world, []
-        for body in self.things:
+        for body in self.contents:
             pose = world.object_pose(body)
             for box in world.place_boxes.values():
                 (x0, x1), (y0, y1) = box.x_range, box.y_range
@@ -96,7 +96,7 @@ class Table:
                     break
         for body in gone:
             world.remove(body)
-            del self.things[body]
+            del self.contents[body]
         return len(gone)
 
 
@@ -116,19 +116,19 @@ def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
         hand = hand_of(describe("panda"), ARM)
         assert isinstance(hand, ParallelGripper)
         rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
-        things = {}
-        for k, thing in enumerate(_things(seed, number, count, hand)):
+        contents = {}
+        for k, item in enumerate(_graspable_objects(seed, number, count, hand)):
             place = Path(folder) / str(k)
             place.mkdir()
             friction = Friction(lateral=float(rng.uniform(*_FRICTION)), rolling=0.0004)
             colour = (*shade.uniform(0.2, 0.9, 3).tolist(), 1.0)
             body = spawn_parts(
-                cell.world, thing.write(place), thing.mass, friction=friction,
-                seen=(thing.write_whole(place), colour),
+                cell.world, item.write(place), item.mass, friction=friction,
+                seen=(item.write_whole(place), colour),
             )  # fmt: skip
-            things[body] = thing
-        drop(cell.world, list(things), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
-        yield Table(cell, things, touching_pairs(cell.world, list(things)))
+            contents[body] = item
+        drop(cell.world, list(contents), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
+        yield Table(cell, contents, touching_pairs(cell.world, list(contents)))
 
 
 def _robot(settings: Mapping[str, Any]) -> RobotDescription:
@@ -136,41 +136,43 @@ def _robot(settings: Mapping[str, Any]) -> RobotDescription:
     return describe("panda", **({"hand": str(hand)} if hand else {}))
 
 
-def _things(seed: int, number: int, count: int, hand: ParallelGripper) -> list[GraspObject]:
+def _graspable_objects(
+    seed: int, number: int, count: int, hand: ParallelGripper
+) -> list[GraspObject]:
     """Return generated objects that the hand may hold, as heavy as wood, at most 500 g."""
-    rng, found = stream(seed, _THINGS, number), list[GraspObject]()
-    while len(found) < count:
-        thing = generated(seed, int(rng.integers(_NUMBERS)), hand)
-        thing = replace(thing, mass=min(assumed_mass(thing.mesh()), _HEAVIEST_KG))
-        if fits(thing, hand):
-            found.append(thing)
-    return found
+    rng, drawn = stream(seed, _OBJECTS, number), list[GraspObject]()
+    while len(drawn) < count:
+        item = generated(seed, int(rng.integers(_NUMBERS)), hand)
+        item = replace(item, mass=min(assumed_mass(item.mesh()), _HEAVIEST_KG))
+        if fits(item, hand):
+            drawn.append(item)
+    return drawn
 
 
 def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Pick once from a pile; return what happened as JSON data."""
     choice = mix_seed(int(settings["seed"]), _CHOICE, number)
     with laid_table(settings, number) as table:
-        result: dict[str, Any] = {"objects": len(table.things), "touching": table.touching}
+        result: dict[str, Any] = {"objects": len(table.contents), "touching": table.touching}
         cell = table.cell
         view = look_at_clutter(cell.executor)
         hand = hand_of(cell.robot.description, ARM)
-        found = None if view is None else plan_in_view(view, hand)
+        proposals = None if view is None else plan_in_view(view, hand)
         pick = None
-        if view is not None and found is not None:
-            result |= {"segments": len(view.segments), "candidates": len(found)}
-            pick, refused = pick_from(view, found, cell.executor, ARM, choice)
+        if view is not None and proposals is not None:
+            result |= {"segments": len(view.segments), "candidates": len(proposals)}
+            pick, refused = pick_from(view, proposals, cell.executor, ARM, choice)
             result["refused"] = list(refused)
             if settings.get("pictures") and isinstance(hand, ParallelGripper):
                 frame, base_from_camera = cell.executor.eyes.look("ahead")
                 chosen = None if pick is None else pick.candidate
                 path = Path(str(settings["pictures"])) / f"pile-{number:03d}.png"
-                draw_grasps(path, frame, base_from_camera, found.candidates, hand, chosen)
+                draw_grasps(path, frame, base_from_camera, proposals.candidates, hand, chosen)
         if pick is None:
-            reason = "no_table" if found is None else found.reason or "out_of_reach"
+            reason = "no_table" if proposals is None else proposals.reason or "out_of_reach"
             return {**result, "reason": reason, "lifted": False, "placed": False, "moved": 0,
                     "says": reason}  # fmt: skip
-        before = {body: cell.world.object_pose(body).position for body in table.things}
+        before = {body: cell.world.object_pose(body).position for body in table.contents}
         run = cell.executor.begin(pick.plan, table.watch)
         reason = run.grasp()
         lifted = set(table.lifted)
@@ -182,12 +184,12 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             if body not in lifted
         )
         placed = table.empty_boxes() > 0
-    one = pick.candidate
+    candidate = pick.candidate
     return {
         **result, "reason": reason, "lifted": bool(lifted), "several": len(lifted) > 1,
-        "placed": placed, "moved": moved, "rank": pick.rank, "kind": one.antipodal,
+        "placed": placed, "moved": moved, "rank": pick.rank, "kind": candidate.antipodal,
         "tilt_deg": round(float(np.degrees(pick.plan.tilt)), 1),
-        "scores": {k: round(float(v), 4) for k, v in one.scores.items()},
+        "scores": {k: round(float(v), 4) for k, v in candidate.scores.items()},
         "says": f"{reason}, {'lifted' if lifted else 'not lifted'}",
     }  # fmt: skip
 
@@ -196,14 +198,14 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Clear one cluttered table, by the robot's agent if asked; return what happened as JSON."""
     choice = mix_seed(int(settings["seed"]), _CHOICE, number)
     with laid_table(settings, number) as table:
-        count = len(table.things)
+        count = len(table.contents)
         result: dict[str, Any] = {"objects": count, "touching": table.touching}
         run = _by_agent if settings.get("agent") else _by_rules
         moves, cleared = run(table, choice, count, bool(settings.get("pushes", True)))
-        left = [thing.name for thing in table.things.values()]
+        left = [item.name for item in table.contents.values()]
         off = sum(
             table.cell.world.object_pose(body).z < table.cell.world.table_height - 0.05
-            for body in table.things
+            for body in table.contents
         )
     picks = sum(move["kind"] == "pick" for move in moves)
     pushes = sum(move["kind"] == "push" for move in moves)
@@ -228,7 +230,7 @@ def _by_rules(
             "kind": move.kind, "reason": move.reason, "lifted": lifted,
             "placed": move.placed, "segments": move.segments,
         })  # fmt: skip
-        if not table.things:
+        if not table.contents:
             break
     return moves, cleared
 

@@ -38,8 +38,8 @@ def draw_pushes(path: Path, seed: int, preset: str) -> None:
         size = 2 * _CROP_PX * _SCALE
         x, y = (low * _SCALE).tolist()
         panel = np.ascontiguousarray(image[y : y + size, x : x + size])
-        said = f"{number + 1}: Q = {100 * plan.analysis.quality[index]:.1f}"
-        cv2.putText(panel, said, (16, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (255, 255, 255), 2,
+        caption = f"{number + 1}: Q = {100 * plan.analysis.quality[index]:.1f}"
+        cv2.putText(panel, caption, (16, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (255, 255, 255), 2,
                     cv2.LINE_AA)  # fmt: skip
         panels.append(panel)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -95,14 +95,14 @@ def lay(cell: Workcell, part: PlaneBody) -> int:
     for flat in triangles(part.ring):
         low = np.column_stack([flat - part.com, np.full(len(flat), -HEIGHT_M / 2)])
         prisms.append(np.vstack([low, low + np.array([0.0, 0.0, HEIGHT_M])]))
-    thing = GraspObject("part", tuple(prisms), _MASS_KG)
+    item = GraspObject("part", tuple(prisms), _MASS_KG)
     world = cell.world
     with tempfile.TemporaryDirectory(prefix="rtask-push-") as folder:
         place = Path(folder)
         body = spawn_parts(
-            world, thing.write(place), _MASS_KG,
+            world, item.write(place), _MASS_KG,
             friction=Friction(lateral=FRICTION / _FINGER_FRICTION, rolling=0.0),
-            seen=(thing.write_whole(place), (0.15, 0.25, 0.7, 1.0)),
+            seen=(item.write_whole(place), (0.15, 0.25, 0.7, 1.0)),
         )  # fmt: skip
     at = (*part.com.tolist(), world.table_height + HEIGHT_M / 2 + 0.0005)
     world.put(body, at, (0.0, 0.0, 0.0, 1.0))
@@ -166,8 +166,8 @@ def chosen(plan: PushPlan, jaw: float, stroke: float) -> list[int]:
     fits = np.array([last - first <= room for _, first, last in spans])
     quality = np.where(fits, plan.analysis.quality, -np.inf)
     picks = [next(int(k) for k in plan.analysis.order if fits[k])]
-    for wanted, _ in PUBLISHED[1:]:
-        order = np.argsort(np.abs(quality - wanted / 100), kind="stable")
+    for published, _ in PUBLISHED[1:]:
+        order = np.argsort(np.abs(quality - published / 100), kind="stable")
         picks.append(int(next(k for k in order if int(k) not in picks)))
     return picks
 

@@ -72,19 +72,19 @@ def summarise_pushes(results: Results, seed: int, preset: str) -> dict[str, Any]
 def push_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return the table of :data:`COLUMNS`."""
     rows: list[tuple[str, ...]] = []
-    for number, one in enumerate(summary["grasps"], 1):
-        thesis, plug, made = one["thesis"], one["plug"], one["printed"]
+    for number, grasp in enumerate(summary["grasps"], 1):
+        thesis, plug, made = grasp["thesis"], grasp["plug"], grasp["printed"]
         low, high = made["flat"]["interval95"]
         rows.append((
             str(number), f"{100 * thesis['quality']:.1f}", f"{thesis['closed']} of {thesis['of']}",
-            f"{100 * one['quality']:.1f}", _count(plug["held"]), _count(plug["flat"]),
+            f"{100 * grasp['quality']:.1f}", _count(plug["held"]), _count(plug["flat"]),
             _count(made["held"]), _count(made["flat"]), f"{low:.2f} to {high:.2f}",
         ))  # fmt: skip
     return rows
 
 
-def _count(found: Mapping[str, Any]) -> str:
-    return f"{found['hits']} of {found['n']}"
+def _count(count: Mapping[str, Any]) -> str:
+    return f"{count['hits']} of {count['n']}"
 
 
 def write_push_report(

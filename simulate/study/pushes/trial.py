@@ -72,9 +72,9 @@ def push_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         off, turned = rng.normal(0.0, _PLACE_STD_M, 2), float(rng.normal(0.0, _TURN_STD_RAD))
     push = arm_push(plan, index, jaw, stroke, off=off, turned=turned)
     with Workcell("panda", preset) as cell:
-        found = carry_out(cell, part, push, mix_seed(seed, _CHOICE, which, k))
-    return {"grasp": which, "printed": made, **found,
-            "says": f"{found['reason']}, {'held' if found['held'] else 'not held'}"}  # fmt: skip
+        result = carry_out(cell, part, push, mix_seed(seed, _CHOICE, which, k))
+    return {"grasp": which, "printed": made, **result,
+            "says": f"{result['reason']}, {'held' if result['held'] else 'not held'}"}  # fmt: skip
 
 
 def carry_out(cell: Workcell, part: PlaneBody, push: ArmPush, seed: int) -> dict[str, Any]:

@@ -55,14 +55,14 @@ def draws(seed: int, number: int, count: int, size_m: float) -> list[Draw]:
     """
     errors = PoseNoise().transforms(count, mix_seed(seed, _ERRORS, number))
     rng = stream(seed, _OTHERS, number)
-    found = []
+    draws = []
     for error in errors:
         off = rng.normal(0, _COM_SHARE * size_m, 3)
         conditions = Conditions(
             float(rng.uniform(*_FRICTION)), (float(off[0]), float(off[1]), float(off[2])), True
         )
-        found.append(Draw(error, conditions))
-    return found
+        draws.append(Draw(error, conditions))
+    return draws
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Bench:
         Of the physics.
     """
 
-    thing: GraspObject
+    item: GraspObject
     mesh: Mesh
     world: World
     body: int
@@ -119,13 +119,13 @@ class Bench:
 
 
 @contextmanager
-def laid_out(thing: GraspObject, preset: str = "fast") -> Iterator[Bench]:
+def laid_out(item: GraspObject, preset: str = "fast") -> Iterator[Bench]:
     """Let an object come to rest on a table."""
     friction = Friction(lateral=0.5, rolling=0.0004)
     with tempfile.TemporaryDirectory(prefix="rtask-parts-") as folder, World(preset) as world:
         world.add_table(0.0)
-        body = spawn_parts(world, thing.write(Path(folder)), thing.mass, friction=friction)
-        low = min(float(part[:, 2].min()) for part in thing.parts)
+        body = spawn_parts(world, item.write(Path(folder)), item.mass, friction=friction)
+        low = min(float(part[:, 2].min()) for part in item.parts)
         place = (*_PLACE, 0.002 - low)
         world.client.resetBasePositionAndOrientation(body, place, (0, 0, 0, 1))
-        yield Bench(thing, thing.mesh(), world, body, settle(world, body))
+        yield Bench(item, item.mesh(), world, body, settle(world, body))

@@ -74,26 +74,26 @@ def grasp_quality(
         click.echo(json.dumps(summary))
         return
     print_table("First grasps by physics", COLUMNS, quality_rows(summary))
-    for name, found in summary["calibration"].items():
-        if found["n"]:
+    for name, row in summary["calibration"].items():
+        if row["n"]:
             click.echo(
-                f"{name}: score {found['promised']:.3f}, held {found['held']:.3f}; calibration "
-                f"error of the score {found['error']:.3f}, by the factory's map "
-                f"{found['error_by_factory']:.3f}, after 50 own outcomes "
-                f"{found.get('error_after_50', float('nan')):.3f}; at least what is promised at "
-                f"90 %: {found['covered']:.3f} {found['covered_95']} of the objects, with margins "
-                f"from halves of them {found.get('covered_by_halves', float('nan')):.3f}, of which "
-                f"their number explains {found.get('expected_by_halves', float('nan')):.3f}; "
-                f"n {found['n']}"
+                f"{name}: score {row['promised']:.3f}, held {row['held']:.3f}; calibration "
+                f"error of the score {row['error']:.3f}, by the factory's map "
+                f"{row['error_by_factory']:.3f}, after 50 own outcomes "
+                f"{row.get('error_after_50', float('nan')):.3f}; at least what is promised at "
+                f"90 %: {row['covered']:.3f} {row['covered_95']} of the objects, with margins "
+                f"from halves of them {row.get('covered_by_halves', float('nan')):.3f}, of which "
+                f"their number explains {row.get('expected_by_halves', float('nan')):.3f}; "
+                f"n {row['n']}"
             )
-    for name, found in summary["ranks"].items():
-        if found["grasps"]:
+    for name, row in summary["ranks"].items():
+        if row["grasps"]:
             click.echo(
                 f"{name}: rank correlation of score and share held over all "
-                f"{found['grasps']} grasps {_correlation(found['over'])}, within objects "
-                f"{_correlation(found['within'])}; were the chances the truth, "
-                f"{_number(found['attainable']['over'])} and "
-                f"{_number(found['attainable']['within'])}; {json.dumps(found['spread'])}"
+                f"{row['grasps']} grasps {_correlation(row['over'])}, within objects "
+                f"{_correlation(row['within'])}; were the chances the truth, "
+                f"{_number(row['attainable']['over'])} and "
+                f"{_number(row['attainable']['within'])}; {json.dumps(row['spread'])}"
             )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
@@ -104,9 +104,9 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def _correlation(found: Mapping[str, Any]) -> str:
+def _correlation(correlation: Mapping[str, Any]) -> str:
     """Return a correlation with its interval and the number of objects."""
-    if found["mean"] is None:
+    if correlation["mean"] is None:
         return "-"
-    low, high = found["interval95"]
-    return f"{found['mean']:.2f} [{low:.2f}, {high:.2f}] (n {found['n']})"
+    low, high = correlation["interval95"]
+    return f"{correlation['mean']:.2f} [{low:.2f}, {high:.2f}] (n {correlation['n']})"

@@ -123,8 +123,8 @@ def generated(seed: int, number: int, gripper: ParallelGripper) -> GraspObject:
     mass = share * _heaviest(gripper)
     sides = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * 90, degrees=True)
     yaw = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
-    thing = _centred(f"{family}-{number}", parts, mass)
-    return thing.turned((yaw * sides).as_matrix())
+    item = _centred(f"{family}-{number}", parts, mass)
+    return item.turned((yaw * sides).as_matrix())
 
 
 def _heaviest(gripper: ParallelGripper) -> float:
@@ -132,10 +132,10 @@ def _heaviest(gripper: ParallelGripper) -> float:
     return 2 * gripper.friction * gripper.max_force / 9.81
 
 
-def fits(thing: GraspObject, gripper: ParallelGripper) -> bool:
+def fits(item: GraspObject, gripper: ParallelGripper) -> bool:
     """Tell whether a hand may hold an object: narrow enough and at most half of what it bears."""
-    narrowest = min(float(np.ptp(np.vstack(thing.parts), axis=0)[k]) for k in range(3))
-    light = thing.mass <= _WEIGHT_SHARE[1] * _heaviest(gripper)
+    narrowest = min(float(np.ptp(np.vstack(item.parts), axis=0)[k]) for k in range(3))
+    light = item.mass <= _WEIGHT_SHARE[1] * _heaviest(gripper)
     return light and narrowest < gripper.max_opening
 
 
@@ -154,7 +154,7 @@ def ycb_models(folder: Path) -> list[GraspObject]:
     """
     import trimesh
 
-    found = []
+    models = []
     for urdf in sorted(folder.glob("*.urdf")):
         parts = []
         for path in sorted((folder / urdf.stem).glob("*coacd*.stl")):
@@ -163,10 +163,10 @@ def ycb_models(folder: Path) -> list[GraspObject]:
                 parts.append(points[ConvexHull(points).vertices])
         mass = re.search(r'mass value="([\d.e+-]+)"', urdf.read_text("utf-8"))
         if parts and mass is not None and float(mass.group(1)) > 0:
-            found.append(_centred(urdf.stem, parts, float(mass.group(1))))
-    if not found:
+            models.append(_centred(urdf.stem, parts, float(mass.group(1))))
+    if not models:
         raise UsageError(f"{folder} holds no NAME.urdf with parts NAME/*coacd*.stl")
-    return found
+    return models
 
 
 def _cuboid(low: ArrayLike, high: ArrayLike) -> Floats:

@@ -44,7 +44,9 @@ def rank_correlations(results: Sequence[Mapping[str, Any]], outcome: str) -> dic
         ``grasps`` counts them.
     """
     tables = [
-        np.array([[one[OUTCOMES[outcome]], np.mean(one[outcome])] for one in result["ranked"]])
+        np.array(
+            [[entry[OUTCOMES[outcome]], np.mean(entry[outcome])] for entry in result["ranked"]]
+        )
         for result in results
         if len(result.get("ranked", ())) > 0
     ]
@@ -81,17 +83,17 @@ def _attainable(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str,
     for _ in range(_REPEATS):
         drawn = [
             np.array([
-                [one[score], rng.binomial(n, FACTORY[score].chance(one[score])) / n]
-                for one in result["ranked"] if (n := len(one[outcome]))
+                [entry[score], rng.binomial(n, FACTORY[score].chance(entry[score])) / n]
+                for entry in result["ranked"] if (n := len(entry[outcome]))
             ])
             for result in results if len(result.get("ranked", ())) > 0
         ]  # fmt: skip
         if drawn and (rho := _spearman(*np.concatenate(drawn).T)) is not None:
             over.append(rho)
         each = [_spearman(table[:, 0], table[:, 1]) for table in drawn if len(table) >= _FEWEST]
-        found = [rho for rho in each if rho is not None]
-        if found:
-            within.append(float(np.mean(found)))
+        correlations = [rho for rho in each if rho is not None]
+        if correlations:
+            within.append(float(np.mean(correlations)))
     return {
         name: round(float(np.mean(values)), 4) if values else None
         for name, values in (("over", over), ("within", within))

@@ -56,7 +56,7 @@ def summarise_quality(results: Results) -> dict[str, Any]:
     groups = {f"{hand}, {score}": [(r, outcome) for r in results if r["hand"] == hand]
               for hand in HANDS for outcome, score in OUTCOMES.items()}  # fmt: skip
     cases = {name: _case(group) for name, group in groups.items()}
-    cases["all"] = _case([one for group in groups.values() for one in group])
+    cases["all"] = _case([trial for group in groups.values() for trial in group])
     return {
         "objects": {hand: sum(r["hand"] == hand for r in results) for hand in HANDS},
         "none": {rule: sum(rule not in r["rules"] for r in results) for rule in RULES},
@@ -108,7 +108,7 @@ def _promises(group: Sequence[tuple[Mapping[str, Any], str]]) -> dict[str, Any]:
         return {"n": 0}
     score = OUTCOMES[group[0][1]]
     learnt = _after_own_outcomes(score, np.array(promised), np.array(held), np.array(objects))
-    mapped = np.array([FACTORY[score].chance(one) for one in promised])
+    mapped = np.array([FACTORY[score].chance(value) for value in promised])
     starts = np.flatnonzero(np.diff(objects, prepend=-1))
     shares = np.add.reduceat(np.array(held, dtype=np.float64), starts) / np.diff(
         starts, append=len(held)
@@ -142,10 +142,10 @@ def _after_own_outcomes(
         mine = rng.permutation(numbers)[: len(numbers) // 2]
         own = np.flatnonzero(np.isin(objects, mine))
         own = rng.permutation(own)[:_OWN]
-        told = zip(promised[own].tolist(), held[own].tolist(), strict=True)
-        found = fit_map(told, FACTORY[score])
+        own_outcomes = zip(promised[own].tolist(), held[own].tolist(), strict=True)
+        fitted = fit_map(own_outcomes, FACTORY[score])
         new = ~np.isin(objects, mine)
-        chances = np.array([found.chance(score) for score in promised[new].tolist()])
+        chances = np.array([fitted.chance(score) for score in promised[new].tolist()])
         errors.append(expected_calibration_error(chances, held[new]))
         gaps.append(abs(float(chances.mean()) - float(held[new].mean())))
     if not errors:
@@ -165,20 +165,20 @@ def _covered(chances: FloatArray, shares: FloatArray, margin: float) -> dict[str
     """
     least = np.maximum(chances - margin, 0.0)
     hits = share(int((shares >= least - 1e-9).sum()), len(shares))
-    found = {"covered": round(hits["share"], 4), "covered_95": hits["interval95"]}
+    coverage = {"covered": round(hits["share"], 4), "covered_95": hits["interval95"]}
     rng, halves = np.random.default_rng(0), []
     for _ in range(_HALVES if len(shares) // 2 >= _FEWEST else 0):
         order = rng.permutation(len(shares))
-        known, new = order[: len(order) // 2], order[len(order) // 2 :]
-        margin = band_margin(chances[known], shares[known], _COVERAGE)
+        earlier, new = order[: len(order) // 2], order[len(order) // 2 :]
+        margin = band_margin(chances[earlier], shares[earlier], _COVERAGE)
         least = np.maximum(chances[new] - margin, 0.0)
         halves.append(float((shares[new] >= least - 1e-9).mean()))
     if halves:
         places = len(shares) // 2 + 1
         rank = np.ceil(places * _COVERAGE - 1e-9)
-        found["covered_by_halves"] = round(float(np.mean(halves)), 4)
-        found["expected_by_halves"] = round(float(rank / places), 4)
-    return found
+        coverage["covered_by_halves"] = round(float(np.mean(halves)), 4)
+        coverage["expected_by_halves"] = round(float(rank / places), 4)
+    return coverage
 
 
 def _gate(cases: Mapping[str, Any]) -> dict[str, bool]:

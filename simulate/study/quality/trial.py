@@ -38,11 +38,11 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     """Carry out each rule's pick for one object; return the shares that held as JSON data."""
     seed, hand = int(settings["seed"]), HANDS[number % len(HANDS)]
     gripper, index = gripper_named(hand), number // len(HANDS)
-    thing = _thing(settings, index, gripper)
-    with laid_out(thing, str(settings["preset"])) as bench:
+    item = _object_of_trial(settings, index, gripper)
+    with laid_out(item, str(settings["preset"])) as bench:
         choice = mix_seed(seed, _PLAN, number)
         plan = plan_on_mesh(
-            bench.mesh, gripper, bench.around, SpatialOptions(mass=bench.thing.mass, seed=choice)
+            bench.mesh, gripper, bench.around, SpatialOptions(mass=bench.item.mass, seed=choice)
         )
         picks = _picks(bench, plan, gripper, choice)
         size = float(bench.mesh.extent.max())
@@ -56,22 +56,24 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
                 done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
-            {**{k: round(float(one.scores[k]), 4) for k in ("lift", "carry")},
-             **_tried(bench, one, gripper, trials)}
-            for one in _spread(plan, int(settings.get("ranked", 0)))
+            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry")},
+             **_tried(bench, candidate, gripper, trials)}
+            for candidate in _spread(plan, int(settings.get("ranked", 0)))
         ]  # fmt: skip
     return {
         "hand": hand,
-        "object": thing.name,
-        "mass": round(thing.mass, 4),
+        "object": item.name,
+        "mass": round(item.mass, 4),
         "rules": outcomes,
         "ranked": ranked,
-        "says": f"{hand} {thing.name}: "
+        "says": f"{hand} {item.name}: "
         + ", ".join(f"{rule} {sum(o['carried'])}" for rule, o in outcomes.items()),
     }
 
 
-def _thing(settings: Mapping[str, Any], index: int, gripper: ParallelGripper) -> GraspObject:
+def _object_of_trial(
+    settings: Mapping[str, Any], index: int, gripper: ParallelGripper
+) -> GraspObject:
     """Return an object: generated and YCB models in turn, then whichever are left."""
     models = _models(str(settings["ycb"]), gripper) if settings["ycb"] else ()
     mine, theirs = divmod(index, 2)
@@ -84,7 +86,7 @@ def _thing(settings: Mapping[str, Any], index: int, gripper: ParallelGripper) ->
 def _models(folder: str, gripper: ParallelGripper) -> tuple[GraspObject, ...]:
     """Return every second model that a hand can hold; the others served to make the rule."""
     models = ycb_models(Path(folder))[1::2]
-    return tuple(one for one in models if fits(one, gripper))
+    return tuple(model for model in models if fits(model, gripper))
 
 
 def _tried(
@@ -93,41 +95,41 @@ def _tried(
     """Carry out a grasp under each draw; return what was lifted and what was carried."""
     held = bench.try_out(pick, gripper, trials)
     return {
-        "held": [one.held for one in held],
-        "carried": [bool(one.carried) for one in held],
+        "held": [trial.held for trial in held],
+        "carried": [bool(trial.carried) for trial in held],
     }
 
 
 def _spread(plan: Proposals, count: int) -> list[GraspCandidate]:
     """Return so many grasps of a plan, evenly from its best to its worst."""
-    found = list(plan)
-    places = np.linspace(0, len(found) - 1, min(count, len(found))).round().astype(int)
-    return [found[k] for k in places]
+    ranked = list(plan)
+    places = np.linspace(0, len(ranked) - 1, min(count, len(ranked))).round().astype(int)
+    return [ranked[k] for k in places]
 
 
 def _picks(
     bench: Bench, plan: Proposals, gripper: ParallelGripper, seed: int
 ) -> dict[str, tuple[GraspCandidate, dict[str, float]]]:
     """Return each rule's grasp in the object's frame, and what was promised of it."""
-    found: dict[str, GraspCandidate | None] = {
+    picks: dict[str, GraspCandidate | None] = {
         "planned": next(iter(plan), None),
         "confidence": _by_confidence(bench, gripper, seed),
         "sampler": _sampled(bench, gripper, seed),
     }
     return {
-        rule: (one, {k: round(float(v), 4) for k, v in one.scores.items()})
-        for rule, one in found.items()
-        if one is not None
+        rule: (pick, {k: round(float(v), 4) for k, v in pick.scores.items()})
+        for rule, pick in picks.items()
+        if pick is not None
     }
 
 
 def _by_confidence(bench: Bench, gripper: ParallelGripper, seed: int) -> GraspCandidate | None:
     around = bench.around
-    found = propose_on_mesh(bench.mesh, gripper, around, central=0, seed=seed)
+    proposals = propose_on_mesh(bench.mesh, gripper, around, central=0, seed=seed)
     assert around.support is not None
-    load = Load(bench.thing.mass, around.support.normal)
+    load = Load(bench.item.mass, around.support.normal)
     scored = score_grasps(
-        list(found), bench.mesh, gripper, sweep=around.sweep, load=load, seed=seed
+        list(proposals), bench.mesh, gripper, sweep=around.sweep, load=load, seed=seed
     )
     return next(iter(rank_by_confidence(scored)), None)
 
@@ -137,11 +139,11 @@ def _sampled(bench: Bench, gripper: ParallelGripper, seed: int) -> GraspCandidat
     rotation, origin = world_from_object[:3, :3], world_from_object[:3, 3]
     standing = bench.mesh.vertices @ rotation.T + origin
     com = rotation @ bench.mesh.com + origin
-    found = sampled_grasp(standing, bench.mesh.faces, com, gripper, 0.0, seed)
-    if found is None:
+    sampled = sampled_grasp(standing, bench.mesh.faces, com, gripper, 0.0, seed)
+    if sampled is None:
         return None
-    pose = np.linalg.inv(world_from_object) @ found.frame_from_gripper
-    return replace(found, frame_from_gripper=pose)
+    pose = np.linalg.inv(world_from_object) @ sampled.frame_from_gripper
+    return replace(sampled, frame_from_gripper=pose)
 
 
 def _is_same(a: GraspCandidate, b: GraspCandidate) -> bool:

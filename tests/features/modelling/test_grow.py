@@ -112,10 +112,10 @@ def test_a_wrong_movement_is_mended_or_refused(grown: ObjectModel) -> None:
 
 def test_a_measurement_may_be_off_by_a_turn_about_its_camera(grown: ObjectModel) -> None:
     frame, pose = view_from(45, 40)
-    told = pose.copy()
+    prior_pose = pose.copy()
     # By 2.5 degrees: 1.7 standard deviations, and 17 mm at the object.
-    told[:3, :3] = told[:3, :3] @ rotation_about(np.array([0, 1.0, 0]), np.deg2rad(2.5))
-    _, mended = grown.add(frame, object_from_camera=told, is_measured=True)
+    prior_pose[:3, :3] = prior_pose[:3, :3] @ rotation_about(np.array([0, 1.0, 0]), np.deg2rad(2.5))
+    _, mended = grown.add(frame, object_from_camera=prior_pose, is_measured=True)
     assert mended is not None
     camera_from_camera = np.linalg.inv(pose) @ mended.object_from_camera
     assert np.linalg.norm(camera_from_camera[:3, 3]) < 0.004
@@ -160,9 +160,9 @@ def shift_at_middle(found: NDArray[np.float64], true: NDArray[np.float64]) -> fl
 def test_views_of_opposite_sides_are_brought_together_by_those_between() -> None:
     front, pose = view_from(0, 20)
     behind, opposite = view_from(180, -20)
-    told = told_with(opposite, 1.0)
+    prior_pose = told_with(opposite, 1.0)
     model, _ = ObjectModel().add(front, object_from_camera=pose)
-    model, _ = model.add(behind, object_from_camera=told, is_measured=True)
+    model, _ = model.add(behind, object_from_camera=prior_pose, is_measured=True)
     assert shift_at_middle(model.sources[1][1], opposite) > 0.005  # they meet nowhere
     for azimuth, elevation in ((60, 0), (120, 10), (-60, 10), (-120, 0)):
         frame, side = view_from(azimuth, elevation)
@@ -180,8 +180,8 @@ def test_a_stored_model_grows_as_the_one_in_memory_does() -> None:
         model, _ = model.add(frame, object_from_camera=pose)
     stored = ObjectModel.from_bytes(model.to_bytes())
     frame, pose = view_from(140, 30)
-    told = told_with(pose, 0.5)
-    here, there = (m.add(frame, object_from_camera=told)[0] for m in (model, stored))
+    prior_pose = told_with(pose, 0.5)
+    here, there = (m.add(frame, object_from_camera=prior_pose)[0] for m in (model, stored))
     assert np.array_equal(here.cloud, there.cloud)
     assert all(np.array_equal(a[1], b[1]) for a, b in zip(here.sources, there.sources, strict=True))
 

@@ -99,7 +99,7 @@ def test_thin_things_are_found_and_prints_on_the_table_are_not(seed, thick_m, is
     scene = segment_scene(points, ink)
     assert len(scene.objects) == 1 + is_found
     assert (scene.labels[card] > 0).mean() > 0.8 if is_found else not scene.labels[card].any()
-    without = segment_scene(points, ink, replace(SegmentParams(), thin_things=False))
+    without = segment_scene(points, ink, replace(SegmentParams(), thin_objects=False))
     assert len(without.objects) == 1
 
 

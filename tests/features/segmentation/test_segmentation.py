@@ -244,7 +244,7 @@ def test_turning_the_cloud_about_the_viewing_axis_keeps_the_partition(turn_deg: 
     first, second = segment_scene(cloud).labels, segment_scene(turned).labels
     score = score_labels(second, first)
     assert score is not None
-    assert score.true_count == score.found_count == 3
+    assert score.true_count == score.predicted_count == 3
     assert score.f > 0.99  # voxels cut the outlines elsewhere
 
 
@@ -252,7 +252,7 @@ def test_mirroring_the_cloud_keeps_the_partition() -> None:
     cloud = _scene(*THREE).reshape(-1, 3)
     score = score_labels(segment_scene(cloud * (-1, 1, 1)).labels, segment_scene(cloud).labels)
     assert score is not None
-    assert score.found_count == 3
+    assert score.predicted_count == 3
     assert score.f > 0.99
 
 
@@ -284,7 +284,7 @@ def test_a_perfect_map_scores_one_and_an_empty_one_nothing() -> None:
     assert (score.f, score.p75, score.weighted_overlap, score.over, score.under) == (1, 1, 1, 0, 0)
     nothing = score_labels(np.zeros(300, int), truth)
     assert nothing is not None
-    assert (nothing.f, nothing.p75, nothing.over, nothing.found_count) == (0, 0, 1, 0)
+    assert (nothing.f, nothing.p75, nothing.over, nothing.predicted_count) == (0, 0, 1, 0)
     assert score_labels(truth, np.zeros(300, int)) is None
 
 

@@ -61,11 +61,11 @@ def test_things_that_stand_apart_are_not_planned_on_together() -> None:
     close = seen_at(0.41, 0.0)
     assert [id(one) for one in touching([near, far, close])] == [id(near), id(close)]
     planner = _Planner((1, 0.9, 0.3))
-    crowd, thing = Crowd(planner), TrackedObject(1, near)
-    crowd.look(VIEW, np.eye(4), Perceived("ok", 0.27, (near, far)), [thing], {})
+    crowd, track = Crowd(planner), TrackedObject(1, near)
+    crowd.look(VIEW, np.eye(4), Perceived("ok", 0.27, (near, far)), [track], {})
     assert not planner.asked
-    assert crowd.first([thing]) is None
-    assert crowd.merged(thing, [{"source": "candidate"}], 10) == [{"source": "candidate"}]
+    assert crowd.first([track]) is None
+    assert crowd.merged(track, [{"source": "candidate"}], 10) == [{"source": "candidate"}]
 
 
 def test_the_thing_with_the_best_grasp_comes_first_and_a_failed_grasp_not_again() -> None:

@@ -24,21 +24,21 @@ class _NothingWorks(Agent):
 
     done: list[tuple[int, str]]
 
-    def _attempt(self, thing: TrackedObject, *seen: Any) -> None:
+    def _attempt(self, track: TrackedObject, *seen: Any) -> None:
         *_, may_wait = seen
-        if may_wait and not thing.waiting:
-            thing.waiting = True
-            self.done.append((thing.number, "put off"))
+        if may_wait and not track.waiting:
+            track.waiting = True
+            self.done.append((track.number, "put off"))
         else:
-            thing.finished = True
-            self.done.append((thing.number, "given up"))
+            track.finished = True
+            self.done.append((track.number, "given up"))
 
 
-def _order(monkeypatch: pytest.MonkeyPatch, takes_poses: bool, *things: Seen) -> list[Any]:
+def _order(monkeypatch: pytest.MonkeyPatch, takes_poses: bool, *tracks: Seen) -> list[Any]:
     def look(body: Any, tracker: Any, handled: Any, side: str) -> View:
         sign = -1 if side == "right" else 1
-        tracker.update([one for one in things if one.position[1] * sign >= 0], handled, sign)
-        return View(FRAME, np.eye(4), Perceived("ok", 0.27, things))
+        tracker.update([one for one in tracks if one.position[1] * sign >= 0], handled, sign)
+        return View(FRAME, np.eye(4), Perceived("ok", 0.27, tracks))
 
     monkeypatch.setattr(agents, "look_at_side", look)
     body = SimpleNamespace(

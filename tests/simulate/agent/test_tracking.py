@@ -28,38 +28,38 @@ class _Seen:
         return np.array([self.x, self.y])
 
 
-def _numbers(things: list) -> list[int]:
-    return [thing.number for thing in things]
+def _numbers(tracks: list) -> list[int]:
+    return [track.number for track in tracks]
 
 
 def test_things_keep_their_numbers_while_they_lie_still() -> None:
     tracker = Tracker()
     tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.12)])
     again = tracker.update([_Seen(0.151, -0.121), _Seen(0.149, -0.051)])
-    assert {thing.number: thing.seen.y for thing in again} == {1: -0.051, 2: -0.121}
+    assert {track.number: track.seen.y for track in again} == {1: -0.051, 2: -0.121}
 
 
 def test_a_thing_that_was_pushed_far_is_new_unless_it_was_handled() -> None:
     tracker = Tracker()
-    (thing,) = tracker.update([_Seen(0.15, -0.05)])
-    assert _numbers(tracker.update([_Seen(0.15, -0.11)], handled=thing)) == [1]
+    (track,) = tracker.update([_Seen(0.15, -0.05)])
+    assert _numbers(tracker.update([_Seen(0.15, -0.11)], handled=track)) == [1]
     assert _numbers(tracker.update([_Seen(0.15, -0.05)])) == [2]
 
 
 def test_a_thing_that_was_dropped_far_away_is_still_itself() -> None:
     tracker = Tracker()
-    thing, _ = tracker.update([_Seen(0.15, -0.05), _Seen(0.12, -0.15)])
-    again = tracker.update([_Seen(0.35, -0.25), _Seen(0.12, -0.15)], handled=thing)
+    track, _ = tracker.update([_Seen(0.15, -0.05), _Seen(0.12, -0.15)])
+    again = tracker.update([_Seen(0.35, -0.25), _Seen(0.12, -0.15)], handled=track)
     assert {t.number: t.seen.x for t in again} == {1: 0.35, 2: 0.12}
-    tracker.update([_Seen(0.12, -0.15)], handled=thing)
+    tracker.update([_Seen(0.12, -0.15)], handled=track)
     # Once it is out of sight for a look, what turns up later may be anything.
     assert _numbers(tracker.update([_Seen(0.40, -0.05), _Seen(0.12, -0.15)])) == [2, 3]
 
 
 def test_of_two_strangers_the_one_of_its_size_is_the_thing_that_was_dropped() -> None:
     tracker, bar = Tracker(), _Shape(0.11, 0.028, 0.03)
-    thing, _ = tracker.update([_Seen(0.15, -0.05, bar), _Seen(0.12, -0.15)])
-    again = tracker.update([_Seen(0.20, -0.15), _Seen(0.35, -0.25, bar)], handled=thing)
+    track, _ = tracker.update([_Seen(0.15, -0.05, bar), _Seen(0.12, -0.15)])
+    again = tracker.update([_Seen(0.20, -0.15), _Seen(0.35, -0.25, bar)], handled=track)
     assert {t.number: t.seen.x for t in again} == {1: 0.35, 3: 0.20}
 
 
@@ -79,15 +79,15 @@ def test_a_look_at_one_side_leaves_the_other_side_alone() -> None:
 
 def test_a_lost_thing_is_met_again_by_its_identity() -> None:
     tracker = Tracker()
-    (thing,) = tracker.update([_Seen(0.15, -0.05)])
-    thing.object_iri = "urn:o:1"
+    (track,) = tracker.update([_Seen(0.15, -0.05)])
+    track.object_iri = "urn:o:1"
     assert tracker.lost("urn:o:1") is None, "it is in sight"
     tracker.update([])
     (found,) = tracker.update([_Seen(0.30, -0.15)])
     lost = tracker.lost("urn:o:1")
-    assert lost is thing
+    assert lost is track
     tracker.join(lost, found)
-    assert [(t.number, t.object_iri) for t in tracker.things] == [(1, "urn:o:1")]
+    assert [(t.number, t.object_iri) for t in tracker.tracks] == [(1, "urn:o:1")]
     assert tracker.lost("urn:o:2") is None
 
 
@@ -136,11 +136,11 @@ def test_what_was_let_go_over_a_box_out_of_sight_is_met_again_by_its_size_alone(
 
 def test_what_was_put_into_a_box_is_met_again_whichever_way_up_it_lies() -> None:
     tracker = Tracker()
-    (thing,) = tracker.update([_Seen(0.15, -0.05, _Shape(0.031, 0.025, 0.052))])
-    thing.object_iri = "o:1"
+    (track,) = tracker.update([_Seen(0.15, -0.05, _Shape(0.031, 0.025, 0.052))])
+    track.object_iri = "o:1"
     (found,) = tracker.update([_Seen(0.30, -0.20, _Shape(0.050, 0.026, 0.032))])
     assert not tracker.fell_out("o:1", found)  # it was not in a box
-    thing.gone = True
+    track.gone = True
     assert tracker.fell_out("o:1", found)
     assert not tracker.fell_out("o:2", found)
     found.seen = _Seen(0.30, -0.20, _Shape(0.070, 0.026, 0.032))
@@ -149,8 +149,8 @@ def test_what_was_put_into_a_box_is_met_again_whichever_way_up_it_lies() -> None
 
 def test_what_leans_on_the_wall_of_its_box_and_is_likely_by_its_looks_is_met_again() -> None:
     tracker = Tracker()
-    (thing,) = tracker.update([_Seen(0.40, -0.12, _Shape(0.094, 0.033, 0.050))])
-    thing.object_iri, thing.gone = "o:1", True
+    (track,) = tracker.update([_Seen(0.40, -0.12, _Shape(0.094, 0.033, 0.050))])
+    track.object_iri, track.gone = "o:1", True
     (found,) = tracker.update([_Seen(0.55, -0.19, _Shape(0.048, 0.027, 0.045))])
     assert not tracker.fell_out("o:1", found)
     assert tracker.fell_out("o:1", found, is_likely=True)

@@ -24,7 +24,7 @@ def test_a_pile_touches_and_lies_on_the_table():
     with laid_table(PILE, 0) as table:
         world = table.cell.world
         assert table.touching >= 2
-        for body in table.things:
+        for body in table.contents:
             pose = world.object_pose(body)
             assert pose.z > world.table_height
             assert abs(pose.x - 0.46) < 0.2
@@ -53,7 +53,7 @@ def test_a_table_is_cleared_and_truth_agrees():
 @pytest.mark.slow
 def test_a_push_moves_the_thing():
     with laid_table({"seed": 3, "objects": 1, "preset": "fast"}, 2) as table:
-        executor, (body,) = table.cell.executor, table.things
+        executor, (body,) = table.cell.executor, table.contents
         view = look_at_clutter(executor)
         before = table.cell.world.object_pose(body).position
         plan = plan_push(view, int(view.labels.max()), executor, ARM)
