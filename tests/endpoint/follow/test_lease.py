@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,8 @@ from endpoint.follow.follower import Follower
 from endpoint.http.messages import RefusedError, Request
 from endpoint.settings import Config
 from rtask.errors import AuthenticationError
+
+Follow = Callable[[float], Follower]
 
 
 class Clock:
@@ -36,18 +39,28 @@ def tokens(clock: Clock) -> Iterator[TokenStore]:
         yield opened
 
 
-def following(tokens: TokenStore, clock: Clock, lease_s: float) -> Follower:
-    kb = rtask.open(":memory:", plain=True)
-    return Follower(kb, tokens, "http://127.0.0.1:9", None, lease_s=lease_s, clock=clock)
+@pytest.fixture
+def following(tokens: TokenStore, clock: Clock, tmp_path: Path) -> Iterator[Follow]:
+    """Start following with a lease, without a connection."""
+    with ExitStack() as stack:
+
+        def follow(lease_s: float) -> Follower:
+            kb = stack.enter_context(rtask.open(tmp_path / "copy", plain=True))
+            made = Follower(kb, tokens, "http://127.0.0.1:9", None, lease_s=lease_s, clock=clock)
+            return stack.enter_context(closing(made))
+
+        yield follow
 
 
 def asked(text: str) -> Request:
     return Request("GET", "/query", "", {"host": "localhost", "authorization": f"Bearer {text}"})
 
 
-def test_a_token_is_let_in_only_while_the_writer_is_heard(tokens: TokenStore, clock: Clock) -> None:
+def test_a_token_is_let_in_only_while_the_writer_is_heard(
+    tokens: TokenStore, clock: Clock, following: Follow
+) -> None:
     text, token = tokens.create("robot", agent="nao-1")
-    follower, auth = following(tokens, clock, 60.0), Authenticator(tokens, Config())
+    follower, auth = following(60.0), Authenticator(tokens, Config())
     with pytest.raises(RefusedError) as never_heard:
         auth.identify(asked(text))
     assert (never_heard.value.http_status, never_heard.value.is_transient) == (503, True)
@@ -68,15 +81,19 @@ def test_a_token_is_let_in_only_while_the_writer_is_heard(tokens: TokenStore, cl
         auth.identify(asked(text))
 
 
-def test_a_lease_of_nothing_is_no_bound(tokens: TokenStore, clock: Clock) -> None:
+def test_a_lease_of_nothing_is_no_bound(
+    tokens: TokenStore, clock: Clock, following: Follow
+) -> None:
     text, _ = tokens.create("robot", agent="nao-1")
-    following(tokens, clock, 0.0)
+    following(0.0)
     clock.now += 1e6
     assert tokens.authenticate(text).agent == "nao-1"
 
 
-def test_those_without_a_token_are_answered_as_before(tokens: TokenStore, clock: Clock) -> None:
-    following(tokens, clock, 60.0)
+def test_those_without_a_token_are_answered_as_before(
+    tokens: TokenStore, following: Follow
+) -> None:
+    following(60.0)
     caller = Authenticator(tokens, Config()).identify(
         Request("GET", "/query", "", {"host": "localhost"})
     )

@@ -12,7 +12,6 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 import rtask
-from rtask.client.failures import Patience
 from rtask.errors import CallFailedError
 
 Answer = tuple[int, dict[str, Any]]
@@ -88,4 +87,3 @@ def test_the_time_of_a_call_bounds_all_its_tries(served, monkeypatch):
     assert caught.value.is_transient
     assert len(asked) > 5
     assert now[0] <= 20.0
-    assert Patience(20.0).left_s == 20.0
