@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
-from endpoint.api.proposals import DECISIONS, PROPOSALS
 from endpoint.api.reasoner import (
     BUDGET,
     CONTRADICTIONS,
@@ -14,7 +13,6 @@ from endpoint.api.reasoner import (
     SPARQL_TYPE,
 )
 from endpoint.http.messages import JSON_TYPE
-from rtask.kb.proposals.proposal import STATES
 
 _TEXT: JsonObject = {"type": "string"}
 _RULE: JsonObject = {
@@ -72,7 +70,6 @@ def reasoner_paths() -> JsonObject:
     clashes = get("What the graph contradicts, with the causes", (JSON_TYPE,))
     clashes["responses"] |= problems((501,))
     return {
-        **_proposals(),
         EXPLAIN: {"get": explained},
         CONTRADICTIONS: {"get": clashes},
         ENTAILS: {
@@ -129,38 +126,4 @@ def reasoner_paths() -> JsonObject:
                 },
             },
         },
-    }
-
-
-def _proposals() -> JsonObject:
-    states: JsonObject = {"type": "string", "enum": list(STATES)}
-    listed = get(
-        "Changes that wait for a decision, and those that were decided",
-        (JSON_TYPE,),
-        [parameter("state", "query", "only those in this state", states)],
-    )
-    listed["responses"] |= problems((501,))
-    number = parameter("number", "path", "number of the proposal", {"type": "integer"})
-    single = get("One proposal", (JSON_TYPE,), [number])
-    single["responses"] |= problems((422, 501))
-    decision: JsonObject = {
-        "type": "object",
-        "properties": {"decision": {"enum": list(DECISIONS)}, "remark": _TEXT},
-        "required": ["decision"],
-        "additionalProperties": False,
-    }
-    decided: JsonObject = {
-        "summary": "Adopt or refuse a proposal",
-        "description": "Needs the right `schema`. Adopting is one commit, checked against what "
-        "holds now.",
-        "parameters": [number],
-        "requestBody": {"required": True, "content": {JSON_TYPE: {"schema": decision}}},
-        "responses": {
-            "200": {"description": "the proposal", "content": {JSON_TYPE: {}}},
-            **problems((*_CHANGE_PROBLEMS, 501)),
-        },
-    }
-    return {
-        PROPOSALS: {"get": listed},
-        f"{PROPOSALS}/{{number}}": {"get": single, "post": decided},
     }
