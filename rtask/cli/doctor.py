@@ -208,6 +208,27 @@ def examine_clock(folder: Path) -> Finding:
     )
 
 
+def _axioms(folder: Path) -> Finding:
+    """Axioms about others' terms in the graphs of robots, from before these needed a right."""
+    import rtask
+    from rtask.errors import RtaskError
+    from rtask.kb.commit.schema_right import stored_axioms
+
+    if not folder.exists():
+        return Finding("axioms", "ok", "none of robots")
+    try:
+        with rtask.open(folder, mode="r") as kb:
+            found = list(stored_axioms(kb.store, kb.graphs))
+    except RtaskError:
+        return Finding("axioms", "note", "not looked at: the store does not open")
+    if not found:
+        return Finding("axioms", "ok", "none of robots about terms of others")
+    name, first = found[0]
+    statement = f"{first.subject} {first.predicate} {first.object}"
+    detail = f"{len(found)} of robots about terms of others, e.g. {name}: {statement}"
+    return Finding("axioms", "note", detail, "keep them, or remove them with rtask update")
+
+
 def examine(data: Path | None, port: int) -> Iterator[Finding]:
     """Look at everything, cheapest first."""
     checks: list[Callable[[], Finding]] = [
@@ -227,6 +248,7 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
     if data is not None:
         checks.append(lambda: _store(data))
         checks.append(lambda: examine_clock(data))
+        checks.append(lambda: _axioms(data))
     for check in checks:
         yield check()
 
