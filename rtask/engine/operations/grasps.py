@@ -149,7 +149,7 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
     known = memory.objects[name]
     grasps = memory.of(name)
     if request.gripper_id:
-        hand = context.grippers.find(request.gripper_id, access.agent).gripper
+        hand = context.grippers.find(request.gripper_id, access).gripper
         wanted = (hand.gripper_type, hand.contact_kind)
         grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == wanted]
     return RecalledGrasps(
