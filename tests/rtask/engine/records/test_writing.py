@@ -86,7 +86,7 @@ def test_the_same_task_stores_once(bench, kb, robots):
         assert again["objects"][0][key] == stored["objects"][0][key]
     report = {
         "task_id": answer["task_id"], "object": stored["objects"][0]["object"],
-        "grasp": answer["grasps"][0], "gripper_id": "right_hand", "outcome": bench.missed(),
+        "grasp": answer["grasps"][0], "gripper_id": "right_hand", "outcome": bench.held(),
     }  # fmt: skip
     told = robot.call("report_outcome", **report)
     assert told["stored"] == 0
