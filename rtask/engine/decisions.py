@@ -111,58 +111,60 @@ def graph_against_geometry(first: Option, alone: Option) -> str:
     the robot would have grasped without it.
     """
     assert first.choice is not None
-    known, (won, lost) = first.remembered, first.choice.explanation["graph"]
-    if known is not None and known.attempts:
-        told = f"held {known.successes} of {known.attempts}"
+    remembered, (won, lost) = first.remembered, first.choice.explanation["graph"]
+    if remembered is not None and remembered.attempts:
+        evidence = f"held {remembered.successes} of {remembered.attempts}"
     else:
-        told = f"{won:.1f} held, {lost:.1f} lost around it"
+        evidence = f"{won:.1f} held, {lost:.1f} lost around it"
     (x, y, z, theta), (u, v, w, phi) = first.in_object, alone.in_object
     away = math.dist((x, y, z), (u, v, w))
     turned = abs((theta - phi + math.pi / 2) % math.pi - math.pi / 2)
     if first.id == alone.id or (away < _SAME_M and turned < _SAME_RAD):
-        return f"graph: {told}; alone: the same grasp, quality {alone.quality:.2f}"
+        return f"graph: {evidence}; alone: the same grasp, quality {alone.quality:.2f}"
     return (
-        f"graph: {told}; alone: {1000 * away:.0f} mm from there, turned by "
+        f"graph: {evidence}; alone: {1000 * away:.0f} mm from there, turned by "
         f"{math.degrees(turned):.0f} degrees, quality {alone.quality:.2f}"
     )
 
 
-def _doubted(known: Remembered | None) -> list[dict[str, Any]]:
+def _doubted(remembered: Remembered | None) -> list[dict[str, Any]]:
     """Return the robots whose reports on a grasp count for less, with their part."""
-    found: dict[str, dict[str, Any]] = {}
-    for tally in known.tallies if known is not None else ():
+    by_robot: dict[str, dict[str, Any]] = {}
+    for tally in remembered.tallies if remembered is not None else ():
         if tally.robot:
             nothing = {"robot": tally.robot, "attempts": 0, "held": 0, "weight": tally.weight}
-            one = found.setdefault(tally.robot, nothing)
-            one["attempts"] += tally.count
-            one["held"] += tally.count if tally.held else 0
-    return [found[robot] for robot in sorted(found)]
+            entry = by_robot.setdefault(tally.robot, nothing)
+            entry["attempts"] += tally.count
+            entry["held"] += tally.count if tally.held else 0
+    return [by_robot[robot] for robot in sorted(by_robot)]
 
 
 def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     """Return the explanation in words."""
     assert option.choice is not None
     won, lost = parts["graph"]
-    said = [f"geometry rates it {parts['quality']:.2f}"]
+    clauses = [f"geometry rates it {parts['quality']:.2f}"]
     if parts["hidden"] < 0.95:
-        said.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that")
+        clauses.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that")
     if option.remembered is not None and option.remembered.attempts:
-        known = option.remembered
-        said.append(f"it held {known.successes} of {known.attempts} times")
+        remembered = option.remembered
+        clauses.append(f"it held {remembered.successes} of {remembered.attempts} times")
     for one in parts.get("doubted", ()):
         who = unquote(tail(iri(one["robot"])))
-        said.append(
+        clauses.append(
             f"{one['attempts']} of these from {who} count {one['weight']:.2f} each, because its "
             "reports differ from those of others"
         )
     if max(won, lost) >= MIN_EVIDENCE:
         count = len(option.sources)
         where = f" on {count} object{'' if count == 1 else 's'}" if count else ""
-        said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
+        clauses.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
     if max(parts["episode"]) >= 0.05:
-        said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
+        clauses.append(
+            f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}"
+        )
     low, high = option.choice.interval90
     chance = f"chance {option.choice.mean:.2f} ({low:.2f} to {high:.2f})"
     how = {"proven": "proven, so it goes first", "sample": "drawn among the best",
            "mean": "in order of chance"}[parts["selected_by"]]  # fmt: skip
-    return f"{chance}: {'; '.join(said)}; {how}"
+    return f"{chance}: {'; '.join(clauses)}; {how}"

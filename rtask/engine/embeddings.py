@@ -105,10 +105,12 @@ class Embeddings:
             },
         )
 
-    def learn(self, view: str, thing: str, class_iri: str, vector: NDArray[np.float32]) -> None:
+    def learn(
+        self, view: str, object_iri: str, class_iri: str, vector: NDArray[np.float32]
+    ) -> None:
         """Search a view from now on."""
         with self._searching:
-            self._index.add(view, thing, class_iri, vector)
+            self._index.add(view, object_iri, class_iri, vector)
 
     def sync(self) -> int:
         """Bring the vectors in step with the graph; return how many views have one.
@@ -118,16 +120,16 @@ class Embeddings:
         from features.embedding.embedder import vector_from_bytes
 
         with self._writing:
-            wanted = {row.view: row for row in stored_views(self._kb)}
+            stored = {row.view: row for row in stored_views(self._kb)}
             blobs = self._stored()
             with self._searching:
-                for view, (thing, kind) in self._index.views().items():
-                    row = wanted.get(view)
+                for view, (object_iri, kind) in self._index.views().items():
+                    row = stored.get(view)
                     if row is None:
                         self._index.remove(view)
-                    elif (thing, kind) != (row.object, row.class_iri):
+                    elif (object_iri, kind) != (row.object, row.class_iri):
                         self._index.relabel(view, row.object, row.class_iri)
-                for view, row in wanted.items():
+                for view, row in stored.items():
                     if view in self._index or view not in blobs:
                         continue
                     try:
@@ -139,7 +141,7 @@ class Embeddings:
                 return len(self._index)
 
     def propose(
-        self, found: Recognition, seen: Observation, most: int, confidence: float
+        self, recognition: Recognition, seen: Observation, most: int, confidence: float
     ) -> Recognition:
         """Return an answer with objects that look alike to the network, where print is missing.
 
@@ -152,39 +154,39 @@ class Embeddings:
         """
         from features.recognition.recogniser import Match
 
-        if found.accepted or any(match.inliers >= _PRINT for match in found.matches):
-            return found
+        if recognition.accepted or any(match.inliers >= _PRINT for match in recognition.matches):
+            return recognition
         vector = self.vector_of(seen)
         if vector is None:
-            return found
+            return recognition
         with self._searching:
             near = self._index.nearest(vector, most)
         sure = {
-            one.object_iri: confidence * (one.cosine - _MIN_COSINE) / (1 - _MIN_COSINE)
-            for one in near
-            if one.cosine > _MIN_COSINE
+            neighbour.object_iri: confidence * (neighbour.cosine - _MIN_COSINE) / (1 - _MIN_COSINE)
+            for neighbour in near
+            if neighbour.cosine > _MIN_COSINE
         }
-        kept = [
+        candidates = [
             replace(match, confidence=max(match.confidence, sure.pop(match.object_iri, 0.0)))
-            for match in found.matches
+            for match in recognition.matches
         ]
-        kept += [
+        candidates += [
             Match(
-                object_iri=one.object_iri,
-                class_iri=one.class_iri,
-                confidence=sure[one.object_iri],
+                object_iri=neighbour.object_iri,
+                class_iri=neighbour.class_iri,
+                confidence=sure[neighbour.object_iri],
                 inliers=0,
-                views=(one.view_iri,),
-                appearance=one.cosine,
+                views=(neighbour.view_iri,),
+                appearance=neighbour.cosine,
                 size_ok=None,
                 query_from_view=None,
-                view_iri=one.view_iri,
+                view_iri=neighbour.view_iri,
             )
-            for one in near
-            if one.object_iri in sure
+            for neighbour in near
+            if neighbour.object_iri in sure
         ]
-        kept.sort(key=lambda match: -match.confidence)
-        return replace(found, accepted=False, matches=tuple(kept[:most]))
+        candidates.sort(key=lambda match: -match.confidence)
+        return replace(recognition, accepted=False, matches=tuple(candidates[:most]))
 
     def _stored(self) -> dict[str, str]:
         """Return the blob of each view's vector."""

@@ -185,7 +185,7 @@ class Engine:
             if not self._listeners:
                 answer: Answer = operation.carry_out(self.context, args or {}, access)
                 return answer
-            return self._told(operation, args or {}, access)
+            return self._call(operation, args or {}, access)
 
     def on_call(self, listener: Callable[[Call], None]) -> Callable[[], None]:
         """Call back when a call begins and when it ends, in the thread of the caller.
@@ -202,7 +202,7 @@ class Engine:
 
         return stop
 
-    def _told(
+    def _call(
         self, operation: Operation[Any, Any], args: Mapping[str, Any], access: Access
     ) -> Answer:
         """Carry out an operation and tell the listeners."""

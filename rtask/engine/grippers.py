@@ -45,7 +45,7 @@ class GripperCatalogue:
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
-        self._known: list[StoredGripper] | None = None
+        self._cached: list[StoredGripper] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about robots."""
@@ -54,23 +54,23 @@ class GripperCatalogue:
                    RT.lipCompliance, RT.vacuumPressure}  # fmt: skip
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
             with self._lock:
-                self._known = None
+                self._cached = None
 
     def all(self) -> list[StoredGripper]:
         """Return every end effector, in the order of their IRIs."""
         with self._lock:
-            if self._known is None:
-                self._known = _read_grippers(self._kb)
-            return self._known
+            if self._cached is None:
+                self._cached = _read_grippers(self._kb)
+            return self._cached
 
     def forces(self) -> dict[str, float]:
         """Return the largest closing force, N, of each type of gripper whose force is known."""
-        found: dict[str, float] = {}
-        for one in self.all():
-            if one.max_force is not None:
-                kind = one.gripper.gripper_type
-                found[kind] = max(one.max_force, found.get(kind, 0.0))
-        return found
+        forces: dict[str, float] = {}
+        for stored in self.all():
+            if stored.max_force is not None:
+                kind = stored.gripper.gripper_type
+                forces[kind] = max(stored.max_force, forces.get(kind, 0.0))
+        return forces
 
     def find(self, gripper_id: str | None, access: Access) -> StoredGripper:
         """Return the end effector that a message names.
@@ -91,15 +91,17 @@ class GripperCatalogue:
         ForbiddenError
             It belongs to another robot than the one that calls.
         """
-        known = self.all()
-        own = [one for one in known if one.robot_name == access.agent]
+        grippers = self.all()
+        own = [one for one in grippers if one.robot_name == access.agent]
         if gripper_id is None:
             if len(own) == 1:
                 return own[0]
             agent = access.agent
             words = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
-            raise UnknownTermError(f"gripper_id is missing, and {words}; known: {_listed(known)}")
-        fitting = [one for one in known if gripper_id in (one.iri.value, one.gripper.name)]
+            raise UnknownTermError(
+                f"gripper_id is missing, and {words}; known: {_listed(grippers)}"
+            )
+        fitting = [one for one in grippers if gripper_id in (one.iri.value, one.gripper.name)]
         found = next((one for one in own if one in fitting), None)
         if found is not None:
             return found
@@ -113,13 +115,13 @@ class GripperCatalogue:
             )
         if fitting:
             return fitting[0]
-        names = sorted({one.gripper.name for one in known})
-        hint = nearest(gripper_id, names) or f"; known: {_listed(known)}"
+        names = sorted({one.gripper.name for one in grippers})
+        hint = nearest(gripper_id, names) or f"; known: {_listed(grippers)}"
         raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
 
 
-def _listed(known: list[StoredGripper]) -> str:
-    return ", ".join(sorted({g.gripper.name for g in known})) or "none yet"
+def _listed(grippers: list[StoredGripper]) -> str:
+    return ", ".join(sorted({g.gripper.name for g in grippers})) or "none yet"
 
 
 _SIZES = {
@@ -204,7 +206,7 @@ def with_friction(hand: EndEffector, friction: float) -> EndEffector:
 
 
 def _read_grippers(kb: GraphCore) -> list[StoredGripper]:
-    found: dict[str, StoredGripper] = {}
+    grippers: dict[str, StoredGripper] = {}
     for row in kb.select(_GRIPPERS):
         given = {name: value for name, value in row.to_dict().items() if value is not None}
         part, robot, camera = row["part"], row["robot"], row["camera"]
@@ -218,9 +220,9 @@ def _read_grippers(kb: GraphCore) -> list[StoredGripper]:
             # One invalid gripper must not prevent the others from being used.
             log.warning("%s is left out: %s", part.value, error)
             continue
-        known = StoredGripper(
+        stored_gripper = StoredGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
             camera if isinstance(camera, NamedNode) else None, sizes.get("max_force"),
         )  # fmt: skip
-        found.setdefault(part.value, known)
-    return [found[key] for key in sorted(found)]
+        grippers.setdefault(part.value, stored_gripper)
+    return [grippers[key] for key in sorted(grippers)]

@@ -116,24 +116,24 @@ def judge_honesty(reports: Sequence[Reports]) -> dict[str, Honesty]:
     """
     if not reports:
         return {}
-    said = _Said.of(reports)
-    belief = np.tile(_PRIOR, (len(said.names), 1))
+    reports_table = _ReportTable.of(reports)
+    belief = np.tile(_PRIOR, (len(reports_table.names), 1))
     for _ in range(_ROUNDS):
-        now = _beliefs(said, belief)
+        now = _beliefs(reports_table, belief)
         settled = bool(np.abs(now - belief).max() < 1e-4)
         # Half a step, so that two robots that contradict each other do not swap for ever.
         belief = now if settled else (belief + now) / 2
         if settled:
             break
     manners = list(MANNERS)
-    comparable, agreeing = _agreement(said)
-    attempts = said.by_robot(said.count)
+    comparable, agreeing = _agreement(reports_table)
+    attempts = reports_table.by_robot(reports_table.count)
     return {
         name: Honesty(
             name, int(attempts[i]), int(comparable[i]), float(agreeing[i]), float(belief[i, 0]),
             manners[int(np.argmax(belief[i]))], _weight(belief[i]),
         )
-        for i, name in enumerate(said.names)
+        for i, name in enumerate(reports_table.names)
     }  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def _weight(belief: NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True)
-class _Said:
+class _ReportTable:
     """Reports as arrays, one entry for each pair of a robot and a grasp that it has tried.
 
     Parameters
@@ -170,13 +170,13 @@ class _Said:
     count: NDArray[np.float64]
 
     @classmethod
-    def of(cls, reports: Sequence[Reports]) -> _Said:
+    def of(cls, reports: Sequence[Reports]) -> _ReportTable:
         """Add up the reports of each pair."""
-        names, robot = np.unique([one.robot for one in reports], return_inverse=True)
-        grasps, grasp = np.unique([one.grasp for one in reports], return_inverse=True)
+        names, robot = np.unique([report.robot for report in reports], return_inverse=True)
+        grasps, grasp = np.unique([report.grasp for report in reports], return_inverse=True)
         pairs, pair = np.unique(robot * len(grasps) + grasp, return_inverse=True)
-        held = _sums(pair, np.array([one.held for one in reports], dtype=np.float64))
-        count = _sums(pair, np.array([one.count for one in reports], dtype=np.float64))
+        held = _sums(pair, np.array([report.held for report in reports], dtype=np.float64))
+        count = _sums(pair, np.array([report.count for report in reports], dtype=np.float64))
         of_robot, of_grasp = np.divmod(pairs, len(grasps))
         return cls([str(name) for name in names], of_robot, of_grasp, held, count)
 
@@ -195,27 +195,27 @@ def _sums(group: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.fl
     return sums
 
 
-def _beliefs(said: _Said, belief: NDArray[np.float64]) -> NDArray[np.float64]:
+def _beliefs(reports: _ReportTable, belief: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (r, m) probabilities of manners, given the reports and the (r, m) beliefs."""
-    trust = belief[said.robot, 0] * _OTHERS_WEIGHT
-    lost = said.count - said.held
-    a = _PSEUDO + said.of_others(trust * said.held)
-    b = _PSEUDO + said.of_others(trust * lost)
+    trust = belief[reports.robot, 0] * _OTHERS_WEIGHT
+    lost = reports.count - reports.held
+    a = _PSEUDO + reports.of_others(trust * reports.held)
+    b = _PSEUDO + reports.of_others(trust * lost)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     p, weights = (nodes + 1) / 2, weights / 2
     log_density = (a - 1)[:, None] * np.log(p) + (b - 1)[:, None] * np.log1p(-p) + np.log(weights)
     log_density -= _log_sum(log_density)[:, None]
-    scores = np.tile(np.log(_PRIOR), (len(said.names), 1))
+    scores = np.tile(np.log(_PRIOR), (len(reports.names), 1))
     # A robot that is always lucky, or never, where nobody else has been is not to be doubted.
-    comparable = said.of_others(said.count) > 0
+    comparable = reports.of_others(reports.count) > 0
     for m, (true, false) in enumerate(MANNERS.values()):
         chance = p * true + (1 - p) * false
-        log_said = said.held[:, None] * np.log(chance) + lost[:, None] * np.log1p(-chance)
-        scores[:, m] += said.by_robot(_log_sum(log_density + log_said) * comparable)
+        log_likelihood = reports.held[:, None] * np.log(chance) + lost[:, None] * np.log1p(-chance)
+        scores[:, m] += reports.by_robot(_log_sum(log_density + log_likelihood) * comparable)
     scores -= scores.max(axis=1, keepdims=True)
-    found: NDArray[np.float64] = np.exp(scores)
-    found /= found.sum(axis=1, keepdims=True)
-    return found
+    posterior: NDArray[np.float64] = np.exp(scores)
+    posterior /= posterior.sum(axis=1, keepdims=True)
+    return posterior
 
 
 def _log_sum(logs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -225,14 +225,14 @@ def _log_sum(logs: NDArray[np.float64]) -> NDArray[np.float64]:
     return sums
 
 
-def _agreement(said: _Said) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _agreement(reports: _ReportTable) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how many reports of each robot are comparable, and how many agree with most others."""
-    others, of_others = said.of_others(said.held), said.of_others(said.count)
-    known = of_others > 0
+    others, of_others = reports.of_others(reports.held), reports.of_others(reports.count)
+    is_comparable = of_others > 0
     most = np.sign(2 * others - of_others)
-    held, lost = said.held, said.count - said.held
-    agree = np.where(most > 0, held, np.where(most < 0, lost, said.count / 2))
-    return said.by_robot(said.count * known), said.by_robot(agree * known)
+    held, lost = reports.held, reports.count - reports.held
+    agree = np.where(most > 0, held, np.where(most < 0, lost, reports.count / 2))
+    return reports.by_robot(reports.count * is_comparable), reports.by_robot(agree * is_comparable)
 
 
 class HonestyCatalogue:
@@ -247,23 +247,25 @@ class HonestyCatalogue:
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
-        self._known: dict[str, Honesty] | None = None
+        self._cached: dict[str, Honesty] | None = None
         self._total = self._changed = 0
 
     def forget_if_changed(self, change: Change) -> None:
         """Take note of a commit with outcomes."""
-        told = sum(quad.predicate == RT.hasOutcome for quad in (*change.added, *change.removed))
-        if told:
+        outcomes_changed = sum(
+            quad.predicate == RT.hasOutcome for quad in (*change.added, *change.removed)
+        )
+        if outcomes_changed:
             with self._lock:
-                self._changed += told
+                self._changed += outcomes_changed
 
     def now(self) -> dict[str, Honesty]:
         """Return the beliefs by IRI of the robot, from the latest 5,000 attempts."""
         with self._lock:
-            if self._known is None or self._changed:
+            if self._cached is None or self._changed:
                 self._renew()
-            assert self._known is not None
-            return self._known
+            assert self._cached is not None
+            return self._cached
 
     def doubts(self, asking: str | None = None) -> dict[str, float]:
         """Return the weights below 1 by IRI of the robot, sorted; 0 for those that contradict.
@@ -274,17 +276,19 @@ class HonestyCatalogue:
             IRI of the robot that asks; its own word always counts in full.
         """
         with self._lock:
-            if self._known is None or self._changed > _STALE_SHARE * self._total:
+            if self._cached is None or self._changed > _STALE_SHARE * self._total:
                 self._renew()
-            assert self._known is not None
-            found = self._known.values()
-        weights = {one.robot: 0.0 if one.contradicts else one.weight for one in found}
+            assert self._cached is not None
+            judgements = self._cached.values()
+        weights = {
+            honesty.robot: 0.0 if honesty.contradicts else honesty.weight for honesty in judgements
+        }
         return {who: weights[who] for who in sorted(weights) if weights[who] < 1 and who != asking}
 
     def _renew(self) -> None:
         reports = _reports(self._kb)
-        self._total, self._changed = sum(one.count for one in reports), 0
-        self._known = judge_honesty(reports)
+        self._total, self._changed = sum(report.count for report in reports), 0
+        self._cached = judge_honesty(reports)
 
 
 def _reports(kb: GraphCore) -> list[Reports]:

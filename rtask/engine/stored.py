@@ -100,17 +100,17 @@ SELECT ?blob WHERE {{ <{view}> rt:viewContent ?content .
 
 def stored_views(kb: GraphCore) -> list[StoredView]:
     """Return every stored view, in the order of their IRIs, which is the order of creation."""
-    found: dict[tuple[str, str, str], dict[str, int]] = {}
+    class_counts: dict[tuple[str, str, str], dict[str, int]] = {}
     for row in kb.select(_VIEWS):
         key = (str(row.value("view")), str(row.value("object")), str(row.value("blob")))
-        classes = found.setdefault(key, {})
+        classes = class_counts.setdefault(key, {})
         if row["class"] is not None:
             name = str(row.value("class"))
             classes[name] = classes.get(name, 0) + (row["above"] is not None)
     views = []
-    for (view, thing, blob), classes in sorted(found.items()):
+    for (view, object_iri, blob), classes in sorted(class_counts.items()):
         lowest = min(classes, key=lambda c: (-classes[c], c), default=RT.ManipulableObject.value)
-        views.append(StoredView(view, thing, lowest, blob))
+        views.append(StoredView(view, object_iri, lowest, blob))
     return views
 
 
@@ -139,10 +139,10 @@ class StoredModel:
     views: frozenset[str]
 
 
-def stored_models(kb: GraphCore | Graph, thing: NamedNode) -> list[StoredModel]:
+def stored_models(kb: GraphCore | Graph, object_iri: NamedNode) -> list[StoredModel]:
     """Return the models of an object, by decreasing number of views."""
-    found = []
-    for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
+    models = []
+    for model in {quad.object for quad in kb.match(object_iri, RT.hasModel)}:
         if not isinstance(model, NamedNode):
             continue
         blobs = {quad.object for quad in kb.match(model, RT.hasBlob)}
@@ -155,8 +155,8 @@ def stored_models(kb: GraphCore | Graph, thing: NamedNode) -> list[StoredModel]:
             for quad in kb.match(model, RT.builtFrom)
             if isinstance(quad.object, NamedNode)
         )
-        found.append(StoredModel(model, blob.value, views))
-    return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
+        models.append(StoredModel(model, blob.value, views))
+    return sorted(models, key=lambda model: (-len(model.views), model.iri.value))
 
 
 class Recent(Generic[T]):
@@ -174,24 +174,24 @@ class Recent(Generic[T]):
 
     def __init__(self, size: int) -> None:
         self._size = size
-        self._kept: OrderedDict[str, T] = OrderedDict()
+        self._entries: OrderedDict[str, T] = OrderedDict()
         self._lock = threading.Lock()
 
     def get(self, key: str | None) -> T | None:
         """Return a value, or None if it is not kept."""
         with self._lock:
-            value = None if key is None else self._kept.get(key)
+            value = None if key is None else self._entries.get(key)
             if key is not None and value is not None:
-                self._kept.move_to_end(key)
+                self._entries.move_to_end(key)
             return value
 
     def put(self, key: str, value: T) -> None:
         """Keep a value."""
         with self._lock:
-            self._kept[key] = value
-            self._kept.move_to_end(key)
-            while len(self._kept) > self._size:
-                self._kept.popitem(last=False)
+            self._entries[key] = value
+            self._entries.move_to_end(key)
+            while len(self._entries) > self._size:
+                self._entries.popitem(last=False)
 
 
 class Models:
@@ -201,9 +201,9 @@ class Models:
         self.kb = kb
         self._decoded: Recent[ObjectModel] = Recent(size)
 
-    def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
+    def of(self, object_iri: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
         """Return the model of an object, or None if there is none or its bytes are missing."""
-        for stored in stored_models(self.kb, thing):
+        for stored in stored_models(self.kb, object_iri):
             model = self.read(stored.blob)
             if model is not None:
                 return stored, model
@@ -213,9 +213,9 @@ class Models:
         """Return the model of some bytes, or None if they are missing or of another version."""
         from features.modelling import ObjectModel
 
-        known = self._decoded.get(blob)
-        if known is not None:
-            return known
+        decoded = self._decoded.get(blob)
+        if decoded is not None:
+            return decoded
         try:
             model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
         except (MissingBlobError, ValueError) as error:

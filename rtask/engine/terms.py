@@ -57,9 +57,9 @@ def find_task(name: str) -> tuple[NamedNode, str]:
     plain = re.sub(r"[\s-]+", "_", folded(name))
     if plain in _TASKS:
         return _TASKS[plain], plain
-    for known, kind in _TASKS.items():
+    for task_name, kind in _TASKS.items():
         if name == kind.value:
-            return kind, known
+            return kind, task_name
     hint = nearest(plain, list(_TASKS))
     raise UnknownTermError(
         f"unknown task {name!r}{hint}; known: {', '.join(_TASKS)}", did_you_mean=list(_TASKS)
@@ -78,11 +78,11 @@ def find_function(kb: GraphCore, text: str) -> NamedNode:
         if isinstance(term, NamedNode):
             for name in (term.value, local_name(term), str(row.value("label") or "")):
                 names.setdefault(folded(name), term)
-    found = names.get(folded(text))
-    if found is None:
+    functions = names.get(folded(text))
+    if functions is None:
         labels = sorted(n for n in names if n and "/" not in n)
         raise UnknownTermError(f"unknown function {text!r}{nearest(folded(text), labels)}")
-    return found
+    return functions
 
 
 def failure_reasons(kb: GraphCore) -> frozenset[str]:
@@ -111,21 +111,21 @@ class ClassCatalogue:
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
-        self._known: Mapping[str, ObjectClass] | None = None
+        self._cached: Mapping[str, ObjectClass] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about classes or their names."""
         telling = {RDFS.subClassOf, RDFS.label, RT.shortId}
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
             with self._lock:
-                self._known = None
+                self._cached = None
 
     def all(self) -> Mapping[str, ObjectClass]:
         """Return every class of objects by IRI."""
         with self._lock:
-            if self._known is None:
-                self._known = _read_classes(self._kb)
-            return self._known
+            if self._cached is None:
+                self._cached = _read_classes(self._kb)
+            return self._cached
 
     def get(self, iri: str) -> ObjectClass:
         """Return a class of objects, without names if the IRI is unknown."""
@@ -133,17 +133,17 @@ class ClassCatalogue:
 
     def find(self, description: str) -> list[ObjectClass]:
         """Return the classes that words mean: by exact name, else by prefix, else by all words."""
-        wanted = folded(description)
-        known = [self.all()[iri] for iri in sorted(self.all())]
-        words = wanted.split()
+        phrase = folded(description)
+        classes = [self.all()[iri] for iri in sorted(self.all())]
+        words = phrase.split()
         for fits in (
-            lambda name: name == wanted,
-            lambda name: name.startswith(wanted),
+            lambda name: name == phrase,
+            lambda name: name.startswith(phrase),
             lambda name: all(word in name.split() for word in words),
         ):
-            found = [c for c in known if any(fits(folded(name)) for name in c.names)]
-            if found and wanted:
-                return found
+            matches = [c for c in classes if any(fits(folded(name)) for name in c.names)]
+            if matches and phrase:
+                return matches
         return []
 
     def suggestions(self, description: str) -> list[str]:
@@ -171,15 +171,15 @@ SELECT DISTINCT ?class ?name ?short {{
         if not isinstance(row["class"], NamedNode):
             continue  # other stores keep blank nodes as IRIs, which isIRI lets pass
         iri = str(row.value("class"))
-        known = names.setdefault(iri, [])
-        if row["name"] is not None and str(row.value("name")) not in known:
-            known.append(str(row.value("name")))
+        names_of_class = names.setdefault(iri, [])
+        if row["name"] is not None and str(row.value("name")) not in names_of_class:
+            names_of_class.append(str(row.value("name")))
         if row["short"] is not None:
             shorts.setdefault(iri, str(row.value("short")))
-    for iri, known in names.items():
+    for iri, names_of_class in names.items():
         plain = " ".join(re.findall(r"[A-Z]?[a-z]+|[A-Z]+|\d+", local_name(iri))).lower()
-        if iri.startswith(ontology.NS) and plain and plain not in known:
-            known.append(plain)
+        if iri.startswith(ontology.NS) and plain and plain not in names_of_class:
+            names_of_class.append(plain)
     return {
         iri: ObjectClass(NamedNode(iri), tuple(n), shorts.get(iri, "")) for iri, n in names.items()
     }
@@ -191,22 +191,22 @@ class FunctionCatalogue:
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
-        self._known: Mapping[str, tuple[str, ...]] | None = None
+        self._cached: Mapping[str, tuple[str, ...]] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about functions or names."""
         for quad in (*change.added, *change.removed):
             if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
                 with self._lock:
-                    self._known = None
+                    self._cached = None
                 return
 
     def all(self) -> Mapping[str, tuple[str, ...]]:
         """Return the names of every function by IRI, the label first."""
         with self._lock:
-            if self._known is None:
-                self._known = _read_functions(self._kb)
-            return self._known
+            if self._cached is None:
+                self._cached = _read_functions(self._kb)
+            return self._cached
 
 
 def _read_functions(kb: GraphCore) -> dict[str, tuple[str, ...]]:
@@ -216,8 +216,10 @@ SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
 }} ORDER BY ?function ?name ?other""")
     names: dict[str, dict[str, None]] = {}
     for row in rows:
-        known = names.setdefault(str(row.value("function")), {})
+        labels = names.setdefault(str(row.value("function")), {})
         for variable in ("name", "other"):
             if row[variable] is not None:
-                known.setdefault(str(row.value(variable)))
-    return {one: tuple(known) or (local_name(one),) for one, known in names.items()}
+                labels.setdefault(str(row.value(variable)))
+    return {
+        function: tuple(labels) or (local_name(function),) for function, labels in names.items()
+    }

@@ -53,7 +53,7 @@ class Upkeep:
     def _run(self) -> None:
         while self._waited():
             try:
-                while self._is_wanted():
+                while self._is_due():
                     started = time.perf_counter()
                     left = self._step()
                     if not left:
@@ -71,7 +71,7 @@ class Upkeep:
                 self._changed.wait(self._quiet_s)
             return not self._closed
 
-    def _is_wanted(self) -> bool:
+    def _is_due(self) -> bool:
         with self._changed:
             return not self._closed and not self._announced
 

@@ -88,7 +88,7 @@ class ViewIndex:
         return self._require()[1]
 
     def learn(
-        self, view: NamedNode, thing: NamedNode, class_iri: str, features: ViewFeatures
+        self, view: NamedNode, object_iri: NamedNode, class_iri: str, features: ViewFeatures
     ) -> None:
         """Add a view whose commit has been stored.
 
@@ -96,7 +96,7 @@ class ViewIndex:
         graph at the next start.
         """
         try:
-            self.index.add(view.value, thing.value, class_iri, features)
+            self.index.add(view.value, object_iri.value, class_iri, features)
             self.generation += 1
             if self._upkeep is not None:
                 self._upkeep.announce()
@@ -144,18 +144,18 @@ class ViewIndex:
         if self.embeddings is not None:
             self.embeddings.sync()
         with self._writing:
-            wanted = {row.view: row for row in stored_views(self._kb)}
+            stored = {row.view: row for row in stored_views(self._kb)}
             present = {name.view_iri: name for name in self.index.views()}
             for view, name in present.items():
-                if view not in wanted:
+                if view not in stored:
                     self.index.remove(view)
                     self.generation += 1
-                elif name[1:] != (wanted[view].object, wanted[view].class_iri):
-                    self.index.relabel(view, wanted[view].object, wanted[view].class_iri)
+                elif name[1:] != (stored[view].object, stored[view].class_iri):
+                    self.index.relabel(view, stored[view].object, stored[view].class_iri)
                     self.generation += 1
-            missing = sorted(wanted.keys() - present.keys())
+            missing = sorted(stored.keys() - present.keys())
             for view in missing:
-                row = wanted[view]
+                row = stored[view]
                 features = row.features(self._kb)
                 if features is not None:
                     self.learn(NamedNode(view), NamedNode(row.object), row.class_iri, features)

@@ -245,7 +245,7 @@ def _store(
     with rtask.open(data) as kb, Engine(kb) as engine:
         planned = as_planned(sure, _noise(options), options["samples"], gripper)
         return store_planned_in_space(
-            engine.context, known.thing, planned, kind, derived_from=known.sources
+            engine.context, known.object_iri, planned, kind, derived_from=known.sources
         )
 
 

@@ -42,36 +42,36 @@ class Edit:
         self._rights = kb.access()
         self.removed: dict[Quad, None] = {}
         self.added: dict[Quad, None] = {}
-        self._found: dict[tuple[NamedNode | None, ...], list[Quad]] = {}
+        self._matched: dict[tuple[NamedNode | None, ...], list[Quad]] = {}
         self._may_write: dict[GraphName, bool] = {}
 
     def match(self, *pattern: NamedNode | None) -> list[Quad]:
         """Return the changeable statements that match a pattern; the list is not to be changed."""
-        found = self._found.get(pattern)
-        if found is None:
-            found = [q for q in self._kb.match(*pattern) if self._is_changeable(q.graph_name)]
-            self._found[pattern] = found
-        return found
+        quads = self._matched.get(pattern)
+        if quads is None:
+            quads = [q for q in self._kb.match(*pattern) if self._is_changeable(q.graph_name)]
+            self._matched[pattern] = quads
+        return quads
 
     def _is_changeable(self, graph: GraphName) -> bool:
-        known = self._may_write.get(graph)
-        if known is None:
-            known = self._may_write[graph] = self._rights.may_write(graph)
-        return known
+        may_write = self._may_write.get(graph)
+        if may_write is None:
+            may_write = self._may_write[graph] = self._rights.may_write(graph)
+        return may_write
 
     def after(self, *pattern: NamedNode | None) -> list[Quad]:
         """Return the changeable statements that will match a pattern after the edit."""
-        wanted = (*pattern, *(None,) * (3 - len(pattern)))
-        come = [
+        pattern_of_three = (*pattern, *(None,) * (3 - len(pattern)))
+        added = [
             quad
             for quad in self.added
             if all(
                 want is None or want == part
-                for want, part in zip(wanted, tuple(quad)[:3], strict=True)
+                for want, part in zip(pattern_of_three, tuple(quad)[:3], strict=True)
             )
         ]
         stay = (q for q in self.match(*pattern) if q not in self.removed)
-        return list(dict.fromkeys([*stay, *come]))
+        return list(dict.fromkeys([*stay, *added]))
 
     def remove(self, quads: Iterable[Quad]) -> None:
         """Withdraw statements."""
@@ -108,23 +108,28 @@ class Edit:
             if quad not in self.removed:
                 self.replace(quad, Quad(quad.subject, quad.predicate, new, quad.graph_name))
         for quad in self.match(None, RDF.reifies, None):
-            said = quad.object
-            if quad in self.removed or not isinstance(said, Triple):
+            reified = quad.object
+            if quad in self.removed or not isinstance(reified, Triple):
                 continue
-            if old in (said.subject, said.object):
-                self._rename_reified(quad, said, old, new, keep)
+            if old in (reified.subject, reified.object):
+                self._rename_reified(quad, reified, old, new, keep)
 
     def _rename_reified(
-        self, quad: Quad, said: Triple, old: NamedNode, new: NamedNode, keep: Callable[[Quad], bool]
+        self,
+        quad: Quad,
+        reified: Triple,
+        old: NamedNode,
+        new: NamedNode,
+        keep: Callable[[Quad], bool],
     ) -> None:
-        stated = Quad(said.subject, said.predicate, said.object, quad.graph_name)
-        if said.subject == old and not keep(stated):
+        stated = Quad(reified.subject, reified.predicate, reified.object, quad.graph_name)
+        if reified.subject == old and not keep(stated):
             assert isinstance(quad.subject, NamedNode)
             self.remove(self.match(quad.subject))
             return
-        subject = new if said.subject == old else said.subject
-        value = new if said.object == old else said.object
-        triple = Triple(subject, said.predicate, value)
+        subject = new if reified.subject == old else reified.subject
+        value = new if reified.object == old else reified.object
+        triple = Triple(subject, reified.predicate, value)
         self.replace(quad, Quad(quad.subject, quad.predicate, triple, quad.graph_name))
 
     def forget_bytes(self, node: NamedNode) -> list[NamedNode]:
@@ -154,16 +159,16 @@ class Edit:
     def _restate_causes(self, context: Context) -> None:
         """Restate the hidden causes of the objects whose attempts the edit changes."""
         graph = context.kb.graphs.causes
-        for said in (self.removed, self.added):
-            for quad in [q for q in said if q.graph_name == graph]:
-                del said[quad]
+        for changes in (self.removed, self.added):
+            for quad in [q for q in changes if q.graph_name == graph]:
+                del changes[quad]
         will_be = _WillBe(self)
-        for thing in sorted(self._tried_things(will_be), key=str):
-            gone, come = restate(context, will_be.match, thing)
+        for object_iri in sorted(self._tried_objects(will_be), key=str):
+            gone, added = restate(context, will_be.match, object_iri)
             self.removed.update(dict.fromkeys(gone))
-            self.added.update(dict.fromkeys(come))
+            self.added.update(dict.fromkeys(added))
 
-    def _tried_things(self, will_be: _WillBe) -> set[NamedNode]:
+    def _tried_objects(self, will_be: _WillBe) -> set[NamedNode]:
         """Return the objects whose grasps, attempts, outcomes or verdicts the edit changes."""
 
         def both(*pattern: Any) -> list[Quad]:
@@ -174,14 +179,14 @@ class Edit:
             changed.setdefault(quad.predicate, []).append(quad)
         outcomes = {q.subject for p in _OF_OUTCOMES for q in changed.get(p, ())}
         attempts = {q.subject for q in changed.get(RT.hasOutcome, ())}
-        attempts |= {q.subject for one in outcomes for q in both(None, RT.hasOutcome, one)}
+        attempts |= {q.subject for node in outcomes for q in both(None, RT.hasOutcome, node)}
         grasps = {q.object for q in changed.get(RT.executesGrasp, ())}
-        grasps |= {q.object for one in attempts for q in both(one, RT.executesGrasp)}
+        grasps |= {q.object for node in attempts for q in both(node, RT.executesGrasp)}
         poses = {q.subject for p in (RT.x, RT.theta) for q in changed.get(p, ())}
-        grasps |= {q.subject for one in poses for q in both(None, RT.graspPose, one)}
-        things = {q.subject for p in (RT.hasGrasp, RT.extentX) for q in changed.get(p, ())}
-        things |= {q.subject for one in grasps for q in both(None, RT.hasGrasp, one)}
-        return {one for one in things if isinstance(one, NamedNode)}
+        grasps |= {q.subject for node in poses for q in both(None, RT.graspPose, node)}
+        changed_grasps = {q.subject for p in (RT.hasGrasp, RT.extentX) for q in changed.get(p, ())}
+        changed_grasps |= {q.subject for node in grasps for q in both(None, RT.hasGrasp, node)}
+        return {node for node in changed_grasps if isinstance(node, NamedNode)}
 
 
 class _WillBe:
@@ -199,12 +204,12 @@ class _WillBe:
         self, subject: Any, predicate: NamedNode | None = None, value: Any = None
     ) -> list[Quad]:
         """Return the changeable statements about a subject or with a value."""
-        come = self._to.get(value, ()) if subject is None else self._of.get(subject, ())
+        renamed = self._to.get(value, ()) if subject is None else self._of.get(subject, ())
         stay = [
             q for q in self._edit.match(subject, predicate, value) if q not in self._edit.removed
         ]
         fits = (
-            q for q in come
+            q for q in renamed
             if predicate in (None, q.predicate) and value in (None, q.object)
         )  # fmt: skip
         return list(dict.fromkeys([*stay, *fits]))

@@ -46,7 +46,7 @@ _NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
 _DIRECTION = (RT.dirX, RT.dirY, RT.dirZ)
 
 
-def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
+def merge_objects(context: Context, target: NamedNode, other: NamedNode, author: Access) -> Commit:
     """Merge two objects into one; the IRI of the other then resolves to the one kept.
 
     Parameters
@@ -59,89 +59,93 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
     UsageError
         When both are the same.
     """
-    if kept == other:
-        raise UsageError(f"into: {kept.value} cannot be merged with itself", field="into")
+    if target == other:
+        raise UsageError(f"into: {target.value} cannot be merged with itself", field="into")
     with context.writing:
         kb = context.kb
-        kept_from_other = find_target_from_other(context, kept, other)
+        target_from_other = find_target_from_other(context, target, other)
         edit = Edit(kb)
         names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
         move_frame(
-            context, edit, body_frame(context, other), body_frame(context, kept), kept_from_other
+            context,
+            edit,
+            body_frame(context, other),
+            body_frame(context, target),
+            target_from_other,
         )
-        for node in (kept, other):
+        for node in (target, other):
             withdraw_models(edit, node)
-        _withdraw_likeness(edit, kept, other)
-        kinds = {q.object for q in kb.match(kept, RDF.type)} - {RT.ManipulableObject}
+        _withdraw_likeness(edit, target, other)
+        kinds = {q.object for q in kb.match(target, RDF.type)} - {RT.ManipulableObject}
 
         def goes_along(quad: Quad) -> bool:
             if quad.predicate == RDF.type:
                 return not kinds
             return quad.predicate not in _OF_ITS_OWN
 
-        edit.rename(other, kept, goes_along)
+        edit.rename(other, target, goes_along)
         triples = Triples()
-        triples.add(other, RT.mergedInto, kept)
+        triples.add(other, RT.mergedInto, target)
         for name in sorted(set(names)):
             triples.add(other, RDFS.label, Literal(name))
-        views = posed_views(kb, kept) + [
-            (v, kept_from_other @ pose) for v, pose in posed_views(kb, other)
+        views = posed_views(kb, target) + [
+            (v, target_from_other @ pose) for v, pose in posed_views(kb, other)
         ]
         model = regrown(kb, views)
         if model is not None:
-            state_model(context, triples, kept, model)
+            state_model(context, triples, target, model)
         edit.state(triples, context.home_graph(author))
-        return edit.commit(context, f"merge {tail(other)} into {tail(kept)}", author)
+        return edit.commit(context, f"merge {tail(other)} into {tail(target)}", author)
 
 
-def _withdraw_likeness(edit: Edit, kept: NamedNode, other: NamedNode) -> None:
+def _withdraw_likeness(edit: Edit, target: NamedNode, other: NamedNode) -> None:
     """Withdraw that two objects are alike, which would come to be said of one."""
-    for one, like in ((kept, other), (other, kept)):
-        edit.remove(edit.match(one, RT.similarTo, like))
-        said = Triple(one, RT.similarTo, like)
+    for first, like in ((target, other), (other, target)):
+        edit.remove(edit.match(first, RT.similarTo, like))
+        likeness = Triple(first, RT.similarTo, like)
         for quad in edit.match(None, RDF.reifies, None):
-            if quad.object == said and isinstance(quad.subject, NamedNode):
+            if quad.object == likeness and isinstance(quad.subject, NamedNode):
                 edit.remove(edit.match(quad.subject))
 
 
-def withdraw_models(edit: Edit, thing: NamedNode) -> None:
+def withdraw_models(edit: Edit, object_iri: NamedNode) -> None:
     """Withdraw an object's models of all agents, with their meshes."""
-    for link in edit.match(thing, RT.hasModel):
+    for link in edit.match(object_iri, RT.hasModel):
         edit.remove([link])
         if not isinstance(link.object, NamedNode):
             continue
         mesh = iri(f"{link.object.value}/mesh")
-        edit.remove(edit.match(thing, RT.hasFeature, mesh))
+        edit.remove(edit.match(object_iri, RT.hasFeature, mesh))
         for node in (link.object, mesh):
             edit.forget_bytes(node)
             edit.remove(edit.match(node))
 
 
 def find_target_from_other(
-    context: Context, kept: NamedNode, other: NamedNode
+    context: Context, target: NamedNode, other: NamedNode
 ) -> NDArray[np.float64]:
-    """Return ``kept_from_other`` (4, 4): yaw and translation on the table, from matching views.
+    """Return ``target_from_other`` (4, 4): yaw and translation on the table, from matching views.
 
     If no views match, the frames are assumed equal: both have their origin in the middle of the
     measured footprint and lie along its longer side.
     """
     from features.recognition.pairs import match_views
 
-    here, there = (_posed_views(context, thing) for thing in (kept, other))
+    here, there = (_posed_views(context, object_iri) for object_iri in (target, other))
     best, agreed = np.eye(4), MIN_AGREED - 1
-    for features, kept_from_camera in here[:MAX_PAIRS]:
+    for features, target_from_camera in here[:MAX_PAIRS]:
         for others, other_from_camera in there[:MAX_PAIRS]:
             pairs = match_views(features, others)
             if pairs.first_from_second is None or int(pairs.agreed.sum()) <= agreed:
                 continue
-            kept_from_other = (
-                kept_from_camera @ pairs.first_from_second @ np.linalg.inv(other_from_camera)
+            target_from_other = (
+                target_from_camera @ pairs.first_from_second @ np.linalg.inv(other_from_camera)
             )
             if (
-                tilt(kept_from_other) < MAX_TILT
-                and np.linalg.norm(kept_from_other[:2, 3]) < MAX_SHIFT_M
+                tilt(target_from_other) < MAX_TILT
+                and np.linalg.norm(target_from_other[:2, 3]) < MAX_SHIFT_M
             ):
-                best, agreed = kept_from_other, int(pairs.agreed.sum())
+                best, agreed = target_from_other, int(pairs.agreed.sum())
     flat = np.eye(4)
     yaw = yaw_of(best)
     flat[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -150,15 +154,15 @@ def find_target_from_other(
 
 
 def _posed_views(
-    context: Context, thing: NamedNode
+    context: Context, object_iri: NamedNode
 ) -> list[tuple[ViewFeatures, NDArray[np.float64]]]:
     """Return features and ``object_from_camera`` of the views whose viewpoint is known."""
-    found = []
-    for view, pose in posed_views(context.kb, thing):
+    views = []
+    for view, pose in posed_views(context.kb, object_iri):
         features = view_features(context.kb, iri(view))
         if features is not None:
-            found.append((features, pose))
-    return found
+            views.append((features, pose))
+    return views
 
 
 def _numbers(quads: Iterable[Quad]) -> dict[NamedNode, float]:
@@ -211,8 +215,8 @@ def move_frame(
         elif RT.x in numbers:
             place = np.array([*(numbers[p] for p in _NUMBERS[:3]), 1.0])
             triples.position(pose, new, (new_from_old @ place)[:3])
-        said = [fact for fact in triples if fact[1] in (*_NUMBERS, *_DIRECTION)]
-        for _, predicate, value in said:
+        placed = [fact for fact in triples if fact[1] in (*_NUMBERS, *_DIRECTION)]
+        for _, predicate, value in placed:
             for quad in quads:
                 if quad.predicate == predicate:
                     edit.replace(quad, Quad(pose, predicate, object_term(value), graph))
@@ -248,6 +252,6 @@ def followed(kb: GraphCore, request: Request) -> Request:
         changed["object"] = present_name(kb, name)
     if isinstance(entries, list):
         changed["objects"] = [
-            followed(kb, one) if isinstance(one, Message) else one for one in entries
+            followed(kb, entry) if isinstance(entry, Message) else entry for entry in entries
         ]
     return request.model_copy(update=changed)

@@ -23,7 +23,11 @@ _OWL_CLASS = iri("http://www.w3.org/2002/07/owl#Class")
 
 
 def name_object(
-    context: Context, thing: NamedNode, description: str | None, name: str | None, author: Access
+    context: Context,
+    object_iri: NamedNode,
+    description: str | None,
+    name: str | None,
+    author: Access,
 ) -> Commit:
     """Set the name or class of a stored object, replacing earlier names and guesses.
 
@@ -46,22 +50,22 @@ def name_object(
     with context.writing:
         edit, triples = Edit(context.kb), Triples()
         if name:
-            edit.remove(edit.match(thing, RT.name))
-            triples.add(thing, RT.name, " ".join(name.split()))
+            edit.remove(edit.match(object_iri, RT.name))
+            triples.add(object_iri, RT.name, " ".join(name.split()))
         if description:
             kind = described_class(context, triples, description)
             short_id_of(context, triples, kind)
-            _withdraw_kinds(context, edit, thing)
-            triples.add(thing, RDF.type, kind)
+            _withdraw_kinds(context, edit, object_iri)
+            triples.add(object_iri, RDF.type, kind)
         edit.state(triples, context.home_graph(author))
-        return edit.commit(context, f"name {tail(thing)}", author)
+        return edit.commit(context, f"name {tail(object_iri)}", author)
 
 
 def described_class(context: Context, triples: Triples, description: str) -> NamedNode:
     """Return the class that a description names, a new one if there is none yet."""
-    found = classes_named(context, description)
-    if found:
-        return found[0]
+    classes = classes_named(context, description)
+    if classes:
+        return classes[0]
     made = context.names.named("class", slug(description))
     triples.node(made, [_OWL_CLASS], {RDFS.subClassOf: RT.ManipulableObject, RT.taught: True})
     triples.add(made, RDFS.label, Literal(" ".join(description.split()), language="en"))
@@ -70,23 +74,27 @@ def described_class(context: Context, triples: Triples, description: str) -> Nam
 
 def short_id_of(context: Context, triples: Triples, kind: NamedNode) -> str:
     """Return the short id of a class in messages, assigning one where it is missing."""
-    known = context.classes.get(kind.value).short_id
+    short_name = context.classes.get(kind.value).short_id
     stated = [str(v) for s, p, v in triples if s == kind and p == RT.shortId]
-    if known or stated:
-        return known or stated[0]
+    if short_name or stated:
+        return short_name or stated[0]
     others = sum(1 for _, p, _ in triples if p == RT.shortId)
     short_id = str(int(context.classes.next_short_id()) + others)
     triples.add(kind, RT.shortId, short_id)
     return short_id
 
 
-def _withdraw_kinds(context: Context, edit: Edit, thing: NamedNode) -> None:
+def _withdraw_kinds(context: Context, edit: Edit, object_iri: NamedNode) -> None:
     """Withdraw the stated classes of an object, with the annotations on those statements."""
-    kinds = {q.object for q in edit.match(thing, RDF.type)} - {RT.ManipulableObject}
+    kinds = {q.object for q in edit.match(object_iri, RDF.type)} - {RT.ManipulableObject}
     kinds = {k for k in kinds if isinstance(k, NamedNode) and k.value in context.classes.all()}
-    edit.remove(quad for quad in edit.match(thing, RDF.type) if quad.object in kinds)
+    edit.remove(quad for quad in edit.match(object_iri, RDF.type) if quad.object in kinds)
     for quad in edit.match(None, RDF.reifies, None):
-        said = quad.object
-        if isinstance(said, Triple) and said.subject == thing and said.object in kinds:
+        statement = quad.object
+        if (
+            isinstance(statement, Triple)
+            and statement.subject == object_iri
+            and statement.object in kinds
+        ):
             assert isinstance(quad.subject, NamedNode)
             edit.remove(edit.match(quad.subject))

@@ -32,7 +32,7 @@ _HISTORY = ("task", "attempt", "outcome", "feedback", "grasp", "statistics", "re
 
 
 def split_object(
-    context: Context, thing: NamedNode, views: list[str], name: str | None, author: Access
+    context: Context, object_iri: NamedNode, views: list[str], name: str | None, author: Access
 ) -> tuple[NamedNode, Commit]:
     """Move some views of an object, and the attempts made on them, to a new object.
 
@@ -47,50 +47,52 @@ def split_object(
     -------
     The new object and the commit.
     """
-    moving = _views_of(context, thing, views)
+    moving = _views_of(context, object_iri, views)
     with context.writing:
         kb = context.kb
         new = context.names.counted("object")
         edit, triples = Edit(kb), Triples()
-        _state_twin(context, edit, triples, thing, new, name, author)
+        _state_twin(context, edit, triples, object_iri, new, name, author)
         frame = body_frame(context, new)
-        events, poses = _move_views(edit, thing, new, moving)
-        poses |= _move_attempts(context, edit, thing, new, events)
-        move_frame(context, edit, body_frame(context, thing), frame, np.eye(4), frozenset(poses))
-        withdraw_models(edit, thing)
-        posed = posed_views(kb, thing)
+        events, poses = _move_views(edit, object_iri, new, moving)
+        poses |= _move_attempts(context, edit, object_iri, new, events)
+        move_frame(
+            context, edit, body_frame(context, object_iri), frame, np.eye(4), frozenset(poses)
+        )
+        withdraw_models(edit, object_iri)
+        posed = posed_views(kb, object_iri)
         for owner, mine in (
-            (thing, [v for v in posed if iri(v[0]) not in moving]),
+            (object_iri, [v for v in posed if iri(v[0]) not in moving]),
             (new, [v for v in posed if iri(v[0]) in moving]),
         ):
             model = regrown(kb, mine)
             if model is not None:
                 state_model(context, triples, owner, model)
         edit.state(triples, context.home_graph(author))
-        return new, edit.commit(context, f"split {tail(new)} from {tail(thing)}", author)
+        return new, edit.commit(context, f"split {tail(new)} from {tail(object_iri)}", author)
 
 
-def _views_of(context: Context, thing: NamedNode, views: Iterable[str]) -> set[NamedNode]:
-    known = {q.object for q in context.kb.match(thing, RT.hasView)}
+def _views_of(context: Context, object_iri: NamedNode, views: Iterable[str]) -> set[NamedNode]:
+    object_views = {q.object for q in context.kb.match(object_iri, RT.hasView)}
     chosen = {iri(view) for view in views}
     if not chosen:
         raise UsageError("views is missing: the views of the object to move", field="views")
-    strange = sorted(view.value for view in chosen - known)
+    strange = sorted(view.value for view in chosen - object_views)
     if strange:
-        raise UnknownTermError(f"views: {strange[0]} is not a view of {thing.value}")
-    if chosen == known:
+        raise UnknownTermError(f"views: {strange[0]} is not a view of {object_iri.value}")
+    if chosen == object_views:
         raise UsageError("views: at least one view of the object must stay", field="views")
     return chosen
 
 
 def _state_twin(
-    context: Context, edit: Edit, triples: Triples, thing: NamedNode, new: NamedNode,
+    context: Context, edit: Edit, triples: Triples, object_iri: NamedNode, new: NamedNode,
     name: str | None, author: Access,
 ) -> None:  # fmt: skip
     """Add the new object, with the classes, size and symmetry of the old one."""
     alike = (RDF.type, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
              RT.hasFunction, RT.hasSymmetry)  # fmt: skip
-    for quad in edit.match(thing):
+    for quad in edit.match(object_iri):
         if quad.predicate in alike:
             edit.added[Quad(new, quad.predicate, quad.object, quad.graph_name)] = None
     frame = body_frame(context, new)
@@ -101,25 +103,25 @@ def _state_twin(
             RT.objectId: f"{slug(author.agent or 'shared')}/{tail(new)}",
             RT.name: name or f"object {tail(new)}",
             RT.bodyFrame: frame,
-            PROV.wasDerivedFrom: thing,
+            PROV.wasDerivedFrom: object_iri,
         },
     )
     triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(new)}"})
 
 
 def _move_views(
-    edit: Edit, thing: NamedNode, new: NamedNode, views: set[NamedNode]
+    edit: Edit, object_iri: NamedNode, new: NamedNode, views: set[NamedNode]
 ) -> tuple[set[NamedNode], set[NamedNode]]:
     """Move views and their observations; return the observations and the viewpoints."""
     events: set[NamedNode] = set()
     poses: set[NamedNode] = set()
     for view in views:
-        for quad in edit.match(thing, RT.hasView, view):
+        for quad in edit.match(object_iri, RT.hasView, view):
             edit.replace(quad, Quad(new, RT.hasView, view, quad.graph_name))
         poses |= _objects(edit, view, RT.viewpoint)
         events |= _objects(edit, view, PROV.wasDerivedFrom)
     for event in events:
-        for quad in edit.match(event, SOSA.hasFeatureOfInterest, thing):
+        for quad in edit.match(event, SOSA.hasFeatureOfInterest, object_iri):
             edit.replace(quad, Quad(event, quad.predicate, new, quad.graph_name))
     return events, poses
 
@@ -129,7 +131,7 @@ def _objects(edit: Edit, subject: NamedNode, predicate: NamedNode) -> set[NamedN
 
 
 def _move_attempts(
-    context: Context, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
+    context: Context, edit: Edit, object_iri: NamedNode, new: NamedNode, events: set[NamedNode]
 ) -> set[NamedNode]:
     """Move the attempts reported with observations; return the poses of the moved grasps.
 
@@ -140,7 +142,7 @@ def _move_attempts(
         return set()
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
-  ?task rt:handles {thing} ; rt:through ?attempt .
+  ?task rt:handles {object_iri} ; rt:through ?attempt .
   ?attempt rt:executesGrasp ?grasp OPTIONAL {{ ?attempt rt:requestId ?id }} }}""")
     moved: dict[NamedNode, list[NamedNode]] = {}
     stays: set[NamedNode] = set()
@@ -155,11 +157,11 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
             continue
         moved.setdefault(grasp, []).append(attempt)
         tasks |= {*parts_of(task)}
-    _move_tasks(edit, thing, new, tasks)
+    _move_tasks(edit, object_iri, new, tasks)
     poses: set[NamedNode] = set()
     for grasp, attempts in moved.items():
         if grasp not in stays:
-            for quad in edit.match(thing, RT.hasGrasp, grasp):
+            for quad in edit.match(object_iri, RT.hasGrasp, grasp):
                 edit.replace(quad, Quad(new, RT.hasGrasp, grasp, quad.graph_name))
             contacts = _objects(edit, grasp, RT.hasContact)
             poses |= _objects(edit, grasp, RT.graspPose) | contacts
@@ -170,7 +172,7 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
     return poses
 
 
-def _move_tasks(edit: Edit, thing: NamedNode, new: NamedNode, tasks: set[NamedNode]) -> None:
+def _move_tasks(edit: Edit, object_iri: NamedNode, new: NamedNode, tasks: set[NamedNode]) -> None:
     """Move tasks to another object; what they are parts of goes along if all its parts go."""
     wholes = {q.subject for task in tasks for q in edit.match(None, RT.hasSubTask, task)}
     going = set(tasks)
@@ -182,7 +184,7 @@ def _move_tasks(edit: Edit, thing: NamedNode, new: NamedNode, tasks: set[NamedNo
         else:
             edit.remove(quad for quad in parts if quad.object in tasks)
     for task in going:
-        for quad in edit.match(task, RT.handles, thing):
+        for quad in edit.match(task, RT.handles, object_iri):
             edit.replace(quad, Quad(task, RT.handles, new, quad.graph_name))
 
 
@@ -192,10 +194,10 @@ def _copy_measure(
     """Copy a pose, a contact or a normal to another frame and owner; return the copy."""
     copy = iri(node.value.replace(owners[0].value, owners[1].value, 1))
     for part in edit.match(node):
-        said = frame if part.predicate == RT.inFrame else part.object
-        if part.predicate == RT.contactNormal and isinstance(said, NamedNode):
-            said = _copy_measure(edit, said, owners, frame)
-        edit.added[Quad(copy, part.predicate, said, part.graph_name)] = None
+        value = frame if part.predicate == RT.inFrame else part.object
+        if part.predicate == RT.contactNormal and isinstance(value, NamedNode):
+            value = _copy_measure(edit, value, owners, frame)
+        edit.added[Quad(copy, part.predicate, value, part.graph_name)] = None
     return copy
 
 
@@ -238,19 +240,19 @@ def _recount(
 
 
 def forget_views(
-    context: Context, thing: NamedNode, views: list[str], purge: bool, author: Access
+    context: Context, object_iri: NamedNode, views: list[str], purge: bool, author: Access
 ) -> Commit:
     """Forget some views of an object and rebuild its model from the others."""
-    gone = _views_of(context, thing, views)
+    gone = _views_of(context, object_iri, views)
     with context.writing:
         kb, edit, triples = context.kb, Edit(context.kb), Triples()
         freed = [blob for view in sorted(gone, key=str) for blob in forget_view(edit, view)]
-        withdraw_models(edit, thing)
-        model = regrown(kb, [v for v in posed_views(kb, thing) if iri(v[0]) not in gone])
+        withdraw_models(edit, object_iri)
+        model = regrown(kb, [v for v in posed_views(kb, object_iri) if iri(v[0]) not in gone])
         if model is not None:
-            state_model(context, triples, thing, model)
+            state_model(context, triples, object_iri, model)
         edit.state(triples, context.home_graph(author))
-        commit = edit.commit(context, f"forget {len(gone)} views of {tail(thing)}", author)
+        commit = edit.commit(context, f"forget {len(gone)} views of {tail(object_iri)}", author)
         _discard(context, freed if purge else [])
         return commit
 
@@ -269,7 +271,7 @@ def forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
     return freed
 
 
-def forget_object(context: Context, thing: NamedNode, purge: bool, author: Access) -> Commit:
+def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: Access) -> Commit:
     """Forget an object, so that it is no longer recognised.
 
     Parameters
@@ -283,58 +285,58 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
         edit = Edit(context.kb)
         freed = [
             blob
-            for view in sorted(_objects(edit, thing, RT.hasView), key=str)
+            for view in sorted(_objects(edit, object_iri, RT.hasView), key=str)
             for blob in forget_view(edit, view)
         ]
-        withdraw_models(edit, thing)
-        _forget_places(edit, thing)
+        withdraw_models(edit, object_iri)
+        _forget_places(edit, object_iri)
         if purge:
-            for node in _history(context, edit, thing):
+            for node in _history(context, edit, object_iri):
                 freed += edit.forget_bytes(node)
                 edit.remove(edit.match(node))
                 edit.remove(edit.match(None, None, node))
-            edit.remove(edit.match(None, None, thing))
-        frame = body_frame(context, thing)
+            edit.remove(edit.match(None, None, object_iri))
+        frame = body_frame(context, object_iri)
         edit.remove(edit.match(frame))
-        edit.remove(q for q in edit.match(thing) if q not in edit.removed)
-        _forget_notes(edit, thing)
+        edit.remove(q for q in edit.match(object_iri) if q not in edit.removed)
+        _forget_notes(edit, object_iri)
         triples = Triples()
-        triples.add(thing, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
+        triples.add(object_iri, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
         edit.state(triples, context.home_graph(author))
         how = "forget for good" if purge else "forget"
-        commit = edit.commit(context, f"{how} {tail(thing)}", author)
+        commit = edit.commit(context, f"{how} {tail(object_iri)}", author)
         _discard(context, freed if purge else [])
         return commit
 
 
-def _forget_places(edit: Edit, thing: NamedNode) -> None:
+def _forget_places(edit: Edit, object_iri: NamedNode) -> None:
     """Withdraw the estimates of an object's pose."""
-    for link in edit.match(None, RT.poseOf, thing):
+    for link in edit.match(None, RT.poseOf, object_iri):
         if isinstance(link.subject, NamedNode):
             for pose in _objects(edit, link.subject, RT.estimatedPose):
                 edit.remove(edit.match(pose))
             edit.remove(edit.match(link.subject))
 
 
-def _forget_notes(edit: Edit, thing: NamedNode) -> None:
+def _forget_notes(edit: Edit, object_iri: NamedNode) -> None:
     """Withdraw the annotations on statements about an object."""
     from rtask.rdf.terms import Triple
 
     for quad in edit.match(None, RDF.reifies, None):
-        said = quad.object
-        if isinstance(said, Triple) and said.subject == thing:
+        statement = quad.object
+        if isinstance(statement, Triple) and statement.subject == object_iri:
             assert isinstance(quad.subject, NamedNode)
             edit.remove(edit.match(quad.subject))
 
 
-def _history(context: Context, edit: Edit, thing: NamedNode) -> set[NamedNode]:
+def _history(context: Context, edit: Edit, object_iri: NamedNode) -> set[NamedNode]:
     """Return everything that depends on an object: attempts, outcomes, grasps, counts."""
     base = context.kb.base
     starts = tuple(f"{base}{kind}/" for kind in _HISTORY)
     seen: set[NamedNode] = set()
     inverse = (RT.handles, SOSA.hasFeatureOfInterest)
-    todo: list[object] = [q.subject for p in inverse for q in edit.match(None, p, thing)]
-    todo += [q.object for q in edit.match(thing)]
+    todo: list[object] = [q.subject for p in inverse for q in edit.match(None, p, object_iri)]
+    todo += [q.object for q in edit.match(object_iri)]
     while todo:
         node = todo.pop()
         if not isinstance(node, NamedNode) or node in seen or not node.value.startswith(starts):

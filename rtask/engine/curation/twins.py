@@ -71,8 +71,8 @@ def find_twins(kb: GraphCore, views_each: int = 4) -> list[Twins]:
             objects.setdefault(view.object, []).append((view, features))
     recogniser = Recogniser(index)
     taken_for = {
-        thing: _recognised_without(index, recogniser, views, views_each)
-        for thing, views in objects.items()
+        object_iri: _recognised_without(index, recogniser, views, views_each)
+        for object_iri, views in objects.items()
     }
     return _mutual(taken_for, _alike(kb))
 
@@ -84,7 +84,7 @@ def _alike(kb: GraphCore) -> set[tuple[str, str]]:
         for quad in kb.match(None, RT.similarTo)
         if isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode)
     }
-    return pairs | {(other, one) for one, other in pairs}
+    return pairs | {(other, first) for first, other in pairs}
 
 
 def _recognised_without(
@@ -96,15 +96,17 @@ def _recognised_without(
     """Return the objects as which an object's views are recognised, with the best confidence."""
     for view, _ in views:
         index.remove(view.view)
-    found: dict[str, float] = {}
+    confidences: dict[str, float] = {}
     for _, features in views[:views_each]:
         answer = recogniser.recognise(features, max_results=1)
         if answer.accepted:
             match = answer.matches[0]
-            found[match.object_iri] = max(match.confidence, found.get(match.object_iri, 0.0))
+            confidences[match.object_iri] = max(
+                match.confidence, confidences.get(match.object_iri, 0.0)
+            )
     for view, features in views:
         index.add(view.view, view.object, view.class_iri, features)
-    return found
+    return confidences
 
 
 def _mutual(
@@ -118,16 +120,16 @@ def _mutual(
     >>> _mutual(taken, {("a", "c"), ("c", "a")})[1]
     Twins(first='a', second='c', confidence=0.7)
     """
-    order = {thing: k for k, thing in enumerate(taken_for)}
+    order = {object_iri: k for k, object_iri in enumerate(taken_for)}
     pairs = []
-    for one, others in taken_for.items():
+    for viewed, others in taken_for.items():
         for other, sure in others.items():
-            back = taken_for[other].get(one)
-            if back is None and (one, other) in alike:
-                first, second = sorted((one, other), key=order.__getitem__)
+            back = taken_for[other].get(viewed)
+            if back is None and (viewed, other) in alike:
+                first, second = sorted((viewed, other), key=order.__getitem__)
                 pairs.append(Twins(first, second, sure))
-            elif back is not None and order[one] < order[other]:
-                pairs.append(Twins(one, other, min(sure, back)))
+            elif back is not None and order[viewed] < order[other]:
+                pairs.append(Twins(viewed, other, min(sure, back)))
     return sorted(pairs, key=lambda pair: -pair.confidence)
 
 
@@ -139,14 +141,14 @@ def merges_of(pairs: Sequence[Twins]) -> list[tuple[str, str]]:
     """
     into: dict[str, str] = {}
 
-    def kept(thing: str) -> str:
-        while thing in into:
-            thing = into[thing]
-        return thing
+    def survivor(object_iri: str) -> str:
+        while object_iri in into:
+            object_iri = into[object_iri]
+        return object_iri
 
     merges = []
     for pair in pairs:
-        first, second = kept(pair.first), kept(pair.second)
+        first, second = survivor(pair.first), survivor(pair.second)
         if first != second:
             into[second] = first
             merges.append((second, first))

@@ -51,16 +51,16 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
             raise ConflictError(f"commit: {commit} is already undone")
         _refuse_gone(context, edit, commit)
         _refuse_moved_on(context, edit, entry.seq)
-        _refuse_told_since(context, edit)
+        _refuse_reported_since(context, edit)
         _move_later_attempts(context, edit)
         restated = _leave_out_restated(edit)
         triples = Triples()
-        for thing in sorted(_grown_since(edit), key=str):
-            withdraw_models(edit, thing)
-            _leave_out_models(edit, thing)
-            model = regrown(context.kb, _posed_after(edit, thing))
+        for object_iri in sorted(_grown_since(edit), key=str):
+            withdraw_models(edit, object_iri)
+            _leave_out_models(edit, object_iri)
+            model = regrown(context.kb, _posed_after(edit, object_iri))
             if model is not None:
-                state_model(context, triples, thing, model)
+                state_model(context, triples, object_iri, model)
         edit.state(triples, context.home_graph(author))
         done = edit.commit(context, f"take back {commit}", author)
         if restated:
@@ -128,17 +128,17 @@ def _refuse_moved_on(context: Context, edit: Edit, seq: int) -> None:
                 raise _in_the_way(context, subject, seq)
 
 
-def _in_the_way(context: Context, thing: NamedNode, seq: int) -> ConflictError:
+def _in_the_way(context: Context, object_iri: NamedNode, seq: int) -> ConflictError:
     """Return the error that names the latest conflicting commit."""
     history = context.kb.history
     since = [
         entry
-        for entry in (*history(thing, since=seq), *history(value=thing, since=seq))
+        for entry in (*history(object_iri, since=seq), *history(value=object_iri, since=seq))
         if (entry.note or "").startswith(NOTE)
     ]
     last = max(since, key=lambda entry: entry.seq, default=None)
     if last is None:
-        return ConflictError(f"commit: {thing.value} was changed since then")
+        return ConflictError(f"commit: {object_iri.value} was changed since then")
     what = (last.note or "").removeprefix(NOTE)
     return ConflictError(
         f"commit: c-{last.seq:05d} ({what}) changed the same things since; take that back first",
@@ -146,22 +146,22 @@ def _in_the_way(context: Context, thing: NamedNode, seq: int) -> ConflictError:
     )
 
 
-def _refuse_told_since(context: Context, edit: Edit) -> None:
+def _refuse_reported_since(context: Context, edit: Edit) -> None:
     """Refuse to remove an object that robots have reported on since it was created."""
     for quad in edit.removed:
-        thing = quad.subject
-        if quad.predicate != RT.objectId or not isinstance(thing, NamedNode):
+        object_iri = quad.subject
+        if quad.predicate != RT.objectId or not isinstance(object_iri, NamedNode):
             continue
-        if edit.after(thing, RT.objectId):
+        if edit.after(object_iri, RT.objectId):
             continue
-        told = [
-            *edit.after(thing, RT.hasView), *edit.after(thing, RT.hasGrasp),
-            *edit.after(None, RT.handles, thing),
-            *edit.after(None, SOSA.hasFeatureOfInterest, thing),
+        reported = [
+            *edit.after(object_iri, RT.hasView), *edit.after(object_iri, RT.hasGrasp),
+            *edit.after(None, RT.handles, object_iri),
+            *edit.after(None, SOSA.hasFeatureOfInterest, object_iri),
         ]  # fmt: skip
-        if told:
+        if reported:
             raise ConflictError(
-                f"commit: robots have reported on {thing.value} since; merge the two instead"
+                f"commit: robots have reported on {object_iri.value} since; merge the two instead"
             )
 
 
@@ -187,16 +187,16 @@ def _grown_since(edit: Edit) -> set[NamedNode]:
     """Return the objects whose model the commit rebuilt and that has grown since."""
     before = {q.subject for q in edit.added if q.predicate == RT.hasModel}
     return {
-        thing
-        for thing in before
-        if isinstance(thing, NamedNode)
-        and any(q not in edit.added for q in edit.after(thing, RT.hasModel))
+        object_iri
+        for object_iri in before
+        if isinstance(object_iri, NamedNode)
+        and any(q not in edit.added for q in edit.after(object_iri, RT.hasModel))
     }
 
 
-def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
+def _leave_out_models(edit: Edit, object_iri: NamedNode) -> None:
     """Leave the former models of an object out of what is restored."""
-    models = {q.object for q in edit.added if (q.subject, q.predicate) == (thing, RT.hasModel)}
+    models = {q.object for q in edit.added if (q.subject, q.predicate) == (object_iri, RT.hasModel)}
     nodes = {
         f"{m.value}{part}" for m in models if isinstance(m, NamedNode) for part in ("", "/mesh")
     }
@@ -249,16 +249,16 @@ def _restate(context: Context, grasps: set[NamedNode], author: Access) -> None:
             tx.add(subject, predicate, value, home)
 
 
-def _posed_after(edit: Edit, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+def _posed_after(edit: Edit, object_iri: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
     """Return the views that an object will have, with their camera poses, oldest first."""
-    found = []
-    for view in sorted({q.object for q in edit.after(thing, RT.hasView)}, key=str):
+    poses = []
+    for view in sorted({q.object for q in edit.after(object_iri, RT.hasView)}, key=str):
         assert isinstance(view, NamedNode)
         for link in edit.after(view, RT.viewpoint):
             assert isinstance(link.object, NamedNode)
-            said = {q.predicate: q.object for q in edit.after(link.object)}
-            if all(number in said for number in _NUMBERS):
-                seven = np.array([float(str(python_value(said[p]))) for p in _NUMBERS])
+            properties = {q.predicate: q.object for q in edit.after(link.object)}
+            if all(number in properties for number in _NUMBERS):
+                seven = np.array([float(str(python_value(properties[p]))) for p in _NUMBERS])
                 pose = matrix_from_pose(seven[:3], seven[3:])
-                found.append((view.value, np.asarray(pose, dtype=np.float64)))
-    return found
+                poses.append((view.value, np.asarray(pose, dtype=np.float64)))
+    return poses

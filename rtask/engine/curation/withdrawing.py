@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Withdrawal", "withdraw"]
 
-_TOLD = (
+_REPORT_KINDS = (
     "task", "attempt", "outcome", "feedback", "statistics", "calibration", "pose-estimate",
     "refusal", "learner",
 )  # fmt: skip
@@ -80,12 +80,12 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
         contributor = _Contributor(context, name)
         attempts = contributor.nodes("attempt")
         verdicts = contributor.verdicts()
-        doubtful = contributor.grasps_of(attempts) | {one.grasp for one, _ in verdicts}
+        doubtful = contributor.grasps_of(attempts) | {judged.grasp for judged, _ in verdicts}
         before = judged_attempts(context, doubtful)
-        contributor.forget_told(verdicts)
-        kept = contributor.kept()
+        contributor.forget_reports(verdicts)
+        survivors = contributor.kept()
         objects = contributor.added_objects()
-        contributor.forget_rest(kept)
+        contributor.forget_rest(survivors)
         after = _without(before, attempts, verdicts)
         edit, triples = contributor.edit, Triples()
         left = [g for g in doubtful if edit.after(None, RT.hasGrasp, g)]
@@ -96,7 +96,12 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
         edit.state(triples, context.home_graph(author))
         commit = edit.commit(context, f"withdraw {name}", author)
     return Withdrawal(
-        commit, len(attempts), len(verdicts), len(objects - kept), len(objects & kept), len(left)
+        commit,
+        len(attempts),
+        len(verdicts),
+        len(objects - survivors),
+        len(objects & survivors),
+        len(left),
     )
 
 
@@ -115,8 +120,8 @@ class _Contributor:
                 self.about.setdefault(quad.subject, []).append(quad)
         judged = context.kb.match(None, PROV.wasAttributedTo, self.person)
         if not self.about and not judged:
-            known = {graphs.owner(q.graph_name) for q in context.kb.match(None, RDF.type, None)}
-            hint = nearest(name, sorted(one for one in known if one))
+            owners = {graphs.owner(q.graph_name) for q in context.kb.match(None, RDF.type, None)}
+            hint = nearest(name, sorted(owner for owner in owners if owner))
             raise UnknownTermError(f"contributor: {name!r} has told nothing{hint}")
 
     def nodes(self, kind: str) -> set[NamedNode]:
@@ -152,41 +157,41 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
   ?outcome rt:hasFeedback ?feedback . ?attempt rt:hasOutcome ?outcome ; rt:executesGrasp ?grasp
 }} ORDER BY ?feedback""")
         grasps = {row["grasp"] for row in rows}
-        known = {
-            one.outcome: one
-            for one in judged_attempts(
+        outcomes = {
+            judged.outcome: judged
+            for judged in judged_attempts(
                 self.context, [grasp for grasp in grasps if isinstance(grasp, NamedNode)]
             )
         }
-        mine, found = self.nodes("outcome"), []
+        mine, verdicts = self.nodes("outcome"), []
         for row in rows:
             outcome, feedback = row["outcome"], row["feedback"]
             assert isinstance(outcome, NamedNode)
             assert isinstance(feedback, NamedNode)
-            if outcome in known and outcome not in mine:
-                found.append((known[outcome], feedback))
-        return found
+            if outcome in outcomes and outcome not in mine:
+                verdicts.append((outcomes[outcome], feedback))
+        return verdicts
 
-    def is_told(self, node: NamedNode) -> bool:
+    def is_report(self, node: NamedNode) -> bool:
         """Whether a node of the contributor is testimony, which goes whoever refers to it."""
         base = self.context.kb.base
         if not self._made(node):
             return False
-        if node.value.startswith(tuple(f"{base}{kind}/" for kind in _TOLD)):
+        if node.value.startswith(tuple(f"{base}{kind}/" for kind in _REPORT_KINDS)):
             return True
         return any(quad.predicate == RT.beliefAlpha for quad in self.about[node])
 
-    def forget_told(self, verdicts: Iterable[tuple[Judged, NamedNode]]) -> None:
+    def forget_reports(self, verdicts: Iterable[tuple[Judged, NamedNode]]) -> None:
         """Withdraw testimony, and what others said about it."""
         edit = self.edit
-        told = [node for node in self.about if self.is_told(node)]
+        reports = [node for node in self.about if self.is_report(node)]
         outcomes = self.nodes("outcome")
         for outcome in outcomes:
             for link in edit.match(outcome, RT.hasFeedback):
                 if isinstance(link.object, NamedNode):
-                    told.append(link.object)
-        told += [node for _, node in verdicts]
-        for node in told:
+                    reports.append(link.object)
+        reports += [node for _, node in verdicts]
+        for node in reports:
             edit.forget_bytes(node)
             edit.remove(edit.match(node))
             edit.remove(edit.match(None, None, node))
@@ -197,13 +202,13 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         Also the robot's description of itself.
         """
         edit, gone = self.edit, self.edit.removed
-        kept: set[NamedNode] = set()
+        survivors: set[NamedNode] = set()
         todo = deque(node for node in self.about if self._is_own(node) or self._is_used(node))
         while todo:
             node = todo.popleft()
-            if node in kept or node not in self.about:
+            if node in survivors or node not in self.about:
                 continue
-            kept.add(node)
+            survivors.add(node)
             for predicate in (RT.hasGrasp, RT.hasView):
                 todo += [
                     quad.subject for quad in edit.match(None, predicate, node)
@@ -215,7 +220,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
                     continue
                 if quad.predicate != RT.hasGrasp and not self._is_replaceable(value):
                     todo.append(value)
-        return kept
+        return survivors
 
     def _is_own(self, node: NamedNode) -> bool:
         return node in (self.robot, self.person) or node.value.startswith(f"{self.robot.value}/")
@@ -236,8 +241,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         )
 
     def _is_ontology(self, graph: GraphName) -> bool:
-        told = self._rights.is_ontology
-        return told is not None and told(graph)
+        is_ontology = self._rights.is_ontology
+        return is_ontology is not None and is_ontology(graph)
 
     def _shown(self, node: NamedNode) -> list[NamedNode]:
         """Return the objects that a view shows."""
@@ -249,38 +254,42 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
 
     def _is_replaceable(self, node: NamedNode) -> bool:
         """Whether a node is a view of something of which others have views as well."""
-        views = (view for thing in self._shown(node) for view in self.edit.match(thing, RT.hasView))
+        views = (
+            view
+            for object_iri in self._shown(node)
+            for view in self.edit.match(object_iri, RT.hasView)
+        )
         return any(view.graph_name != self.graph for view in views)
 
-    def forget_rest(self, kept: set[NamedNode]) -> None:
+    def forget_rest(self, survivors: set[NamedNode]) -> None:
         """Withdraw all that does not stay."""
         edit = self.edit
         for node, quads in self.about.items():
-            if node not in kept:
+            if node not in survivors:
                 if self._shown(node):
                     forget_view(edit, node)
-                elif not self._is_note_on(node, kept):
+                elif not self._is_note_on(node, survivors):
                     edit.forget_bytes(node)
                     edit.remove(quads)
                 continue
             for quad in quads:
-                if quad.object in self.about and quad.object not in kept:
+                if quad.object in self.about and quad.object not in survivors:
                     edit.remove([quad])
 
-    def _is_note_on(self, node: NamedNode, kept: set[NamedNode]) -> bool:
+    def _is_note_on(self, node: NamedNode, survivors: set[NamedNode]) -> bool:
         """Whether a node annotates a statement that stays."""
-        said = [quad.object for quad in self.about[node] if quad.predicate == RDF.reifies]
-        return any(isinstance(one, Triple) and one.subject in kept for one in said)
+        reified = [quad.object for quad in self.about[node] if quad.predicate == RDF.reifies]
+        return any(isinstance(value, Triple) and value.subject in survivors for value in reified)
 
     def recount(self, before: Iterable[Judged], after: Iterable[Judged]) -> None:
         """Recount grasps of other robots where the contributor's verdicts had counted."""
-        was = {one.attempt: label_of(one) for one in before}
-        changed = [one for one in after if was[one.attempt] != label_of(one)]
+        was = {judged.attempt: label_of(judged) for judged in before}
+        changed = [judged for judged in after if was[judged.attempt] != label_of(judged)]
         totals: dict[tuple[NamedNode, NamedNode], Counter[bool]] = {}
-        for one in after:
-            label = label_of(one)
+        for judged in after:
+            label = label_of(judged)
             if label is not None:
-                totals.setdefault((one.grasp, one.robot), Counter())[label] += 1
+                totals.setdefault((judged.grasp, judged.robot), Counter())[label] += 1
         edit, context = self.edit, self.context
         for grasp, robot, gripper_type in {(o.grasp, o.robot, o.gripper_type) for o in changed}:
             node, triples = statistics_of(context, grasp, robot), Triples()
@@ -296,20 +305,26 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
     def _recalibrate(self, changed: Iterable[Judged]) -> None:
         """Restate the maps of hands whose attempts are judged otherwise now."""
         context = self.context
-        found: dict[tuple[NamedNode, str], tuple[StoredGripper, list[tuple[Judged, float]]]] = {}
-        for one in changed:
-            score = score_of(context, one.attempt)
-            hands = {quad.object for quad in context.kb.match(one.attempt, RT.activates)}
+        by_score: dict[tuple[NamedNode, str], tuple[StoredGripper, list[tuple[Judged, float]]]] = {}
+        for judged_attempt in changed:
+            score = score_of(context, judged_attempt.attempt)
+            hands = {quad.object for quad in context.kb.match(judged_attempt.attempt, RT.activates)}
             gripper = next((g for g in context.grippers.all() if g.iri in hands), None)
             if score is not None and gripper is not None:
-                found.setdefault((gripper.iri, score[0]), (gripper, []))[1].append((one, score[1]))
-        for (_, kind), (gripper, judged) in found.items():
+                by_score.setdefault((gripper.iri, score[0]), (gripper, []))[1].append(
+                    (judged_attempt, score[1])
+                )
+        for (_, kind), (gripper, judged) in by_score.items():
             more = [
-                Scored(one.attempt.value, kind, score, label)
-                for one, score in judged
-                if (label := label_of(one)) is not None
+                Scored(judged_attempt.attempt.value, kind, score, label)
+                for judged_attempt, score in judged
+                if (label := label_of(judged_attempt)) is not None
             ]
-            out = {one.attempt.value for one, _ in judged if label_of(one) is None}
+            out = {
+                judged_attempt.attempt.value
+                for judged_attempt, _ in judged
+                if label_of(judged_attempt) is None
+            }
             graph, triples = context.kb.graphs.agent(tail(gripper.robot)), Triples()
             for old in calibrate(context, triples, gripper, kind, more, graph, without=out):
                 subject, predicate, value = old
@@ -322,14 +337,14 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         self, after: Iterable[Judged], verdicts: Iterable[tuple[Judged, NamedNode]]
     ) -> None:
         """Restate how many people had spoken when others did, on what the contributor judged."""
-        touched = {one.outcome for one, _ in verdicts}
-        for one in after:
-            if one.outcome not in touched:
+        touched = {judged.outcome for judged, _ in verdicts}
+        for judged in after:
+            if judged.outcome not in touched:
                 continue
-            for k, said in enumerate(one.verdicts):
-                votes = replace(one, verdicts=one.verdicts[: k + 1]).votes
+            for k, verdict in enumerate(judged.verdicts):
+                votes = replace(judged, verdicts=judged.verdicts[: k + 1]).votes
                 for predicate, number in zip((RT.heldVotes, RT.lostVotes), votes, strict=True):
-                    for quad in self.edit.match(said.node, predicate):
+                    for quad in self.edit.match(verdict.node, predicate):
                         new = Quad(quad.subject, predicate, literal(number), quad.graph_name)
                         self.edit.replace(quad, new)
 
@@ -339,18 +354,18 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
         """Replace the beliefs about grasps by what the others told."""
         context, edit = self.context, self.edit
         counts: dict[NamedNode, Counter[tuple[bool, bool]]] = {}
-        for one in after:
-            label = label_of(one)
+        for judged in after:
+            label = label_of(judged)
             if label is not None:
-                counts.setdefault(one.grasp, Counter())[label, one.is_fast] += 1
+                counts.setdefault(judged.grasp, Counter())[label, judged.is_fast] += 1
         home, who = context.home_graph(author), context.agent_iri(author)
         stored = stored_confidences(context, sorted(grasp.value for grasp in counts))
         for grasp in sorted(grasps, key=str):
             for link in edit.match(grasp, RT.hasEvaluation):
                 value = link.object
-                said = edit.match(value) if isinstance(value, NamedNode) else []
-                if any(quad.predicate == RT.beliefAlpha for quad in said):
-                    edit.remove([link, *said])
+                quads = edit.match(value) if isinstance(value, NamedNode) else []
+                if any(quad.predicate == RT.beliefAlpha for quad in quads):
+                    edit.remove([link, *quads])
             if grasp in counts:
                 believe(context, triples, grasp, counts[grasp], who, home, stored=stored)
 
@@ -362,11 +377,11 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             for quad in edit.removed
             if quad.predicate == RT.hasView and isinstance(quad.subject, NamedNode)
         }
-        for thing in sorted(lost, key=str):
-            if not edit.after(thing, RT.objectId):
+        for object_iri in sorted(lost, key=str):
+            if not edit.after(object_iri, RT.objectId):
                 continue
-            withdraw_models(edit, thing)
-            views = sorted({quad.object for quad in edit.after(thing, RT.hasView)}, key=str)
+            withdraw_models(edit, object_iri)
+            views = sorted({quad.object for quad in edit.after(object_iri, RT.hasView)}, key=str)
             posed = [
                 (view.value, pose)
                 for view in views
@@ -374,7 +389,7 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             ]
             model = regrown(kb, posed)
             if model is not None:
-                state_model(self.context, triples, thing, model)
+                state_model(self.context, triples, object_iri, model)
 
 
 def _without(
@@ -385,7 +400,10 @@ def _without(
     """Return attempts without those of the contributor, and without its verdicts."""
     gone = {node for _, node in verdicts}
     return [
-        replace(one, verdicts=tuple(said for said in one.verdicts if said.node not in gone))
-        for one in before
-        if one.attempt not in attempts
+        replace(
+            judged,
+            verdicts=tuple(verdict for verdict in judged.verdicts if verdict.node not in gone),
+        )
+        for judged in before
+        if judged.attempt not in attempts
     ]

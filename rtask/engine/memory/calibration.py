@@ -95,9 +95,9 @@ def calibrate(
     without
         IRIs of attempts that nothing judges any more.
     """
-    changed = {one.attempt for one in more if one.attempt}.union(without)
-    stored = [one for one in own_outcomes(context, gripper.iri) if one.attempt not in changed]
-    told = [one for one in (*stored, *more) if one.kind == kind]
+    changed = {score.attempt for score in more if score.attempt}.union(without)
+    stored = [score for score in own_outcomes(context, gripper.iri) if score.attempt not in changed]
+    scores = [score for score in (*stored, *more) if score.kind == kind]
     node = _node(context, gripper, kind)
     old: list[tuple[NamedNode, NamedNode, Value]] = [
         (node, quad.predicate, quad.object)
@@ -105,19 +105,20 @@ def calibrate(
         if quad.predicate in _CHANGING
     ]
     triples.discard(node, _CHANGING)
-    found = fit_map((one.score, one.held) for one in told)
+    fitted = fit_map((score.score, score.held) for score in scores)
     triples.node(
         node,
         [RT.ScoreCalibration],
         {
             RT.calibratesHand: gripper.iri,
             RT.calibratedScore: kind,
-            RT.outcomeCount: found.outcomes,
+            RT.outcomeCount: fitted.outcomes,
             PROV.generatedAtTime: dt.datetime.now(dt.UTC),
             PROV.wasAttributedTo: gripper.robot,
             # As literals: not rounded, so that a rebuilt map is the stored one.
             **{
-                name: literal(value) for name, value in zip(_NUMBERS, _numbers(found), strict=False)
+                name: literal(value)
+                for name, value in zip(_NUMBERS, _numbers(fitted), strict=False)
             },
         },
     )
@@ -127,7 +128,7 @@ def calibrate(
 def score_maps(context: Context, gripper: StoredGripper) -> Mapping[str, ScoreMap]:
     """Return a hand's stored maps by kind of score; a kind without one is believed as it is."""
     graph = context.kb.graphs.agent(tail(gripper.robot))
-    found: dict[str, ScoreMap] = {}
+    maps: dict[str, ScoreMap] = {}
     for kind in (PLANAR, SPATIAL):
         numbers = {
             quad.predicate: float(str(python_value(object_term(quad.object))))
@@ -136,24 +137,24 @@ def score_maps(context: Context, gripper: StoredGripper) -> Mapping[str, ScoreMa
         }
         if len(numbers) == len(_NUMBERS):
             a, b, aa, bb, ab, n = (numbers[name] for name in _NUMBERS)
-            found[kind] = ScoreMap(a, b, (aa, bb), ab, int(n))
-    return found
+            maps[kind] = ScoreMap(a, b, (aa, bb), ab, int(n))
+    return maps
 
 
 def score_of(context: Context, attempt: NamedNode) -> tuple[str, float] | None:
     """Return the kind and the value of the score of an attempt's grasp, if it had one."""
-    told = {
+    scores = {
         quad.predicate: str(python_value(object_term(quad.object)))
         for quad in context.kb.match(attempt)
         if quad.predicate in (RT.qualityKind, RT.analyticQuality)
     }
-    if len(told) < 2:
+    if len(scores) < 2:
         return None
-    return told[RT.qualityKind], float(told[RT.analyticQuality])
+    return scores[RT.qualityKind], float(scores[RT.analyticQuality])
 
 
-def _numbers(found: ScoreMap) -> tuple[float, ...]:
-    return found.offset, found.slope, *found.variances, found.covariance
+def _numbers(score_map: ScoreMap) -> tuple[float, ...]:
+    return score_map.offset, score_map.slope, *score_map.variances, score_map.covariance
 
 
 def _node(context: Context, gripper: StoredGripper, kind: str) -> NamedNode:

@@ -54,7 +54,7 @@ class Verdict:
     @property
     def text(self) -> str:
         """The verdict in words."""
-        said = {
+        texts = {
             "too_wide": "is {0:.0f} mm wide, and the hand opens {1:.0f} mm",
             "too_narrow": "is {0:.0f} mm wide, and the hand holds nothing below {1:.0f} mm",
             "too_heavy": "weighs {0:.0f} g, and the hand lifts {1:.0f} g",
@@ -63,8 +63,8 @@ class Verdict:
             "seal_unknown": "is light enough, and whether a lip seals on it is not known",
         }.get(self.code, "fits the hand and is light enough")
         if self.value is None or self.limit is None:
-            return said
-        return said.format(1000 * self.value, 1000 * self.limit)
+            return texts
+        return texts.format(1000 * self.value, 1000 * self.limit)
 
 
 def can_hold(gripper: EndEffector, bounds: Bounds) -> Verdict:
@@ -90,7 +90,7 @@ def can_hold(gripper: EndEffector, bounds: Bounds) -> Verdict:
         return Verdict("no", "too_heavy", mass, payload)
     if width is None:
         return Verdict("possible", "width_unknown")
-    lightest = [known for known in (mass, bounds.mass_bound) if known is not None]
+    lightest = [limit for limit in (mass, bounds.mass_bound) if limit is not None]
     if not lightest or min(lightest) > payload:
         return Verdict("possible", "mass_unknown")
     return Verdict("proven")

@@ -90,9 +90,9 @@ class Causes:
         self._judged: dict[NamedNode, dict[NamedNode, bool | None]] = {}
         self._length: dict[NamedNode, float] = {}
 
-    def add(self, thing: NamedNode, tried: Tried) -> None:
+    def add(self, object_iri: NamedNode, tried: Tried) -> None:
         """Add an attempt of this commit."""
-        self._tried.setdefault(thing, []).append(tried)
+        self._tried.setdefault(object_iri, []).append(tried)
 
     def judge(self, grasp: NamedNode, attempt: NamedNode, held: bool | None) -> None:
         """Judge a stored attempt otherwise; None = it counts no more."""
@@ -100,39 +100,39 @@ class Causes:
             if isinstance(link.subject, NamedNode):
                 self._judged.setdefault(link.subject, {})[attempt] = held
 
-    def size(self, thing: NamedNode, triples: Triples) -> None:
+    def size(self, object_iri: NamedNode, triples: Triples) -> None:
         """Take the length of a new object from the triples of this commit."""
-        lengths = [v for s, p, v in triples if s == thing and p == RT.extentX]
+        lengths = [v for s, p, v in triples if s == object_iri and p == RT.extentX]
         if lengths and isinstance(lengths[0], float):
-            self._length[thing] = lengths[0]
+            self._length[object_iri] = lengths[0]
 
     def changes(self) -> tuple[list[Quad], list[Quad]]:
         """Return the statements that go and those that come."""
         gone: list[Quad] = []
-        come: list[Quad] = []
-        for thing in sorted({*self._tried, *self._judged}, key=str):
+        added: list[Quad] = []
+        for object_iri in sorted({*self._tried, *self._judged}, key=str):
             now = _stated(
-                self._context, self._context.kb.match, thing, self._tried.get(thing, ()),
-                self._judged.get(thing, {}), self._length.get(thing),
+                self._context, self._context.kb.match, object_iri, self._tried.get(object_iri, ()),
+                self._judged.get(object_iri, {}), self._length.get(object_iri),
             )  # fmt: skip
-            old = stated_causes(self._context, thing)
+            old = stated_causes(self._context, object_iri)
             gone += [quad for quad in old if quad not in now]
-            come += [quad for quad in now if quad not in old]
-        return gone, come
+            added += [quad for quad in now if quad not in old]
+        return gone, added
 
 
 def state_causes(causes: Causes | None, tx: Transaction) -> None:
     """Write what a commit changes about causes; needs the rights of :class:`StatingCauses`."""
     if causes is not None:
-        gone, come = causes.changes()
+        gone, added = causes.changes()
         tx.remove_quads(gone)
-        tx.add_quads(come)
+        tx.add_quads(added)
 
 
-def stated_causes(context: Context, thing: NamedNode) -> list[Quad]:
+def stated_causes(context: Context, object_iri: NamedNode) -> list[Quad]:
     """Return what the graph of causes says about an object."""
     kb, graph = context.kb, context.kb.graphs.causes
-    links = list(kb.match(thing, RT.hasHiddenCause, None, graph))
+    links = list(kb.match(object_iri, RT.hasHiddenCause, None, graph))
     return [
         *links,
         *(q for link in links if isinstance(link.object, NamedNode)
@@ -140,7 +140,7 @@ def stated_causes(context: Context, thing: NamedNode) -> list[Quad]:
     ]  # fmt: skip
 
 
-def restate(context: Context, match: Match, thing: NamedNode) -> tuple[list[Quad], list[Quad]]:
+def restate(context: Context, match: Match, object_iri: NamedNode) -> tuple[list[Quad], list[Quad]]:
     """Return the statements about an object's causes that go and those that come.
 
     Parameters
@@ -148,43 +148,43 @@ def restate(context: Context, match: Match, thing: NamedNode) -> tuple[list[Quad
     match
         Statements as they will be.
     """
-    now, old = _stated(context, match, thing), stated_causes(context, thing)
+    now, old = _stated(context, match, object_iri), stated_causes(context, object_iri)
     return [q for q in old if q not in now], [q for q in now if q not in old]
 
 
 def _stated(
     context: Context,
     match: Match,
-    thing: NamedNode,
+    object_iri: NamedNode,
     more: Iterable[Tried] = (),
     judged: Mapping[NamedNode, bool | None] | None = None,
     length: float | None = None,
 ) -> dict[Quad, None]:
     """Return the statements about an object that its attempts imply."""
-    lengths = [_number(q.object) for q in match(thing, RT.extentX)]
+    lengths = [_number(q.object) for q in match(object_iri, RT.extentX)]
     length = min(lengths, default=length)
     if not length:
         return {}
-    found = _attempts(context, match, thing, more, judged or {})
+    tries = _attempts(context, match, object_iri, more, judged or {})
     x, fingers, held = (
-        np.array([getattr(one, name) for one in found], np.float64)
+        np.array([getattr(tried, name) for tried in tries], np.float64)
         for name in ("x", "finger_width", "held")
     )
     triples = Triples()
     for cause in hidden_causes(x / length, fingers / 2 / length, held, MIN_PROBABILITY):
         start, end = cause.start * length, cause.end * length
         side = "positive" if start + end > 0 else "negative"
-        node = iri(f"{thing.value}/cause/{cause.kind}-{side}")
+        node = iri(f"{object_iri.value}/cause/{cause.kind}-{side}")
         reasons = Counter(
-            one.reason for one in found
-            if not one.held and _touches(one, start, end) is (cause.kind == "zone")
+            tried.reason for tried in tries
+            if not tried.held and _touches(tried, start, end) is (cause.kind == "zone")
         )  # fmt: skip
-        triples.add(thing, RT.hasHiddenCause, node)
+        triples.add(object_iri, RT.hasHiddenCause, node)
         triples.node(node, [RT.HiddenCause], {RT.causeProbability: cause.probability})
         for code in sorted(reasons):
             triples.add(node, RT.explainsReason, reason(code))
-        for one in found:
-            triples.add(node, PROV.wasDerivedFrom, one.attempt)
+        for tried in tries:
+            triples.add(node, PROV.wasDerivedFrom, tried.attempt)
         if cause.kind == "mass":
             middle, spread = (start + end) / 2, (end - start) / 2
             numbers = {RT.centreAlongX: middle, RT.centreOfMassSigma: spread}
@@ -197,9 +197,9 @@ def _stated(
     return dict.fromkeys(Quad(s, p, object_term(v), graph) for s, p, v in triples)
 
 
-def _touches(one: Tried, start: float, end: float) -> bool:
-    half = one.finger_width / 2
-    return one.x + half >= start and one.x - half <= end
+def _touches(tried: Tried, start: float, end: float) -> bool:
+    half = tried.finger_width / 2
+    return tried.x + half >= start and tried.x - half <= end
 
 
 def _zone_kind(reasons: Mapping[str, int]) -> NamedNode | None:
@@ -214,7 +214,7 @@ def _zone_kind(reasons: Mapping[str, int]) -> NamedNode | None:
 def _attempts(
     context: Context,
     match: Match,
-    thing: NamedNode,
+    object_iri: NamedNode,
     more: Iterable[Tried],
     judged: Mapping[NamedNode, bool | None],
 ) -> list[Tried]:
@@ -225,21 +225,21 @@ def _attempts(
     more
         Attempts that are not stored yet.
     """
-    new = {one.attempt: one for one in more}
+    new = {tried.attempt: tried for tried in more}
     places: dict[NamedNode, float] = dict.fromkeys(new, 0.0)
-    for grasp in {q.object for q in match(thing, RT.hasGrasp)}:
+    for grasp in {q.object for q in match(object_iri, RT.hasGrasp)}:
         x = place_along(match, grasp)
         if x is not None:
             tries = (q.subject for q in match(None, RT.executesGrasp, grasp))
-            places.update((one, x) for one in tries if isinstance(one, NamedNode))
-    found: list[Tried] = []
-    for attempt in sorted(places, key=lambda one: one.value, reverse=True):
-        one = new.get(attempt) or _judged(context, match, attempt, places[attempt], judged)
-        if one is not None:
-            found.append(one)
-            if len(found) == MAX_TRIED:
+            places.update((tried, x) for tried in tries if isinstance(tried, NamedNode))
+    all_tries: list[Tried] = []
+    for attempt in sorted(places, key=lambda tried: tried.value, reverse=True):
+        tried = new.get(attempt) or _judged(context, match, attempt, places[attempt], judged)
+        if tried is not None:
+            all_tries.append(tried)
+            if len(all_tries) == MAX_TRIED:
                 break
-    return found
+    return all_tries
 
 
 def _judged(
@@ -256,8 +256,8 @@ def _judged(
         held = judged.get(attempt, held)
         if held is not None:
             hands = {q.object for q in match(attempt, RT.activates)}
-            widths = (float(one.gripper.finger_width) for one in context.grippers.all()
-                      if one.iri in hands)  # fmt: skip
+            widths = (float(stored.gripper.finger_width) for stored in context.grippers.all()
+                      if stored.iri in hands)  # fmt: skip
             return Tried(attempt, x, held, max(widths, default=0.0), code)
     return None
 
@@ -265,9 +265,9 @@ def _judged(
 def place_along(match: Match, grasp: object) -> float | None:
     """Return the place of a grasp from above along x of its object, m; None for one in space."""
     for link in match(grasp, RT.graspPose):
-        told = {q.predicate: q.object for q in match(link.object)}
-        if RT.theta in told and RT.x in told:
-            return _number(told[RT.x])
+        properties = {q.predicate: q.object for q in match(link.object)}
+        if RT.theta in properties and RT.x in properties:
+            return _number(properties[RT.x])
     return None
 
 
@@ -286,11 +286,11 @@ def _label(match: Match, outcome: object) -> tuple[bool | None, str]:
     for quad in match(outcome, RT.hasFeedback):
         if not match(quad.object, RT.verdict):
             continue
-        said = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
-        if PROV.wasAttributedTo in said and RT.atTime in said:
-            when = str(python_value(object_term(said[RT.atTime])))
-            held = bool(python_value(object_term(said[RT.verdict])))
-            who = said[PROV.wasAttributedTo]
+        properties = {q.predicate: q.object for q in match(quad.object) if q.predicate != RDF.type}
+        if PROV.wasAttributedTo in properties and RT.atTime in properties:
+            when = str(python_value(object_term(properties[RT.atTime])))
+            held = bool(python_value(object_term(properties[RT.verdict])))
+            who = properties[PROV.wasAttributedTo]
             latest[who] = max(latest.get(who, ("", False)), (when, held))
     if decided is None:
         return None, code

@@ -103,25 +103,29 @@ def options(
     """
     hand = scene.gripper
     own = memory.of(object_iri) if object_iri else []
-    own = [one for one in own if one.contact_kind == hand.contact_kind]
-    found = _from_above(scene, [one for one in own if one.quaternion is None])
-    found += _in_space(scene, [one for one in own if one.quaternion is not None])
+    own = [remembered for remembered in own if remembered.contact_kind == hand.contact_kind]
+    options = _from_above(
+        scene, [remembered for remembered in own if remembered.quaternion is None]
+    )
+    options += _in_space(
+        scene, [remembered for remembered in own if remembered.quaternion is not None]
+    )
     if not propose:
-        return found
+        return options
     if not isinstance(hand, ParallelGripper):
-        return found + _planned(scene, [one.grasp for one in found], limit)
+        return options + _planned(scene, [remembered.grasp for remembered in options], limit)
     proposed = propose_planar(
         scene.footprint, hand, scene.neighbours, scene.seed, max_candidates=limit
     )
-    fresh = ~_merged(proposed, [one.grasp for one in found[:200]])
+    fresh = ~_merged(proposed, [remembered.grasp for remembered in options[:200]])
     at = np.array([(grasp.x, grasp.y, grasp.theta) for grasp in proposed]).reshape(-1, 3)
     moved = move_planar(scene.frame_from_upright, at, inverse=True).tolist()
     for k in np.flatnonzero(fresh).tolist():
         (x, y, theta), grasp = moved[k], proposed[k]
         # Rounded as in the graph, so that it has the same weight before and after it is stored.
         x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
-        found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
-    return found
+        options.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
+    return options
 
 
 def choose(
@@ -155,11 +159,16 @@ def choose(
         scene.is_fast,
     )
     memory = _of_kind(memory, scene.gripper.contact_kind)
-    told = _relevant(without_trials(memory), confidence)
+    with_evidence = _relevant(without_trials(memory), confidence)
     evidence = gather(
-        at[:, :3], at[:, 3], told, weights, policy.bandit.bandwidth, _all_axes(candidates, told)
+        at[:, :3],
+        at[:, 3],
+        with_evidence,
+        weights,
+        policy.bandit.bandwidth,
+        _all_axes(candidates, with_evidence),
     )
-    hidden = _hidden(candidates, scene, memory, told, weights)
+    hidden = _hidden(candidates, scene, memory, with_evidence, weights)
     return [
         replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
         for c in _rank(candidates, scene, memory, policy, evidence, maps or {}, hidden)
@@ -168,28 +177,32 @@ def choose(
 
 def _of_kind(memory: Memory, kind: ContactKind) -> Memory:
     """Return what is remembered of grasps by contacts of one kind: others say nothing about it."""
-    others = {one.grasp for one in memory.grasps if one.contact_kind != kind}
+    others = {grasp.grasp for grasp in memory.grasps if grasp.contact_kind != kind}
     if not others:
         return memory
     return replace(
         memory,
-        grasps=tuple(one for one in memory.grasps if one.grasp not in others),
-        trials=tuple(one for one in memory.trials if one.grasp not in others),
+        grasps=tuple(grasp for grasp in memory.grasps if grasp.grasp not in others),
+        trials=tuple(grasp for grasp in memory.trials if grasp.grasp not in others),
     )
 
 
-def _relevant(told: Sequence[Remembered], confidence: Mapping[str, float]) -> Sequence[Remembered]:
+def _relevant(
+    evidence: Sequence[Remembered], confidence: Mapping[str, float]
+) -> Sequence[Remembered]:
     """Return what counts as evidence: once the object itself was held, its class says no more.
 
     Things that look alike may differ in what no camera sees.
     """
-    known = any(
-        tally.held and confidence.get(one.object, 0.0) >= _SURELY_IT
-        for one in told
-        if not one.of_class
-        for tally in one.tallies
+    has_own = any(
+        tally.held and confidence.get(remembered.object, 0.0) >= _SURELY_IT
+        for remembered in evidence
+        if not remembered.of_class
+        for tally in remembered.tallies
     )
-    return [one for one in told if not one.of_class] if known else told
+    return (
+        [remembered for remembered in evidence if not remembered.of_class] if has_own else evidence
+    )
 
 
 def unaided(
@@ -235,7 +248,7 @@ def _hidden(
     candidates: Sequence[Option],
     scene: Scene,
     memory: Memory,
-    told: Sequence[Remembered],
+    evidence: Sequence[Remembered],
     weights: Weights,
 ) -> NDArray[np.float64]:
     """Return what attempts at the object itself leave of each option's quality, (n,).
@@ -246,12 +259,16 @@ def _hidden(
     above = [k for k, option in enumerate(candidates) if isinstance(option.grasp, PlanarGrasp)]
     if not (weights.policy.causes and above):
         return hidden
-    seen = [(one.x, float(one.held), 1.0) for one in memory.trials if one.quaternion is None]
+    seen = [
+        (remembered.x, float(remembered.held), 1.0)
+        for remembered in memory.trials
+        if remembered.quaternion is None
+    ]
     seen += [
-        (one.x, float(tally.held), tally.count * weights.trust(one, tally))
-        for one in told
-        if not one.of_class and one.quaternion is None
-        for tally in one.tallies
+        (remembered.x, float(tally.held), tally.count * weights.trust(remembered, tally))
+        for remembered in evidence
+        if not remembered.of_class and remembered.quaternion is None
+        for tally in remembered.tallies
     ]
     x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
     length = scene.size[0]
@@ -261,13 +278,13 @@ def _hidden(
     return hidden
 
 
-def _opening(one: Remembered, hand: EndEffector) -> float:
+def _opening(remembered: Remembered, hand: EndEffector) -> float:
     """Return how far a hand opens for a remembered grasp: as its own kind did, or its contacts'
     distance and some room, m.
     """
-    if one.gripper_type == hand.gripper_type or one.width is None:
-        return min(one.opening, hand.max_opening)
-    return min(one.width + 2 * _SPARE_M, hand.max_opening)
+    if remembered.gripper_type == hand.gripper_type or remembered.width is None:
+        return min(remembered.opening, hand.max_opening)
+    return min(remembered.width + 2 * _SPARE_M, hand.max_opening)
 
 
 def _chance(option: Option, maps: Mapping[str, ScoreMap]) -> float:
@@ -276,161 +293,177 @@ def _chance(option: Option, maps: Mapping[str, ScoreMap]) -> float:
     return maps[kind].chance(option.quality) if kind in maps else option.quality
 
 
-def _from_above(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
+def _from_above(scene: Scene, remembered: Sequence[Remembered]) -> list[Option]:
     """Return the grasps from above that fit the object as it stands now.
 
     Between neighbours a hand opens no wider than it needs to.
     """
-    if not (known and isinstance(scene.gripper, ParallelGripper)):
+    if not (remembered and isinstance(scene.gripper, ParallelGripper)):
         return []
-    wide = [_opening(one, scene.gripper) for one in known]
+    wide = [_opening(recalled, scene.gripper) for recalled in remembered]
     tried = [wide]
     if scene.neighbours is not None:
         narrow = [
-            w if one.width is None else min(w, one.width + 2 * _SPARE_M)
-            for one, w in zip(known, wide, strict=True)
+            w if recalled.width is None else min(w, recalled.width + 2 * _SPARE_M)
+            for recalled, w in zip(remembered, wide, strict=True)
         ]
         tried.append(narrow)
-    found = []
-    for one, *fits in zip(known, *(_rated(scene, known, w) for w in tried), strict=True):
+    options_found = []
+    for recalled, *fits in zip(
+        remembered, *(_rated(scene, remembered, w) for w in tried), strict=True
+    ):
         free = [grasp for grasp in fits if grasp is not None and grasp.clearance > 0]
         if free:
-            found.append(Option(one.grasp, free[0], (one.x, one.y, one.z, one.theta), one))
-    return found
+            options_found.append(
+                Option(
+                    recalled.grasp,
+                    free[0],
+                    (recalled.x, recalled.y, recalled.z, recalled.theta),
+                    recalled,
+                )
+            )
+    return options_found
 
 
 def _rated(
-    scene: Scene, known: Sequence[Remembered], openings: Sequence[float]
+    scene: Scene, remembered: Sequence[Remembered], openings: Sequence[float]
 ) -> list[PlanarGrasp | None]:
     """Return remembered grasps from above as they are now, None where the jaws cannot close."""
     assert isinstance(scene.gripper, ParallelGripper)
-    at = np.array([(one.x, one.y, one.theta) for one in known])
+    at = np.array([(grasp.x, grasp.y, grasp.theta) for grasp in remembered])
     drafts = [
-        PlanarGrasp(x, y, one.z, wrap_axis(theta), 0.0, opening, 0.0, "memory", scene.seed)
-        for one, opening, (x, y, theta) in zip(
-            known, openings, move_planar(scene.frame_from_upright, at).tolist(), strict=True
+        PlanarGrasp(x, y, grasp.z, wrap_axis(theta), 0.0, opening, 0.0, "memory", scene.seed)
+        for grasp, opening, (x, y, theta) in zip(
+            remembered, openings, move_planar(scene.frame_from_upright, at).tolist(), strict=True
         )
     ]
     return rate_all(scene.footprint, scene.gripper, drafts, scene.neighbours)
 
 
-def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
+def _in_space(scene: Scene, remembered: Sequence[Remembered]) -> list[Option]:
     """Return the grasps in space that this gripper can take as the object lies now.
 
     A pose is that of the point midway between the contacts, with the closing direction and the
     approach as axes, so that it says the same of every gripper.
     """
     hand, pose = scene.gripper, scene.frame_from_object
-    known = [one for one in known if _suits(one, hand)]
-    if pose is None or not known:
+    remembered = [recalled for recalled in remembered if _suits(recalled, hand)]
+    if pose is None or not remembered:
         return []
     support = float(scene.frame_from_upright[2, 3])
     around = scene.neighbours
     if around is not None:
         around = around + np.array([0.0, 0.0, support])
-    poses = np.stack([pose @ one.object_from_gripper for one in known])
-    openings = np.array([_opening(one, hand) for one in known])
+    poses = np.stack([pose @ recalled.object_from_gripper for recalled in remembered])
+    openings = np.array([_opening(recalled, hand) for recalled in remembered])
     room = room_around(poses, openings, hand, Surroundings(Support(support, clearance=0.0), around))
-    found = []
-    for one, placed, opening, clearance, is_free in zip(
-        known, poses, openings.tolist(), room.clearance.tolist(), room.free.tolist(), strict=True
+    options = []
+    for recalled, placed, opening, clearance, is_free in zip(
+        remembered,
+        poses,
+        openings.tolist(),
+        room.clearance.tolist(),
+        room.free.tolist(),
+        strict=True,
     ):
-        width = opening if one.width is None else one.width
+        width = opening if recalled.width is None else recalled.width
         is_steep = tilt(placed @ _UPSIDE_DOWN) <= scene.max_tilt
         if is_free and hand.fits(width, 0.0) and is_steep:
-            scores = {"confidence": one.prior or 0.0, "clearance": clearance}
+            scores = {"confidence": recalled.prior or 0.0, "clearance": clearance}
             grasp = GraspCandidate(placed, width, source="recalled", opening=opening, scores=scores)
-            contacts = one.contacts
+            contacts = recalled.contacts
             if contacts is not None:
-                contacts = contacts.within(one.object_from_gripper)
-            found.append(
+                contacts = contacts.within(recalled.object_from_gripper)
+            options.append(
                 Option(
-                    one.grasp,
+                    recalled.grasp,
                     grasp,
-                    (one.x, one.y, one.z, one.theta),
-                    one,
-                    quaternion=one.quaternion,
+                    (recalled.x, recalled.y, recalled.z, recalled.theta),
+                    recalled,
+                    quaternion=recalled.quaternion,
                     contacts=contacts,
                 )
             )
-    return found
+    return options
 
 
-def _suits(one: Remembered, hand: EndEffector) -> bool:
+def _suits(remembered: Remembered, hand: EndEffector) -> bool:
     """Tell whether contacts are ones of a hand: a lip seals where one at least as large did."""
-    contacts = one.contacts
+    contacts = remembered.contacts
     if contacts is None or contacts.seal_radius is None:
         return True
     return hand.finger_width / 2 <= _LARGER * contacts.seal_radius
 
 
 def _planned(
-    scene: Scene, known: Sequence[PlanarGrasp | GraspCandidate], limit: int
+    scene: Scene, earlier: Sequence[PlanarGrasp | GraspCandidate], limit: int
 ) -> list[Option]:
     """Return the newly planned grasps that no known one covers."""
     pose = scene.frame_from_object
     object_from_frame = np.linalg.inv(scene.frame_from_upright if pose is None else pose)
-    found: list[Option] = []
-    for k, one in enumerate(scene.planned[:limit]):
-        placed = one.frame_from_gripper
+    options: list[Option] = []
+    for k, planned in enumerate(scene.planned[:limit]):
+        placed = planned.frame_from_gripper
         if tilt(placed @ _UPSIDE_DOWN) > scene.max_tilt:
             continue
         if any(
             isinstance(old, GraspCandidate)
-            and np.linalg.norm(old.centre - one.centre) <= _MERGE_M
-            and float(old.approach @ one.approach) >= np.cos(_MERGE_RAD)
-            for old in known
+            and np.linalg.norm(old.centre - planned.centre) <= _MERGE_M
+            and float(old.approach @ planned.approach) >= np.cos(_MERGE_RAD)
+            for old in earlier
         ):
             continue
         in_object = object_from_frame @ placed
         (x, y, z), (qx, qy, qz, qw) = (part.tolist() for part in pose_from_matrix(in_object))
-        contacts = contacts_of(one, scene.gripper)
-        found.append(
+        contacts = contacts_of(planned, scene.gripper)
+        options.append(
             Option(
                 f"candidate:{k}",
-                one,
+                planned,
                 (x, y, z, closing_yaw(in_object)),
                 quaternion=(qx, qy, qz, qw),
                 contacts=None if contacts is None else contacts.within(placed),
             )
         )
-    return found
+    return options
 
 
-def _axes(known: Remembered | Trial | Option | None) -> Axes | None:
+def _axes(option: Remembered | Trial | Option | None) -> Axes | None:
     """Return closing and approach direction of a grasp in space; None for one from above.
 
     Cups and three fingers are alike about their approach, so that it is both for them.
     """
-    if known is None or known.quaternion is None:
+    if option is None or option.quaternion is None:
         return None
-    if isinstance(known, Option):
-        pose = matrix_from_pose(np.array(known.in_object[:3]), np.array(known.quaternion))
+    if isinstance(option, Option):
+        pose = matrix_from_pose(np.array(option.in_object[:3]), np.array(option.quaternion))
     else:
-        pose = known.object_from_gripper
+        pose = option.object_from_gripper
     closing, approach = pose[:3, [0, 2]].T.tolist()
-    is_round = isinstance(known, Option | Remembered) and known.contacts is not None
+    is_round = isinstance(option, Option | Remembered) and option.contacts is not None
     return tuple(approach if is_round else closing), tuple(approach)
 
 
 def _all_axes(
-    candidates: Sequence[Option], told: Sequence[Remembered]
+    candidates: Sequence[Option], evidence: Sequence[Remembered]
 ) -> NDArray[np.float64] | None:
     """Return closing and approach directions (n, 2, 3); None if all grasps are from above."""
-    if not any([one.quaternion for one in candidates] + [one.quaternion for one in told]):
+    if not any(
+        [option.quaternion for option in candidates] + [option.quaternion for option in evidence]
+    ):
         return None
     flat = [
         ((np.cos(theta), np.sin(theta), 0.0), (0.0, 0.0, -1.0))
-        for *_, theta in (one.in_object for one in candidates)
+        for *_, theta in (option.in_object for option in candidates)
     ]
-    return np.array([_axes(one) or f for one, f in zip(candidates, flat, strict=True)])
+    return np.array([_axes(option) or f for option, f in zip(candidates, flat, strict=True)])
 
 
 def _merged(
-    proposed: Sequence[PlanarGrasp], known: Sequence[PlanarGrasp | GraspCandidate]
+    proposed: Sequence[PlanarGrasp], earlier: Sequence[PlanarGrasp | GraspCandidate]
 ) -> NDArray[np.bool_]:
     """Return a mask (n,) of the proposed grasps that a known one from above covers."""
-    old = [grasp for grasp in known if isinstance(grasp, PlanarGrasp)]
+    old = [grasp for grasp in earlier if isinstance(grasp, PlanarGrasp)]
     if not proposed or not old:
         return np.zeros(len(proposed), dtype=bool)
     a, b = (np.array([(g.x, g.y, g.z, g.theta) for g in grasps]) for grasps in (proposed, old))

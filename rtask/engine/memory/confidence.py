@@ -111,23 +111,23 @@ SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
   OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; prov:generatedAtTime ?time
     OPTIONAL {{ ?evaluation rt:policyVersion ?policy }} }}
 }} ORDER BY ?grasp ?time ?evaluation""")
-    found: dict[str, Confidence] = {}
+    confidences: dict[str, Confidence] = {}
     for row in rows:
         at: dict[str, Any] = row.to_dict()
         grasp = str(row.value("grasp"))
-        known = found.get(grasp, Confidence())
+        confidence = confidences.get(grasp, Confidence())
         if at["alpha"] is not None:
-            known = replace(
-                known,
+            confidence = replace(
+                confidence,
                 belief=Belief(float(at["alpha"]), float(at["beta"])),
                 updated=_iso(row.value("time")),
                 policy=str(at["policy"] or ""),
             )
-        elif known.prior is None:
+        elif confidence.prior is None:
             first, prior = str(row.value("evaluation")), float(at["confidence"])
-            known = replace(known, evaluation=first, prior=prior)
-        found[grasp] = known
-    return found
+            confidence = replace(confidence, evaluation=first, prior=prior)
+        confidences[grasp] = confidence
+    return confidences
 
 
 def believe(

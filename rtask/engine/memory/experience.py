@@ -158,26 +158,26 @@ def gather(
     axes : (n, 2, 3) or None
         Closing and approach direction of each arm; None if all are from above.
     """
-    told = [g for g in remembered if g.tallies]
+    tried = [g for g in remembered if g.tallies]
     n = len(positions)
-    if not told or n == 0:
+    if not tried or n == 0:
         return Evidence(np.zeros(n), np.zeros(n), ((),) * n)
-    there = np.array([_scaled(g, weights.size) for g in told])
-    angles = np.array([g.theta for g in told])
+    there = np.array([_scaled(g, weights.size) for g in tried])
+    angles = np.array([g.theta for g in tried])
     size = max(weights.size)
     if axes is None:
         near = kernel(positions, thetas, there, angles, size, bandwidth)
     else:
         # Cups and three fingers are alike about their approach.
         turns = np.stack(
-            [g.object_from_gripper[:3, [0 if g.contacts is None else 2, 2]].T for g in told]
+            [g.object_from_gripper[:3, [0 if g.contacts is None else 2, 2]].T for g in tried]
         )
         near = kernel_in_space(positions, axes, there, turns, size, bandwidth)
-    won = np.array([_weight(g, weights, held=True) for g in told])
-    lost = np.array([_weight(g, weights, held=False) for g in told])
+    won = np.array([_weight(g, weights, held=True) for g in tried])
+    lost = np.array([_weight(g, weights, held=False) for g in tried])
     # Rounded, so that the order of the rows does not affect the last bit.
     successes, failures = np.round(near @ won, 9), np.round(near @ lost, 9)
-    return Evidence(successes, failures, _sources(near * (won + lost), told))
+    return Evidence(successes, failures, _sources(near * (won + lost), tried))
 
 
 def _weight(grasp: Remembered, weights: Weights, held: bool) -> float:
@@ -196,13 +196,13 @@ def _scaled(grasp: Remembered, size: tuple[float, float, float]) -> tuple[float,
 
 
 def _sources(
-    shares: NDArray[np.float64], told: Sequence[Remembered]
+    shares: NDArray[np.float64], grasps: Sequence[Remembered]
 ) -> tuple[tuple[str, ...], ...]:
     """Return for each row of shares the objects that have a part of it, the largest first."""
     sources = []
     for row in shares:
         by_object: dict[str, float] = {}
-        for share, grasp in zip(row, told, strict=True):
+        for share, grasp in zip(row, grasps, strict=True):
             by_object[grasp.object] = by_object.get(grasp.object, 0.0) + round(float(share), 6)
         heavy = sorted((-w, iri) for iri, w in by_object.items() if w >= _MIN_SHARE)
         sources.append(tuple(iri for _, iri in heavy))

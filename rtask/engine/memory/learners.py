@@ -105,11 +105,11 @@ def _states(context: Context) -> dict[str, NDArray[np.float64]]:
         features = row.features(context.kb)
         if features is None:
             continue
-        view, is_told = pooled(features.descriptors)
-        if is_told:
+        view, is_described = pooled(features.descriptors)
+        if is_described:
             components.add(view)
             views.setdefault(row.object, view)
-    return {thing: components.state(view).features for thing, view in views.items()}
+    return {object_iri: components.state(view).features for object_iri, view in views.items()}
 
 
 def keep_learner(

@@ -88,8 +88,10 @@ def stems(text: str) -> list[str]:
     plain = _MODAL.sub(" ", folded(text))
     is_can = _A_CAN.search(plain) is not None
     words: list[str] = _WORD.findall(plain)
-    told = [w for w in words if w not in _FILLERS or (w == "can" and (is_can or len(words) == 1))]
-    return [_stem(word) for word in told]
+    content_words = [
+        w for w in words if w not in _FILLERS or (w == "can" and (is_can or len(words) == 1))
+    ]
+    return [_stem(word) for word in content_words]
 
 
 def _stem(word: str) -> str:
@@ -119,14 +121,14 @@ def meaning(context: Context, wish: str) -> Meaning:
         return Meaning((Sense("function", (term,), functions[term][0]),))
     named = [*_named("class", classes), *_named("function", functions)]
     words = stems(wish)
-    found, left = _longest_names(named, words)
-    if not found:
-        found = _searched(context, words, classes, functions)
-        left = [] if found else words
-    if found:
-        return Meaning(tuple(found), tuple(left))
-    known = sorted({folded(name) for _, _, name, _ in named})
-    near = difflib.get_close_matches(" ".join(words) or folded(wish), known, n=5, cutoff=0.6)
+    senses, left = _longest_names(named, words)
+    if not senses:
+        senses = _searched(context, words, classes, functions)
+        left = [] if senses else words
+    if senses:
+        return Meaning(tuple(senses), tuple(left))
+    names = sorted({folded(name) for _, _, name, _ in named})
+    near = difflib.get_close_matches(" ".join(words) or folded(wish), names, n=5, cutoff=0.6)
     return Meaning((), tuple(words), tuple(near))
 
 
@@ -139,25 +141,25 @@ def _named(
     """Yield (kind, IRI, name, its stems); the most general class is left out."""
     for term in sorted(names):
         for name in names[term]:
-            told = tuple(stems(name)) or (_stem(folded(name)),)
+            name_stems = tuple(stems(name)) or (_stem(folded(name)),)
             if term != RT.ManipulableObject.value:
-                yield kind, term, name, told
+                yield kind, term, name, name_stems
 
 
 def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], list[str]]:
     """Return the senses of the longest names in the words, and the remaining words."""
-    left, found = list(words), []
-    fits = [one for one in named if set(one[3]) <= set(words)]
-    for length in sorted({len(one[3]) for one in fits}, reverse=True):
+    left, senses = list(words), []
+    fits = [candidate for candidate in named if set(candidate[3]) <= set(words)]
+    for length in sorted({len(candidate[3]) for candidate in fits}, reverse=True):
         taken: dict[tuple[str, frozenset[str]], list[_Named]] = {}
-        for one in fits:
-            if len(one[3]) == length and set(one[3]) <= set(left):
-                taken.setdefault((one[0], frozenset(one[3])), []).append(one)
-        for (kind, told), same in taken.items():
+        for candidate in fits:
+            if len(candidate[3]) == length and set(candidate[3]) <= set(left):
+                taken.setdefault((candidate[0], frozenset(candidate[3])), []).append(candidate)
+        for (kind, stems_of_name), same in taken.items():
             terms = tuple(dict.fromkeys(term for _, term, _, _ in same))
-            found.append(Sense("class" if kind == "class" else "function", terms, same[0][2]))
-            left = [word for word in left if word not in told]
-    return found, left
+            senses.append(Sense("class" if kind == "class" else "function", terms, same[0][2]))
+            left = [word for word in left if word not in stems_of_name]
+    return senses, left
 
 
 def _searched(
@@ -169,10 +171,10 @@ def _searched(
     """Return the results of full-text search as one sense."""
     if not words:
         return []
-    text, said = " ".join(f"{word}*" for word in words), " ".join(words)
-    for kind, known in (("function", functions), ("class", classes)):
-        hits = context.kb.search(text, among=known, limit=MAX_HITS)
+    text, phrase = " ".join(f"{word}*" for word in words), " ".join(words)
+    for kind, classes_searched in (("function", functions), ("class", classes)):
+        hits = context.kb.search(text, among=classes_searched, limit=MAX_HITS)
         terms = tuple(hit.subject.value for hit in hits)
         if terms:
-            return [Sense("class" if kind == "class" else "function", terms, said)]
+            return [Sense("class" if kind == "class" else "function", terms, phrase)]
     return []

@@ -105,8 +105,8 @@ def _object_part(question: Question) -> str:
     """Return the pattern of statements about the objects themselves."""
     only = ""
     if question.only:
-        wanted = f"VALUES ?wanted {{ {values(question.only)} }}"
-        only = f"FILTER EXISTS {{ {wanted} ?object a ?wanted }}"
+        allowed = f"VALUES ?wanted {{ {values(question.only)} }}"
+        only = f"FILTER EXISTS {{ {allowed} ?object a ?wanted }}"
     return f"""VALUES ?object {{ {values(question.objects)} }}
     ?object a rt:ManipulableObject {only}
     OPTIONAL {{ ?object rt:name ?name }}
@@ -129,10 +129,10 @@ def _members(question: Question) -> str:
         for name, size in zip(("l", "w", "h"), question.size, strict=True)
     )
     sure = sorted(set(question.objects) - set(question.doubtful))
-    known = ", ".join(values([iri]) for iri in sure) or f"<{_NOBODY}>"
+    sure_members = ", ".join(values([iri]) for iri in sure) or f"<{_NOBODY}>"
     return f"""VALUES ?kind {{ {values(question.classes)} }}
     ?object a ?kind ; rt:extentX ?l ; rt:extentY ?w ; rt:extentZ ?h
-    FILTER({bounds} && ?object NOT IN ({known}))"""
+    FILTER({bounds} && ?object NOT IN ({sure_members}))"""
 
 
 _ABOUT_Z = "rt:theta ?theta"
@@ -169,19 +169,21 @@ def _tally_part(which: str, of_class: str, only_fast: bool, doubts: Mapping[str,
     """
     fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
     name = "fast" if only_fast else "tally"
-    told = by = ""
+    robots = by = ""
     if doubts:
         silent, heard = (
-            ", ".join(str(iri(one)) for one in sorted(doubts) if (doubts[one] > 0) is is_heard)
+            ", ".join(
+                str(iri(robot)) for robot in sorted(doubts) if (doubts[robot] > 0) is is_heard
+            )
             for is_heard in (False, True)
         )
-        told = "?attempt rt:performedBy ?robot"
-        told += f" FILTER(?robot NOT IN ({silent}))" if silent else ""
+        robots = "?attempt rt:performedBy ?robot"
+        robots += f" FILTER(?robot NOT IN ({silent}))" if silent else ""
         if heard:
-            told, by = f'{told} BIND(IF(?robot IN ({heard}), STR(?robot), "") AS ?by)', "?by"
+            robots, by = f'{robots} BIND(IF(?robot IN ({heard}), STR(?robot), "") AS ?by)', "?by"
     return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held {by}
       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {told} }}
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} {robots} }}
     GROUP BY ?object ?grasp ?held {by}"""
 
 

@@ -155,12 +155,12 @@ def _contacts(rows: Iterable[Row]) -> dict[str, Contacts | None]:
     grouped: dict[str, dict[int, Row]] = {}
     for row in rows:
         grouped.setdefault(_text(row, "grasp"), {})[int(_number(row, "number"))] = row
-    found: dict[str, Contacts | None] = {}
+    contacts: dict[str, Contacts | None] = {}
     for grasp, by_number in grouped.items():
         mine = [by_number[number] for number in sorted(by_number)]
         is_cup = _text(mine[0], "mode") == RT.SuctionGrasp.value
         try:
-            found[grasp] = Contacts(
+            contacts[grasp] = Contacts(
                 "suction" if is_cup else "three_fingers",
                 np.array([[_number(row, name) for name in "xyz"] for row in mine]),
                 np.array([[_number(row, "n" + name) for name in "xyz"] for row in mine]),
@@ -168,8 +168,8 @@ def _contacts(rows: Iterable[Row]) -> dict[str, Contacts | None]:
             )
         except ValueError as error:
             log.warning("%s is left out: %s", grasp, error)
-            found[grasp] = None
-    return found
+            contacts[grasp] = None
+    return contacts
 
 
 def _grasps(
@@ -178,13 +178,13 @@ def _grasps(
     contacts: Mapping[str, Contacts | None],
 ) -> tuple[Remembered, ...]:
     """Combine grasps with their tallies, ordered by geometry for reproducibility."""
-    kept: dict[Key, Row] = {}
+    latest: dict[Key, Row] = {}
     # Robots may have measured an object differently; the smaller size is used, whatever the order.
     for row in sorted(rows, key=lambda row: _size(row) or ()):
-        kept.setdefault(_key(row), row)
+        latest.setdefault(_key(row), row)
     grasps = [
         replace(_remembered(key, row, tallies.get(key, [])), contacts=contacts.get(key[1]))
-        for key, row in kept.items()
+        for key, row in latest.items()
         if key[1] not in contacts or contacts[key[1]] is not None
     ]
     return tuple(sorted(grasps, key=lambda g: (g.of_class, g.x, g.y, g.z, g.theta, g.grasp)))

@@ -224,7 +224,7 @@ def _rebuild_maps(context: Context, tx: Transaction) -> None:
     """Compute each hand's maps from scores to chances again from its outcomes."""
     for gripper in context.grippers.all():
         graph = context.kb.graphs.agent(tail(gripper.robot))
-        for kind in sorted({one.kind for one in own_outcomes(context, gripper.iri)}):
+        for kind in sorted({outcome.kind for outcome in own_outcomes(context, gripper.iri)}):
             triples = Triples()
             for subject, predicate, value in calibrate(context, triples, gripper, kind, (), graph):
                 tx.remove(subject, predicate, value, graph)
@@ -236,10 +236,12 @@ def _rebuild_causes(context: Context, tx: Transaction) -> None:
     """State the hidden causes of every object again from the attempts at it."""
     kb = context.kb
     links = (*kb.match(None, RT.hasGrasp), *kb.match(None, RT.hasHiddenCause))
-    for thing in sorted({q.subject for q in links if isinstance(q.subject, NamedNode)}, key=str):
-        gone, come = restate(context, kb.match, thing)
+    for object_iri in sorted(
+        {q.subject for q in links if isinstance(q.subject, NamedNode)}, key=str
+    ):
+        gone, added = restate(context, kb.match, object_iri)
         tx.remove_quads(gone)
-        tx.add_quads(come)
+        tx.add_quads(added)
 
 
 def judged(
@@ -254,7 +256,7 @@ def judged(
     """
     unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
     chosen = " ".join(
-        f"VALUES ?{name} {{ {' '.join(map(str, things))} }}" for name, things in only.items()
+        f"VALUES ?{name} {{ {' '.join(map(str, terms))} }}" for name, terms in only.items()
     )
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {chosen}
@@ -265,10 +267,12 @@ SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {c
   FILTER(?verdict != ?decided || ?reason NOT IN ({unjudged}))
   FILTER NOT EXISTS {{ ?outcome rt:disputed true }}
 }} GROUP BY ?grasp ?robot ?gripper ?held""")
-    found = []
+    judged_grasps = []
     for row in rows:
         grasp, robot = row["grasp"], row["robot"]
         if isinstance(grasp, NamedNode) and isinstance(robot, NamedNode):
             n = int(str(row.value("n")))
-            found.append((grasp, robot, str(row.value("gripper")), bool(row.value("held")), n))
-    return found
+            judged_grasps.append(
+                (grasp, robot, str(row.value("gripper")), bool(row.value("held")), n)
+            )
+    return judged_grasps

@@ -71,7 +71,7 @@ class Assessment:
 
     recognition: Recognition
     memory: Memory
-    known: RememberedObject | None
+    recognised: RememberedObject | None
     pose: PoseEstimate | None
     chosen: Sequence[Option]
     lies_flat: bool = False
@@ -119,7 +119,7 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
     0.5
     """
     given = (request.min_identity, request.min_pose, request.min_grasp)
-    if not request.decide and all(one is None for one in given):
+    if not request.decide and all(value is None for value in given):
         return None
     identity = request.min_confidence
     identity = policy.min_identity if identity is None else identity
@@ -137,14 +137,14 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
 
 def grasps_above(chosen: Sequence[Option], thresholds: Thresholds) -> list[Option]:
     """Return the options with sufficient confidence, in their order."""
-    return [one for one in chosen if _chance(one, thresholds.cautious) >= thresholds.grasp]
+    return [option for option in chosen if _chance(option, thresholds.cautious) >= thresholds.grasp]
 
 
-def _chance(one: Option, cautious: bool = False) -> float:
+def _chance(option: Option, cautious: bool = False) -> float:
     """Return the chance that a grasp holds, 0 where the learner has not looked at it."""
-    if one.choice is None:
+    if option.choice is None:
         return 0.0
-    return one.choice.interval90[0] if cautious else one.choice.mean
+    return option.choice.interval90[0] if cautious else option.choice.mean
 
 
 def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         s_I of the best match; 1.0 for an object that the robot kept track of.
     """
     pose = None if case.pose is None else float(case.pose.confidence)
-    grasp = max((_chance(one, thresholds.cautious) for one in case.chosen), default=0.0)
+    grasp = max((_chance(option, thresholds.cautious) for option in case.chosen), default=0.0)
     answer: dict[str, Any] = {
         "answer": "grasp",
         "too_low": "",
@@ -172,8 +172,8 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         "text": "",
         "advice": "",
     }
-    is_new = case.known is None and _may_be_new(thresholds, case)
-    if not is_new and (case.known is None or identity < thresholds.identity):
+    is_new = case.recognised is None and _may_be_new(thresholds, case)
+    if not is_new and (case.recognised is None or identity < thresholds.identity):
         low = ("identity", identity, thresholds.identity, _objects(case), _look(case))
     elif (pose is not None and pose < thresholds.pose) or (pose is None and thresholds.needs_pose):
         low = ("pose", pose or 0.0, thresholds.pose, _poses(case), _turn(case))
@@ -183,16 +183,16 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         answer["text"] = _sentence(None if is_new else identity, pose, grasp)
         return answer
     name, confidence, threshold, alternatives, advice = low
-    said = f"{name}: {math.floor(confidence * 100) / 100:.2f} is below {threshold:.2f}"
+    reason = f"{name}: {math.floor(confidence * 100) / 100:.2f} is below {threshold:.2f}"
     if name == "identity" and confidence >= threshold:
-        said = f"identity: {confidence:.2f}, and too little is known yet to compare it with"
+        reason = f"identity: {confidence:.2f}, and too little is known yet to compare it with"
     elif name == "grasp" and not case.chosen:
-        said = "grasp: there is none that could hold it"
+        reason = "grasp: there is none that could hold it"
     elif name == "pose" and case.pose is None:
-        said = f"pose: nothing stored tells it, and {threshold:.2f} is asked for"
+        reason = f"pose: nothing stored tells it, and {threshold:.2f} is asked for"
     answer.update(
         answer="too_low", too_low=name, confidence=confidence, threshold=threshold,
-        alternatives=alternatives, text=said, advice=advice,
+        alternatives=alternatives, text=reason, advice=advice,
     )  # fmt: skip
     return answer
 
@@ -213,11 +213,11 @@ def _sentence(identity: float | None, pose: float | None, grasp: float) -> str:
 def _objects(case: Assessment) -> list[dict[str, Any]]:
     """Return the best matches, since a close second suggests a false match (Kehoe 2014, 4.6)."""
     matches = case.recognition.matches[:MAX_ALTERNATIVES]
-    known = case.memory.objects
+    recognised = case.memory.objects
     return [
         {
             "object": match.object_iri,
-            "label": known[match.object_iri].label if match.object_iri in known else "",
+            "label": recognised[match.object_iri].label if match.object_iri in recognised else "",
             "confidence": float(match.confidence),
         }
         for match in matches
@@ -240,23 +240,23 @@ def _poses(case: Assessment) -> list[dict[str, Any]]:
 def _turn(case: Assessment) -> str:
     if case.pose is None:
         return "store more views of it (insert_object): its model then tells the pose"
-    found = case.pose
-    if found.ambiguous:
+    pose = case.pose
+    if pose.ambiguous:
         return "it fits in several poses: look from a side that tells them apart"
-    return f"{100 * found.coverage:.0f} % of what was seen fits: look from where it was seen before"
+    return f"{100 * pose.coverage:.0f} % of what was seen fits: look from where it was seen before"
 
 
 def _grasps(case: Assessment, cautious: bool) -> list[dict[str, Any]]:
-    sure = [one for one in case.chosen if one.choice is not None]
-    sure.sort(key=lambda one: -_chance(one, cautious))
+    sure = [option for option in case.chosen if option.choice is not None]
+    sure.sort(key=lambda option: -_chance(option, cautious))
     return [
         {
-            "id": one.id,
-            "confidence": _chance(one, cautious),
-            "attempts": one.remembered.attempts if one.remembered else 0,
-            "text": one.explanation.get("text", ""),
+            "id": option.id,
+            "confidence": _chance(option, cautious),
+            "attempts": option.remembered.attempts if option.remembered else 0,
+            "text": option.explanation.get("text", ""),
         }
-        for one in sure[:MAX_ALTERNATIVES]
+        for option in sure[:MAX_ALTERNATIVES]
     ]
 
 

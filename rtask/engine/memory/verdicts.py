@@ -73,7 +73,7 @@ class Judged:
     @property
     def votes(self) -> tuple[int, int]:
         """Numbers of people whose latest verdict is that the grasp held, and that it did not."""
-        latest = {said.by: said.held for said in self.verdicts}
+        latest = {verdict.by: verdict.held for verdict in self.verdicts}
         held = sum(latest.values())
         return held, len(latest) - held
 
@@ -92,7 +92,7 @@ def label_of(judged: Judged) -> bool | None:
 
 
 def find_attempt(
-    context: Context, *, task_id: str | None, grasp: str | None, thing: str | None
+    context: Context, *, task_id: str | None, grasp: str | None, object_iri: str | None
 ) -> Judged:
     """Return the latest attempt of a task, grasp or object, with all verdicts on it.
 
@@ -108,26 +108,28 @@ def find_attempt(
         patterns.append(f"?attempt rt:requestId {literal(task_id)} .")
     if grasp:
         patterns.append(f"?attempt rt:executesGrasp {iri(grasp)} .")
-    if thing:
-        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(thing)} .")
+    if object_iri:
+        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(object_iri)} .")
     if not patterns:
         raise UsageError("task_id is missing; alternatively give object or grasp", field="task_id")
-    found = _read(
+    attempts = _read(
         context,
         f"""{{ SELECT ?attempt WHERE {{ {" ".join(patterns)}
      ?attempt rt:executesGrasp ?any ; rt:hasOutcome ?result ; prov:endedAtTime ?ended
      }} ORDER BY DESC(?ended) DESC(?attempt) LIMIT 1 }}""",
     )
-    if not found:
-        raise UnknownTermError(_nothing_fits(context, task_id=task_id, grasp=grasp, object=thing))
-    return found[0]
+    if not attempts:
+        raise UnknownTermError(
+            _nothing_fits(context, task_id=task_id, grasp=grasp, object=object_iri)
+        )
+    return attempts[0]
 
 
 def judged_attempts(context: Context, grasps: Collection[NamedNode]) -> list[Judged]:
     """Return all attempts of grasps, with all verdicts on them, ordered by IRI."""
     if not grasps:
         return []
-    return _read(context, f"VALUES ?grasp {{ {values(sorted(one.value for one in grasps))} }}")
+    return _read(context, f"VALUES ?grasp {{ {values(sorted(grasp.value for grasp in grasps))} }}")
 
 
 def _read(context: Context, which: str) -> list[Judged]:
@@ -154,16 +156,16 @@ WHERE {{
 
 def _judged(rows: Sequence[Row]) -> Judged:
     """Return one attempt from its rows, one for each verdict."""
-    found: list[dict[str, Any]] = [row.to_dict() for row in rows]
+    attempts: list[dict[str, Any]] = [row.to_dict() for row in rows]
     verdicts = {
         (str(row["time"]), str(row["by"])): Verdict(
             str(row["by"]), bool(row["held"]), _time(row["time"]), _code(row["why"]),
             str(row["said"] or ""), iri(str(row["feedback"])),
         )
-        for row in found
+        for row in attempts
         if row["by"] is not None
     }  # fmt: skip
-    first = found[0]
+    first = attempts[0]
     return Judged(
         iri(str(first["attempt"])),
         iri(str(first["outcome"])),
@@ -188,18 +190,18 @@ def _time(value: Any) -> dt.datetime:
 
 def _nothing_fits(context: Context, **named: str | None) -> str:
     """Return why no attempt matches, with the nearest name among the latest attempts."""
-    said = {name: value for name, value in named.items() if value}
+    given = {name: value for name, value in named.items() if value}
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task_id ?grasp ?object WHERE {{
   ?attempt rt:hasOutcome ?outcome ; rt:requestId ?task_id ; rt:executesGrasp ?grasp ;
     prov:endedAtTime ?ended . ?task rt:through ?attempt ; rt:handles ?object
 }} ORDER BY DESC(?ended) LIMIT {_RECENT}""")
     hints = []
-    for name, value in said.items():
-        known = sorted({str(row.value(name)) for row in rows})
-        if value not in known:
-            near = difflib.get_close_matches(value, known, n=1, cutoff=0.8)
+    for name, value in given.items():
+        values_stored = sorted({str(row.value(name)) for row in rows})
+        if value not in values_stored:
+            near = difflib.get_close_matches(value, values_stored, n=1, cutoff=0.8)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             hints.append(f"unknown {name} {value!r}{hint}")
-    told = "; ".join(hints) or f"no attempt fits {' and '.join(said)} together"
-    return f"{told}: nothing to judge"
+    reason = "; ".join(hints) or f"no attempt fits {' and '.join(given)} together"
+    return f"{reason}: nothing to judge"

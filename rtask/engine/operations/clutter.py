@@ -151,30 +151,32 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
             table_height=0.0, tried={}, segments=[], grasps=[],
         )  # fmt: skip
     options = SceneOptions(samples=request.samples, complete=request.complete, seed=request.seed)
-    found = plan_in_view(view, hand, options)
-    sure = [c for c in found if c.scores["confidence"] >= request.min_confidence]
-    reason = found.reason
-    if found and not sure:
-        best = max(c.scores["confidence"] for c in found)
+    grasps = plan_in_view(view, hand, options)
+    sure = [c for c in grasps if c.scores["confidence"] >= request.min_confidence]
+    reason = grasps.reason
+    if grasps and not sure:
+        best = max(c.scores["confidence"] for c in grasps)
         reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
-    known = {}
+    identities = {}
     if request.recognise:
         if frame is None or frame.rgb is None:
             raise UsageError("recognise needs an image with colours, not a bare cloud",
                              field="recognise")  # fmt: skip
-        known = {k: _recognised(context, request, frame, view, k, gripper) for k in view.segments}
+        identities = {
+            k: _recognised(context, request, frame, view, k, gripper) for k in view.segments
+        }
     return SceneGrasps(
         reason=reason,
-        advice=found.advice,
+        advice=grasps.advice,
         table_height=view.table_height,
-        tried=dict(found.counts),
-        segments=_segments(view, known),
-        grasps=_messages(sure[: request.max_grasps], hand, request.frame_id, known),
+        tried=dict(grasps.counts),
+        segments=_segments(view, identities),
+        grasps=_messages(sure[: request.max_grasps], hand, request.frame_id, identities),
     )
 
 
 @dataclass(frozen=True)
-class _Known:
+class _SegmentIdentity:
     """Identity under which a thing was recognised."""
 
     object: str = ""
@@ -182,7 +184,7 @@ class _Known:
     confidence: float = 0.0
 
 
-_STRANGE = _Known()
+_STRANGE = _SegmentIdentity()
 
 
 def _recognised(
@@ -192,7 +194,7 @@ def _recognised(
     view: ClutterView,
     segment: int,
     gripper: StoredGripper,
-) -> _Known:
+) -> _SegmentIdentity:
     """Look a segment up in the graph."""
     from features.codec import encode_frame
     from rtask.engine.perception.identity import recognise, settle
@@ -208,20 +210,20 @@ def _recognised(
         support_height=view.table_height,
     )  # fmt: skip
     seen = observe(look)
-    found = recognise(
+    recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, None,
         context.views.embeddings,
     )  # fmt: skip
-    question = question_for(context.policy, seen, found, None, gripper)
+    question = question_for(context.policy, seen, recognition, None, gripper)
     memory = recall(context.kb, replace(question, doubts=context.honesty.doubts(question.robot)))
-    found = settle(found, memory, seen, context.policy)
-    if not found.matches:
+    recognition = settle(recognition, memory, seen, context.policy)
+    if not recognition.matches:
         return _STRANGE
-    best = found.matches[0]
+    best = recognition.matches[0]
     confidence = float(best.confidence)
-    if not found.accepted:
-        return _Known(confidence=confidence)
-    return _Known(best.object_iri, memory.objects[best.object_iri].label, confidence)
+    if not recognition.accepted:
+        return _SegmentIdentity(confidence=confidence)
+    return _SegmentIdentity(best.object_iri, memory.objects[best.object_iri].label, confidence)
 
 
 def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
@@ -259,51 +261,51 @@ def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
     return frame, view
 
 
-def _segments(view: ClutterView, known: Mapping[int, _Known]) -> list[SceneSegment]:
-    told = []
+def _segments(view: ClutterView, identities: Mapping[int, _SegmentIdentity]) -> list[SceneSegment]:
+    segments = []
     for number in view.segments:
         points = view.of(number)
         low, high = points.min(axis=0), points.max(axis=0)
-        told.append(
+        segments.append(
             SceneSegment(
                 segment=number, points=len(points), centre=((low + high) / 2).tolist(),
-                size=(high - low).tolist(), **asdict(known.get(number, _STRANGE)),
+                size=(high - low).tolist(), **asdict(identities.get(number, _STRANGE)),
             )
         )  # fmt: skip
-    return told
+    return segments
 
 
 def _messages(
     grasps: Sequence[GraspCandidate],
     hand: EndEffector,
     frame_id: str,
-    known: Mapping[int, _Known],
+    identities: Mapping[int, _SegmentIdentity],
 ) -> list[SceneGrasp]:
     from grasp.messages import header, pose_message, spatial_grasp_message
 
     return [
         SceneGrasp(
             **{
-                **spatial_grasp_message(one, hand, frame_id),
+                **spatial_grasp_message(grasp, hand, frame_id),
                 "id": f"{CANDIDATE}scene-{number}",
-                "grasp_quality": one.score,
+                "grasp_quality": grasp.score,
             },
-            segment=one.segment or 0,
-            object=known.get(one.segment or 0, _STRANGE).object,
+            segment=grasp.segment or 0,
+            object=identities.get(grasp.segment or 0, _STRANGE).object,
             kind="spatial",
-            tool_pose={"header": header(frame_id), "pose": pose_message(one.frame_from_gripper)},
-            x=float(one.centre[0]),
-            y=float(one.centre[1]),
-            z=float(one.centre[2]),
-            theta=closing_yaw(one.frame_from_gripper),
-            width=one.width,
-            opening=one.width if one.opening is None else one.opening,
-            confidence=one.scores["confidence"],
-            lower_95=one.scores["lower_95"],
-            moves=one.scores.get("moves", 0.0),
-            antipodal=one.antipodal,
-            completed=one.completed,
-            contacts=contact_messages(contacts_of(one, hand)),
+            tool_pose={"header": header(frame_id), "pose": pose_message(grasp.frame_from_gripper)},
+            x=float(grasp.centre[0]),
+            y=float(grasp.centre[1]),
+            z=float(grasp.centre[2]),
+            theta=closing_yaw(grasp.frame_from_gripper),
+            width=grasp.width,
+            opening=grasp.width if grasp.opening is None else grasp.opening,
+            confidence=grasp.scores["confidence"],
+            lower_95=grasp.scores["lower_95"],
+            moves=grasp.scores.get("moves", 0.0),
+            antipodal=grasp.antipodal,
+            completed=grasp.completed,
+            contacts=contact_messages(contacts_of(grasp, hand)),
         )
-        for number, one in enumerate(grasps, start=1)
+        for number, grasp in enumerate(grasps, start=1)
     ]

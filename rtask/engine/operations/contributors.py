@@ -73,35 +73,37 @@ def compare_contributors(
 ) -> ComparedContributors:
     """Compare what robots reported of the same grasps, verdicts of people left aside."""
     del access
-    found = sorted(context.honesty.now().values(), key=lambda h: (h.truthful, h.robot))
+    honesties = sorted(context.honesty.now().values(), key=lambda h: (h.truthful, h.robot))
     return ComparedContributors(
         contributors=[
-            _contributor(one) for one in found if request.contributor in (None, _name(one))
+            _contributor(honesty)
+            for honesty in honesties
+            if request.contributor in (None, _name(honesty))
         ]
     )
 
 
-def _name(one: Honesty) -> str:
-    return unquote(tail(iri(one.robot)))
+def _name(honesty: Honesty) -> str:
+    return unquote(tail(iri(honesty.robot)))
 
 
-def _contributor(one: Honesty) -> Contributor:
+def _contributor(honesty: Honesty) -> Contributor:
     finding: Literal["agrees", "doubtful", "contradicts"] = "agrees"
-    if one.truthful < _DOUBTFUL:
-        finding = "contradicts" if one.contradicts else "doubtful"
-    n, name = one.comparable, _name(one)
-    share = one.agreeing / n if n else None
+    if honesty.truthful < _DOUBTFUL:
+        finding = "contradicts" if honesty.contradicts else "doubtful"
+    n, name = honesty.comparable, _name(honesty)
+    share = honesty.agreeing / n if n else None
     return Contributor(
         name=name,
-        attempts=one.attempts,
+        attempts=honesty.attempts,
         comparable=n,
         agreement=share,
-        interval95=_interval(one.agreeing, n) if n else [],
-        truthful=one.truthful,
-        manner=one.manner,
-        weight=0.0 if one.contradicts else one.weight,
+        interval95=_interval(honesty.agreeing, n) if n else [],
+        truthful=honesty.truthful,
+        manner=honesty.manner,
+        weight=0.0 if honesty.contradicts else honesty.weight,
         finding=finding,
-        text=f"{name}: {_text(one, finding)}",
+        text=f"{name}: {_text(honesty, finding)}",
     )
 
 
@@ -114,16 +116,18 @@ def _interval(k: float, n: int) -> list[float]:
     return [low, high]
 
 
-def _text(one: Honesty, finding: str) -> str:
-    if not one.comparable:
+def _text(honesty: Honesty, finding: str) -> str:
+    if not honesty.comparable:
         return "nobody else has tried what it tried"
-    agree = f"{one.agreeing:g} of {one.comparable} comparable reports agree with the others'"
-    counts = f"; each counts {one.weight:.2f} for others"
+    agree = (
+        f"{honesty.agreeing:g} of {honesty.comparable} comparable reports agree with the others'"
+    )
+    counts = f"; each counts {honesty.weight:.2f} for others"
     if finding == "agrees":
-        return agree if one.weight == 1 else agree + counts
+        return agree if honesty.weight == 1 else agree + counts
     if finding == "contradicts":
         counts = "; none counts for others"
-    return f"only {agree}; it seems to report {one.manner}{counts}"
+    return f"only {agree}; it seems to report {honesty.manner}{counts}"
 
 
 class WithdrawContributor(Message):

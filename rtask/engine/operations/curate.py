@@ -88,17 +88,17 @@ def _curate(context: Context, request: CurateObject, author: Access) -> Curated:
         if not request.commit:
             raise UsageError("commit is missing: the commit to undo", field="commit")
         return _answer(context, undo(context, request.commit, author), "")
-    thing = object_meant(context, request.object, "object")
+    object_iri = object_meant(context, request.object, "object")
     if operation == "merge":
-        kept = object_meant(context, request.into, "into")
-        return _answer(context, merge_objects(context, kept, thing, author), kept.value)
+        target = object_meant(context, request.into, "into")
+        return _answer(context, merge_objects(context, target, object_iri, author), target.value)
     if operation == "split":
-        new, commit = split_object(context, thing, request.views, request.name, author)
+        new, commit = split_object(context, object_iri, request.views, request.name, author)
         return _answer(context, commit, new.value)
     if request.views:
-        done = forget_views(context, thing, request.views, request.purge, author)
-        return _answer(context, done, thing.value)
-    return _answer(context, forget_object(context, thing, request.purge, author), "")
+        done = forget_views(context, object_iri, request.views, request.purge, author)
+        return _answer(context, done, object_iri.value)
+    return _answer(context, forget_object(context, object_iri, request.purge, author), "")
 
 
 def object_meant(context: Context, name: str | None, field: str) -> NamedNode:
@@ -118,22 +118,22 @@ def object_meant(context: Context, name: str | None, field: str) -> NamedNode:
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:name ?name }}
   FILTER(STR(?object) = {text} || STR(?id) = {text} || STR(?name) = {text}) }} LIMIT 2""")
-    things = [row["object"] for row in rows]
-    if len(things) > 1:
+    matches = [row["object"] for row in rows]
+    if len(matches) > 1:
         raise UsageError(f"{field}: several objects are named {name!r}; give the IRI", field=field)
-    if things:
-        assert isinstance(things[0], NamedNode)
-        return things[0]
+    if matches:
+        assert isinstance(matches[0], NamedNode)
+        return matches[0]
     if kb.select(f"{PREFIXES}SELECT * {{ ?o prov:invalidatedAtTime ?t FILTER(STR(?o) = {text}) }}"):
         raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
-    known = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
-    hint = nearest(name, [str(row.value("n")) for row in known])
+    named = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
+    hint = nearest(name, [str(row.value("n")) for row in named])
     raise UnknownTermError(f"{field}: the graph has no object {name}{hint}", field=field)
 
 
-def _answer(context: Context, commit: Commit, thing: str) -> Curated:
+def _answer(context: Context, commit: Commit, object_iri: str) -> Curated:
     return Curated(
-        object=thing,
+        object=object_iri,
         commit=context.commit_id(commit),
         added=commit.added,
         removed=commit.removed,

@@ -100,13 +100,13 @@ def give_feedback(context: Context, request: GiveFeedback, access: Access) -> Fe
     operator = _operator(request.operator, access)
     with context.writing:
         before = find_attempt(
-            context, task_id=request.task_id, grasp=request.grasp, thing=request.object
+            context, task_id=request.task_id, grasp=request.grasp, object_iri=request.object
         )
-        said = _verdict(context, request, before, operator)
+        verdict = _verdict(context, request, before, operator)
         old = next((v for v in reversed(before.verdicts) if v.by == operator), None)
-        if old is not None and _same(old, said):
+        if old is not None and _same(old, verdict):
             return _answer(context, before, stored=0, commit="")
-        after = replace(before, verdicts=(*before.verdicts, said))
+        after = replace(before, verdicts=(*before.verdicts, verdict))
         commit = _write(context, before, after, context.author(access, operator, "teacher"))
     return _answer(context, after, stored=1, commit=commit)
 
@@ -157,12 +157,12 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
     """Store the last verdict on an attempt with the resulting counts and belief."""
     triples, counts = Triples(), Triples()
     state_verdict(context, triples, after.outcome, after.verdicts[-1], after.votes)
-    home, kept = context.home_graph(author), context.kb.graphs.agent(tail(after.robot))
+    home, graph = context.home_graph(author), context.kb.graphs.agent(tail(after.robot))
     was, now, causes = label_of(before), label_of(after), Causes(context)
     withdrawn, recounted = [], []
     if was != now:
         recounted = count(
-            context, counts, after.grasp, after.gripper_type, after.robot, kept,
+            context, counts, after.grasp, after.gripper_type, after.robot, graph,
             attempts=(now is not None) - (was is not None), successes=bool(now) - bool(was),
             pending=Pending(),
         )  # fmt: skip
@@ -174,18 +174,18 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
                 key = label, after.is_fast
                 totals[key] = max(totals.get(key, 0) + more, 0)
         who = context.agent_iri(author)
-        recounted += _recalibrated(context, counts, after, now, kept)
+        recounted += _recalibrated(context, counts, after, now, graph)
         withdrawn = believe(context, triples, after.grasp, totals, who, home)
         causes.judge(after.grasp, after.attempt, now)
-    rights = _Recounting(author.agent, author.role, counts=kept)
+    rights = _Recounting(author.agent, author.role, counts=graph)
     with context.kb.transaction(access=rights, note="a person's verdict") as tx:
         state_causes(causes, tx)
         for subject, predicate, value in recounted:
-            tx.remove(subject, predicate, value, kept)
+            tx.remove(subject, predicate, value, graph)
         for subject, predicate, value in withdrawn:
             tx.remove(subject, predicate, value, home)
         for subject, predicate, value in counts:
-            tx.add(subject, predicate, value, kept)
+            tx.add(subject, predicate, value, graph)
         for subject, predicate, value in triples:
             tx.add(subject, predicate, value, home)
     return context.commit_id(tx.commit)
@@ -208,7 +208,9 @@ def _recalibrated(
 
 def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedback:
     label, (held, lost) = label_of(judged), judged.votes
-    known = stored_confidences(context, [judged.grasp.value]).get(judged.grasp.value, Confidence())
+    confidence = stored_confidences(context, [judged.grasp.value]).get(
+        judged.grasp.value, Confidence()
+    )
     return Feedback(
         stored=stored,
         commit=commit,
@@ -228,7 +230,7 @@ def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedb
         ],
         text=_sentence(judged),
         statistics=totalled(judged_counts(context, judged.grasp)),
-        confidence=known.belief.mean if known.belief else None,
+        confidence=confidence.belief.mean if confidence.belief else None,
     )
 
 

@@ -146,16 +146,16 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
     """Return the grasps of an object in its own frame, most reliable first."""
     name = resolve_object(context, request.object)
     memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
-    known = memory.objects[name]
+    remembered = memory.objects[name]
     grasps = memory.of(name)
     if request.gripper_id:
         hand = context.grippers.find(request.gripper_id, access).gripper
-        wanted = (hand.gripper_type, hand.contact_kind)
-        grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == wanted]
+        hand_kind = (hand.gripper_type, hand.contact_kind)
+        grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == hand_kind]
     return RecalledGrasps(
         object=name,
-        class_iri=known.class_iri,
-        label=known.label,
+        class_iri=remembered.class_iri,
+        label=remembered.label,
         grasps=recalled(context, grasps, request.max_grasps),
     )
 
@@ -206,19 +206,21 @@ def contact_messages(contacts: Contacts | None) -> list[GraspContact]:
     ]
 
 
-def _message(context: Context, known: Remembered) -> dict[str, Any]:
+def _message(context: Context, grasp: Remembered) -> dict[str, Any]:
     """Return a grasp as moveit_msgs/Grasp in its object's frame, for its gripper type."""
-    kind, opening = known.gripper_type, known.opening
-    hands = [one.gripper for one in context.grippers.all() if one.gripper.gripper_type == kind]
+    kind, opening = grasp.gripper_type, grasp.opening
+    hands = [
+        stored.gripper for stored in context.grippers.all() if stored.gripper.gripper_type == kind
+    ]
     hand: EndEffector = ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
     if hands:
         hand = hands[0]
-    width = opening if known.width is None else known.width
+    width = opening if grasp.width is None else grasp.width
     candidate = GraspCandidate(
-        known.object_from_gripper, width, source="recalled", opening=opening,
-        scores={"confidence": known.quality},
+        grasp.object_from_gripper, width, source="recalled", opening=opening,
+        scores={"confidence": grasp.quality},
     )  # fmt: skip
-    return spatial_grasp_message(candidate, hand, frame_id_of(context, known.object))
+    return spatial_grasp_message(candidate, hand, frame_id_of(context, grasp.object))
 
 
 def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> GraspConfidence:

@@ -120,12 +120,14 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
             prepared.append(prepare(context, item, where, access))
         except UnknownTermError as error:
             raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
-    grippers = [one.gripper for one in prepared if one.gripper is not None]
+    grippers = [
+        prepared_item.gripper for prepared_item in prepared if prepared_item.gripper is not None
+    ]
     fallback = grippers[0].robot_name if grippers else None
     with context.writing:
         author = context.author(access, fallback)
         writer = _Writer(context, author, access)
-        entries = [writer.write(one) for one in prepared]
+        entries = [writer.write(prepared_item) for prepared_item in prepared]
         rights = StatingCauses.of(author)
         with context.kb.transaction(access=rights, note="insert objects") as tx:
             for subject, predicate, value in writer.withdrawn:
@@ -133,11 +135,11 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
             writer.triples.write(tx)
             state_causes(writer.pending.causes, tx)
         commit = context.commit_id(tx.commit) if tx.commit.added else ""
-        for view, thing, class_iri, seen in writer.views:
-            context.views.learn(view, thing, class_iri, seen.features)
+        for view, object_iri, class_iri, seen in writer.views:
+            context.views.learn(view, object_iri, class_iri, seen.features)
         if context.views.embeddings is not None:
-            for view, thing, class_iri, vector in writer.vectors:
-                context.views.embeddings.learn(view.value, thing.value, class_iri, vector)
+            for view, object_iri, class_iri, vector in writer.vectors:
+                context.views.embeddings.learn(view.value, object_iri.value, class_iri, vector)
         for blob, model in writer.models:
             context.models.keep(blob, model)
     if writer.views:
@@ -170,105 +172,114 @@ class _Writer:
         self.vectors: list[tuple[NamedNode, NamedNode, str, NDArray[np.float32]]] = []
         self.models: list[tuple[str, ObjectModel]] = []
         self.stored = 0
-        self._grown_things: set[NamedNode] = set()
-        self._told: dict[str, dict[str, Any]] = {}
+        self._grown_objects: set[NamedNode] = set()
+        self._answered: dict[str, dict[str, Any]] = {}
 
-    def write(self, one: Prepared | Repeated) -> dict[str, Any]:
+    def write(self, prepared: Prepared | Repeated) -> dict[str, Any]:
         """Add the triples of one entry unless its id is already stored; return its result."""
-        if isinstance(one, Repeated):
-            return self._answer_again(one.before)
-        task_id = one.item.task_id
-        if task_id in self._told:
-            return {**self._told[task_id], "new": False}
+        if isinstance(prepared, Repeated):
+            return self._answer_again(prepared.before)
+        task_id = prepared.item.task_id
+        if task_id in self._answered:
+            return {**self._answered[task_id], "new": False}
         # Checked again under the lock, since the same request may arrive twice at once.
-        before = stored_before(self.context, task_id, self.author, one.gripper)
+        before = stored_before(self.context, task_id, self.author, prepared.gripper)
         if before is not None:
             return self._answer_again(before)
-        if self._may_be_twin(one):
-            again = prepare(self.context, one.item, one.where, self.access)
+        if self._may_be_twin(prepared):
+            again = prepare(self.context, prepared.item, prepared.where, self.access)
             if isinstance(again, Repeated):
                 return self._answer_again(again.before)
-            one = again
-        answer = self._write_new(one, task_id or self.context.names.unique("task").value)
+            prepared = again
+        answer = self._write_new(prepared, task_id or self.context.names.unique("task").value)
         self.stored += 1
         if task_id:
-            self._told[task_id] = answer
+            self._answered[task_id] = answer
         return answer
 
-    def _may_be_twin(self, one: Prepared) -> bool:
+    def _may_be_twin(self, prepared: Prepared) -> bool:
         """Tell whether an unknown object may have been stored since recognition.
 
         Robots that insert the same product at the same time all find it unknown. All but the
         first must recognise it again, or one product becomes several objects.
         """
         return (
-            one.known is None and one.item.merge and one.generation != self.context.views.generation
+            prepared.existing is None
+            and prepared.item.merge
+            and prepared.generation != self.context.views.generation
         )
 
     def _answer_again(self, before: Earlier) -> dict[str, Any]:
         """Return the result of a repeated request: what the first one stored."""
-        question = Question(objects=(before.thing,))
-        known = recall(self.context.kb, question).objects.get(before.thing)
+        question = Question(objects=(before.object_iri,))
+        existing = recall(self.context.kb, question).objects.get(before.object_iri)
         return _entry(
-            before.thing,
-            known.class_iri if known else "",
-            known.short_id if known else "",
-            known.label if known else "",
+            before.object_iri,
+            existing.class_iri if existing else "",
+            existing.short_id if existing else "",
+            existing.label if existing else "",
             before.grasp,
             before.view,
             False,
             0,
         )
 
-    def _write_new(self, one: Prepared, task_id: str) -> dict[str, Any]:
-        context, is_new = self.context, one.known is None
-        if one.known is None:
-            thing, class_iri, short_id, label = self._new_object(one)
+    def _write_new(self, prepared: Prepared, task_id: str) -> dict[str, Any]:
+        context, is_new = self.context, prepared.existing is None
+        if prepared.existing is None:
+            object_iri, class_iri, short_id, label = self._new_object(prepared)
         else:
-            thing, class_iri = iri(one.known.iri), one.known.class_iri
-            short_id, label = one.known.short_id, one.known.label
-        event, view = context.names.unique("observation"), one.view
+            object_iri, class_iri = iri(prepared.existing.iri), prepared.existing.class_iri
+            short_id, label = prepared.existing.short_id, prepared.existing.label
+        event, view = context.names.unique("observation"), prepared.view
         now = dt.datetime.now(dt.UTC)
-        stamp_s = one.seen.stamp_s
+        stamp_s = prepared.seen.stamp_s
         time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
-        camera = one.gripper.camera if one.gripper else None
+        camera = prepared.gripper.camera if prepared.gripper else None
         state_view(
             context,
             self.triples,
-            thing,
+            object_iri,
             Sight(
-                one.seen,
-                one.placement,
+                prepared.seen,
+                prepared.placement,
                 view,
                 event,
                 camera,
                 self.agent,
                 task_id,
                 time,
-                self._grown(one, thing),
+                self._grown(prepared, object_iri),
             ),
         )
-        if one.located is not None:
+        if prepared.located is not None:
             moved = None
-            if one.outcome is not None and may_have_moved(one.outcome):
-                _, moved = one.outcome.span(now)
-            robot = one.gripper.robot if one.gripper else self.agent
+            if prepared.outcome is not None and may_have_moved(prepared.outcome):
+                _, moved = prepared.outcome.span(now)
+            robot = prepared.gripper.robot if prepared.gripper else self.agent
             self.withdrawn += state_seen(
                 context,
                 self.triples,
                 Sighting(
-                    thing, one.located, robot, self.agent, self.graph, time, event, moved=moved
+                    object_iri,
+                    prepared.located,
+                    robot,
+                    self.agent,
+                    self.graph,
+                    time,
+                    event,
+                    moved=moved,
                 ),
             )
         embeddings = context.views.embeddings
-        if embeddings is not None and one.vector is not None:
-            embeddings.state(self.triples, view, one.vector)
-            self.vectors.append((view, thing, class_iri, one.vector))
-        grasp = self._grasp(one, thing, task_id, event, now)
-        self.views.append((view, thing, class_iri, one.seen))
-        features = len(one.seen.features)
+        if embeddings is not None and prepared.vector is not None:
+            embeddings.state(self.triples, view, prepared.vector)
+            self.vectors.append((view, object_iri, class_iri, prepared.vector))
+        grasp = self._grasp(prepared, object_iri, task_id, event, now)
+        self.views.append((view, object_iri, class_iri, prepared.seen))
+        features = len(prepared.seen.features)
         entry = _entry(
-            thing.value,
+            object_iri.value,
             class_iri,
             short_id,
             label,
@@ -277,63 +288,72 @@ class _Writer:
             is_new,
             features,
         )
-        return {**entry, **self._resembled(one, thing)}
+        return {**entry, **self._resembled(prepared, object_iri)}
 
-    def _resembled(self, one: Prepared, thing: NamedNode) -> dict[str, Any]:
+    def _resembled(self, prepared: Prepared, object_iri: NamedNode) -> dict[str, Any]:
         """State which object a new one may be, for the search for twins; return it."""
-        if one.resembles is None:
+        if prepared.resembles is None:
             return {}
-        other, confidence = one.resembles
+        other, confidence = prepared.resembles
         reifier = self.context.names.unique("statement")
-        self.triples.with_confidence(reifier, thing, RT.similarTo, iri(other.iri), confidence)
+        self.triples.with_confidence(reifier, object_iri, RT.similarTo, iri(other.iri), confidence)
         return {"resembles": Resembled(object=other.iri, label=other.label, confidence=confidence)}
 
-    def _grown(self, one: Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
+    def _grown(self, prepared: Prepared, object_iri: NamedNode) -> NDArray[np.float64] | None:
         """Add the model grown by this view; return the pose of the camera by the model."""
-        growth, context = one.growth, self.context
+        growth, context = prepared.growth, self.context
         if growth is None:
             return None
-        is_new = context.names.is_new(thing)
-        now = None if is_new else context.models.of(thing)
-        if thing in self._grown_things or growth.before != ("" if now is None else now[0].blob):
+        is_new = context.names.is_new(object_iri)
+        now = None if is_new else context.models.of(object_iri)
+        if object_iri in self._grown_objects or growth.before != (
+            "" if now is None else now[0].blob
+        ):
             # Another view was added in between and would be lost.
-            if thing in self._grown_things:
+            if object_iri in self._grown_objects:
                 return None
             growth = grow(
                 context.models,
-                thing,
-                one.seen,
+                object_iri,
+                prepared.seen,
                 growth.registration.object_from_camera,
-                one.view,
-                one.placement is not None and one.placement.is_round,
+                prepared.view,
+                prepared.placement is not None and prepared.placement.is_round,
             )
             if growth is None:
                 return None
-        self._grown_things.add(thing)
+        self._grown_objects.add(object_iri)
         if not is_new:
-            self.withdrawn += [old[:3] for old in old_models(context.kb, thing, self.graph)]
-        _, blob = state_model(context, self.triples, thing, growth.model)
+            self.withdrawn += [old[:3] for old in old_models(context.kb, object_iri, self.graph)]
+        _, blob = state_model(context, self.triples, object_iri, growth.model)
         self.models.append((blob, growth.model))
-        known = one.known is not None and one.known.is_round
-        return None if known else growth.registration.object_from_camera
+        existing = prepared.existing is not None and prepared.existing.is_round
+        return None if existing else growth.registration.object_from_camera
 
     def _grasp(
-        self, one: Prepared, thing: NamedNode, task_id: str, event: NamedNode, now: dt.datetime
+        self,
+        prepared: Prepared,
+        object_iri: NamedNode,
+        task_id: str,
+        event: NamedNode,
+        now: dt.datetime,
     ) -> NamedNode | None:
-        if one.grasp is None or one.outcome is None:
+        if prepared.grasp is None or prepared.outcome is None:
             return None
-        if one.gripper is None:
-            return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)[0]
-        decision = self.context.decisions.get(one.item.task_id)
+        if prepared.gripper is None:
+            return resolve_grasp(
+                self.context, self.triples, object_iri, _UNKNOWN_GRIPPER, prepared.grasp
+            )[0]
+        decision = self.context.decisions.get(prepared.item.task_id)
         recorded = record(
             self.context,
             self.triples,
             Entry(
-                thing,
-                one.gripper,
-                one.grasp,
-                one.outcome,
-                one.item.task,
+                object_iri,
+                prepared.gripper,
+                prepared.grasp,
+                prepared.outcome,
+                prepared.item.task,
                 task_id,
                 now,
                 self.graph,
@@ -345,59 +365,59 @@ class _Writer:
         self.withdrawn += recorded.withdrawn
         return recorded.grasp
 
-    def _new_object(self, one: Prepared) -> tuple[NamedNode, str, str, str]:
+    def _new_object(self, prepared: Prepared) -> tuple[NamedNode, str, str, str]:
         """Add a new object; return it with class, short id and label."""
         context = self.context
-        thing = context.names.counted("object")
-        guess = one.seen.guess
+        object_iri = context.names.counted("object")
+        guess = prepared.seen.guess
         confidence: float | None = None
         class_iri: NamedNode | None = None
-        if one.item.class_description:
-            class_iri = described_class(context, self.triples, one.item.class_description)
+        if prepared.item.class_description:
+            class_iri = described_class(context, self.triples, prepared.item.class_description)
         elif guess is not None:
             class_iri, confidence = guess
         kind = context.classes.get((class_iri or RT.ManipulableObject).value)
-        label = folded(one.item.class_description or kind.label)
-        name = one.item.name or f"{label} {tail(thing)}"
-        function = one.item.function
+        label = folded(prepared.item.class_description or kind.label)
+        name = prepared.item.name or f"{label} {tail(object_iri)}"
+        function = prepared.item.function
         state_object(
             context,
             self.triples,
             ObjectRecord(
-                iri=thing,
-                object_id=f"{slug(self.author.agent or 'shared')}/{tail(thing)}",
+                iri=object_iri,
+                object_id=f"{slug(self.author.agent or 'shared')}/{tail(object_iri)}",
                 name=name,
                 class_iri=class_iri,
                 class_confidence=confidence,
                 function=find_function(context.kb, function) if function else None,
             ),
-            one.seen,
+            prepared.seen,
         )
         short_id = short_id_of(context, self.triples, class_iri or RT.ManipulableObject)
-        return thing, (class_iri or RT.ManipulableObject).value, short_id, name
+        return object_iri, (class_iri or RT.ManipulableObject).value, short_id, name
 
 
 def _others(context: Context, entry: Mapping[str, Any], stored: Collection[str]) -> dict[str, Any]:
     """Return what the answer says of objects that the one of a stored view is like."""
-    view, found, said = entry["view"], dict[str, Any](), list[str]()
+    view, fields, clauses = entry["view"], dict[str, Any](), list[str]()
     others = context.views.same_print(iri(view)) if view in stored else ()
     if others:
-        known = recall(context.kb, Question(objects=others)).objects
-        names = [known[one].label if one in known else one for one in others]
-        said.append(f"the same print as {', '.join(names)}: sight does not tell them apart")
-        found["same_print"] = list(others)
+        existing = recall(context.kb, Question(objects=others)).objects
+        names = [existing[name].label if name in existing else name for name in others]
+        clauses.append(f"the same print as {', '.join(names)}: sight does not tell them apart")
+        fields["same_print"] = list(others)
     resembled: Resembled | None = entry.get("resembles")
     if resembled is not None:
-        said.append(
+        clauses.append(
             f"stored as new, but may be {resembled.label} ({resembled.confidence:.2f}): before an "
             "insertion, ask recognise_for_grasp with a look from another side as well; `rtask "
             "objects twins` compares the two"
         )
-    return {**found, "message": "; ".join(said)} if said else {}
+    return {**fields, "message": "; ".join(clauses)} if clauses else {}
 
 
 def _entry(
-    thing: str,
+    object_iri: str,
     class_iri: str,
     short_id: str,
     label: str,
@@ -407,7 +427,7 @@ def _entry(
     features: int,
 ) -> dict[str, Any]:
     return {
-        "object": thing,
+        "object": object_iri,
         "class_": short_id,
         "class_iri": class_iri,
         "label": label,

@@ -120,17 +120,17 @@ def operation(
 
     def declare(handler: Handler[Q, A]) -> Operation[Q, A]:
         # Handlers import the types of the context and of the caller for type checkers only.
-        known = {"Context": Context, "Access": Access}
-        hints = typing.get_type_hints(handler, localns=known)
+        local_types = {"Context": Context, "Access": Access}
+        hints = typing.get_type_hints(handler, localns=local_types)
         parameters = list(inspect.signature(handler).parameters)
         request = hints.get(parameters[1]) if len(parameters) == 3 else None
         answer = hints.get("return")
-        for one, kind in ((request, Message), (answer, Answer)):
-            if not (isinstance(one, type) and issubclass(one, kind)):
+        for model, kind in ((request, Message), (answer, Answer)):
+            if not (isinstance(model, type) and issubclass(model, kind)):
                 name = getattr(handler, "__qualname__", repr(handler))
                 raise TypeError(
                     f"{name}: expected (context: Context, request: a Message, access: Access) "
-                    f"-> an Answer; {one!r} is not a subclass of {kind.__name__}"
+                    f"-> an Answer; {model!r} is not a subclass of {kind.__name__}"
                 )
         assert isinstance(handler, FunctionType)
         assert isinstance(request, type)

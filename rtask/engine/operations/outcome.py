@@ -82,7 +82,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
     task_id = request.task_id
     decision = context.decisions.get(task_id)
     grasp = received(_grasp(request), "grasp").completed(decision)
-    thing = _object(context, request.object or (decision.object if decision else ""))
+    object_iri = _object(context, request.object or (decision.object if decision else ""))
     with context.writing:
         author = context.author(access, gripper.robot_name)
         before = None
@@ -97,7 +97,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
             context,
             triples,
             Entry(
-                thing=thing,
+                object_iri=object_iri,
                 gripper=gripper,
                 received=grasp,
                 outcome=outcome,
@@ -145,10 +145,10 @@ def _object(context: Context, name: str) -> NamedNode:
             "object is missing; a new object is stored with "
             "insert_object", field="object",
         )  # fmt: skip
-    thing = iri(name)
-    if not context.kb.match(thing, RT.objectId):
+    object_iri = iri(name)
+    if not context.kb.match(object_iri, RT.objectId):
         raise UnknownTermError(f"object: the graph has no object {name}")
-    return thing
+    return object_iri
 
 
 def _ended(stamp_s: float | None) -> dt.datetime:

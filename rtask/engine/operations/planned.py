@@ -166,34 +166,36 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         hand = with_friction(hand, request.friction)
     shape = object_shape(context, request.object)
     noise = PoseNoise(request.position_std, request.rotation_std)
-    found = shape.plan(
+    candidates = shape.plan(
         hand,
         SpatialOptions(
             noise=noise, samples=request.samples, tries=_TRIES, seed=request.seed,
-            mass=request.mass or stored_mass(context, shape.thing),
+            mass=request.mass or stored_mass(context, shape.object_iri),
         ),
     )  # fmt: skip
-    sure = [c for c in found if c.scores["confidence"] >= request.min_confidence]
-    reason = found.reason
-    if found and not sure:
-        best = max(c.scores["confidence"] for c in found)
+    sure = [c for c in candidates if c.scores["confidence"] >= request.min_confidence]
+    reason = candidates.reason
+    if candidates and not sure:
+        best = max(c.scores["confidence"] for c in candidates)
         reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
     stored: dict[str, Any] = {"grasps": [], "commit": ""}
     if sure:
         planned = as_planned(sure[: request.max_grasps], noise, request.samples, hand)
         stored = store_planned_in_space(
-            context, shape.thing, planned, hand.gripper_type, access, shape.sources
+            context, shape.object_iri, planned, hand.gripper_type, access, shape.sources
         )
-    memory = recall(context.kb, Question(objects=(shape.thing,), in_space=True))
-    known = {one.grasp: one for one in memory.of(shape.thing)}
+    memory = recall(context.kb, Question(objects=(shape.object_iri,), in_space=True))
+    stored_grasps = {grasp.grasp: grasp for grasp in memory.of(shape.object_iri)}
     return PlannedGrasps(
-        object=shape.thing,
+        object=shape.object_iri,
         shape=shape.kind,
         reason=reason,
-        advice=found.advice,
+        advice=candidates.advice,
         commit=stored["commit"],
-        tried=dict(found.counts),
-        grasps=as_messages(context, [known[name] for name in dict.fromkeys(stored["grasps"])]),
+        tried=dict(candidates.counts),
+        grasps=as_messages(
+            context, [stored_grasps[name] for name in dict.fromkeys(stored["grasps"])]
+        ),
     )
 
 
@@ -213,7 +215,7 @@ def as_planned(
 
 def store_planned(
     context: Context,
-    thing: str,
+    object_iri: str,
     grasps: Sequence[PlannedGrasp],
     gripper_type: str,
     access: Access | None = None,
@@ -241,12 +243,12 @@ def store_planned(
             RT.vertexSigma: planned.vertex_sigma,
         }
 
-    return _store(context, thing, grasps, gripper_type, as_received, evaluation, access)
+    return _store(context, object_iri, grasps, gripper_type, as_received, evaluation, access)
 
 
 def store_planned_in_space(
     context: Context,
-    thing: str,
+    object_iri: str,
     grasps: Sequence[PlannedSpatialGrasp],
     gripper_type: str,
     access: Access | None = None,
@@ -294,13 +296,13 @@ def store_planned_in_space(
         }
 
     return _store(
-        context, thing, grasps, gripper_type, as_received, evaluation, access, derived_from
+        context, object_iri, grasps, gripper_type, as_received, evaluation, access, derived_from
     )
 
 
 def _store(
     context: Context,
-    thing: str,
+    object_iri: str,
     grasps: Sequence[Planned],
     gripper_type: str,
     as_received: Callable[[Planned], Received],
@@ -314,7 +316,7 @@ def _store(
     """
     if not grasps:
         raise UsageError("there are no grasps to store")
-    target = iri(thing)
+    target = iri(object_iri)
     named: list[NamedNode] = []
     with context.writing:
         triples = Triples()
@@ -338,4 +340,4 @@ def _store(
             with context.kb.transaction(access=author, note="planned grasps") as tx:
                 triples.write(tx)
             commit = context.commit_id(tx.commit)
-    return {"object": thing, "grasps": [node.value for node in named], "commit": commit}
+    return {"object": object_iri, "grasps": [node.value for node in named], "commit": commit}

@@ -70,7 +70,7 @@ _STEPS = (
 )  # fmt: skip
 
 
-class _Wanted(Message):
+class GraspPurpose(Message):
     """Purpose of an observation; a base class so that these fields come first."""
 
     task: Text = "pick"
@@ -79,7 +79,7 @@ class _Wanted(Message):
     """name or IRI of the end effector"""
 
 
-class RecogniseForGrasp(Looks, _Wanted):
+class RecogniseForGrasp(Looks, GraspPurpose):
     """A request to recognise an object and to choose a grasp."""
 
     object: Iri | None = None
@@ -164,14 +164,14 @@ def recognise_for_grasp(
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
-    known = _known(request.object, recognition, memory)
-    placement, pose = locate(context.models, seen, recognition, known, memory)
+    recognised = _recognised_object(request.object, recognition, memory)
+    placement, pose = locate(context.models, seen, recognition, recognised, memory)
     clock.lap("pose_s")
-    situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
+    situation = Situation(seen, recognition, memory, recognised, placement, gripper, pose)
     chosen, alone = _choose(context, situation, request, clock)
     situation = replace(situation, chosen=chosen, alone=alone)
     situation, decision = _decided(situation, thresholds)
-    known = situation.known
+    recognised = situation.recognised
     task = context.names.unique("task").value
     fields = fields_of(situation, request.max_grasps)
     if decision is not None:
@@ -181,7 +181,7 @@ def recognise_for_grasp(
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     offered = {option.id: option for option in situation.chosen}
     made = Decision(
-        known.iri if known else "", recognition, offered, dict(clock.times), request.seed
+        recognised.iri if recognised else "", recognition, offered, dict(clock.times), request.seed
     )
     _remember_decision(context, task, made, gripper, access)
     return Recognition(**fields, task_id=task, decision=decision, times=times)
@@ -200,13 +200,15 @@ def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> flo
     return max(thresholds.identity, FusionParams().min_confidence)
 
 
-def _known(tracked: str | None, recognition: Matches, memory: Memory) -> RememberedObject | None:
+def _recognised_object(
+    tracked: str | None, recognition: Matches, memory: Memory
+) -> RememberedObject | None:
     """Return the object in question: the tracked one, else the recognised one."""
     if tracked:
-        known = memory.objects.get(tracked)
-        if known is None:
+        recognised = memory.objects.get(tracked)
+        if recognised is None:
             raise UnknownTermError(f"object: the graph has no object {tracked}")
-        return known
+        return recognised
     return memory.objects.get(recognition.matches[0].object_iri) if recognition.accepted else None
 
 
@@ -227,19 +229,19 @@ def _choose(
         planned=_contact_plan(context, situation, request),
         max_tilt=np.pi if request.in_space else MAX_TILT,
     )  # fmt: skip
-    object_iri = situation.known.iri if situation.known else None
-    found = options(scene, situation.memory, object_iri, request.propose, _MAX_CANDIDATES)
+    object_iri = situation.recognised.iri if situation.recognised else None
+    candidates = options(scene, situation.memory, object_iri, request.propose, _MAX_CANDIDATES)
     excluded = set(request.exclude)
-    found = [option for option in found if option.id not in excluded]
+    candidates = [option for option in candidates if option.id not in excluded]
     clock.lap("generation_s")
     confidence = {m.object_iri: float(m.confidence) for m in situation.recognition.matches}
     if request.object:
         confidence[request.object] = 1.0
     maps = score_maps(context, situation.gripper)
-    chosen = choose(found, scene, situation.memory, confidence, context.policy, maps=maps)
+    chosen = choose(candidates, scene, situation.memory, confidence, context.policy, maps=maps)
     alone = None
-    if any(max(one.explanation["graph"]) >= MIN_EVIDENCE for one in chosen):
-        alone = unaided(found, scene, situation.memory, context.policy, maps)
+    if any(max(choice.explanation["graph"]) >= MIN_EVIDENCE for choice in chosen):
+        alone = unaided(candidates, scene, situation.memory, context.policy, maps)
     clock.lap("choice_s")
     return chosen, alone
 
@@ -256,9 +258,9 @@ def _contact_plan(
     if isinstance(hand, ParallelGripper) or not request.propose or seen.shape is None:
         return ()
     assert isinstance(hand, SuctionCup | ThreeFingerHand)
-    known = situation.known
+    recognised = situation.recognised
     options = SpatialOptions(
-        mass=stored_mass(context, known.iri) if known else None, seed=request.seed,
+        mass=stored_mass(context, recognised.iri) if recognised else None, seed=request.seed,
         tries=_TRIES, samples=_SAMPLES, most=_MAX_CANDIDATES,
     )  # fmt: skip
     return plan_contacts_on_cloud(
@@ -287,7 +289,7 @@ def _decided(
     decision = decide(thresholds, _assessment(situation), identity_of(situation))
     chosen = grasps_above(situation.chosen, thresholds)
     if decision["too_low"] == "identity":
-        return replace(situation, known=None, chosen=()), decision
+        return replace(situation, recognised=None, chosen=()), decision
     return replace(situation, chosen=() if decision["too_low"] else chosen), decision
 
 
@@ -297,17 +299,17 @@ def _refused(
     """Store a decision against a grasp; return its IRI, or "" for a grasp or a mere reader."""
     if not decision["too_low"] or "write" not in SCOPES[access.role]:
         return ""
-    known, matches = situation.known, situation.recognition.matches
-    thing = known.iri if known else matches[0].object_iri if matches else ""
+    recognised, matches = situation.recognised, situation.recognition.matches
+    object_iri = recognised.iri if recognised else matches[0].object_iri if matches else ""
     gripper, at = situation.gripper, dt.datetime.now(dt.UTC)
     author = context.author(access, gripper.robot_name)
-    refusal = Refusal(task, gripper.robot, gripper.iri, thing, decision, at)
+    refusal = Refusal(task, gripper.robot, gripper.iri, object_iri, decision, at)
     stated = {name: decision[name] for name in _REFUSED_BY}
     # A copy stores nothing, and learns views under that lock, for which no robot should wait.
     with context.writing if context.pass_on is None else contextlib.nullcontext():
         node = refusal_iri(context, refusal, author).value
         record = RefusalRecord(
-            node, task, gripper.robot.value, gripper.iri.value, thing, stated, at.isoformat()
+            node, task, gripper.robot.value, gripper.iri.value, object_iri, stated, at.isoformat()
         )
         keep(context, record, author)
     return node
@@ -317,22 +319,22 @@ def _remember_place(
     context: Context, situation: Situation, request: RecogniseForGrasp, access: Access
 ) -> None:
     """Store the pose of a recognised object if it is new or has moved, and the caller may write."""
-    seen, known, gripper = situation.observation, situation.known, situation.gripper
-    if known is None or "write" not in SCOPES[access.role]:
+    seen, recognised, gripper = situation.observation, situation.recognised, situation.gripper
+    if recognised is None or "write" not in SCOPES[access.role]:
         return
-    found = located(
+    place = located(
         seen, request.frame_id, situation.placement, situation.pose, identity_of(situation),
-        known.is_round,
+        recognised.is_round,
     )  # fmt: skip
-    if found is None:
+    if place is None:
         return
     at = dt.datetime.now(dt.UTC)
     if seen.stamp_s is not None:
         at = dt.datetime.fromtimestamp(seen.stamp_s, dt.UTC)
-    pose = tuple(float(number) for number in found.frame_from_object.ravel())
+    pose = tuple(float(number) for number in place.frame_from_object.ravel())
     record = PlaceRecord(
-        context.names.unique("pose-estimate").value, known.iri, gripper.robot.value,
-        found.frame_id, pose, found.confidence, found.is_round, at.isoformat(),
+        context.names.unique("pose-estimate").value, recognised.iri, gripper.robot.value,
+        place.frame_id, pose, place.confidence, place.is_round, at.isoformat(),
     )  # fmt: skip
     keep(context, record, context.author(access, gripper.robot_name))
 
@@ -351,7 +353,7 @@ def _assessment(situation: Situation) -> Assessment:
     return Assessment(
         situation.recognition,
         situation.memory,
-        situation.known,
+        situation.recognised,
         None if situation.pose is None else situation.pose.estimate,
         situation.chosen,
         _lies_flat(situation),

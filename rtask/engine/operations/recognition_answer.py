@@ -92,7 +92,7 @@ class Situation:
     observation: Observation
     recognition: Matches
     memory: Memory
-    known: RememberedObject | None
+    recognised: RememberedObject | None
     placement: Placement | None
     gripper: StoredGripper
     pose: ObjectPose | None = None
@@ -102,33 +102,33 @@ class Situation:
 
 def identity_of(situation: Situation) -> float:
     """Return the confidence in the identity, of the best match if none was accepted."""
-    known, matches = situation.known, situation.recognition.matches
-    if known is None:
+    recognised, matches = situation.recognised, situation.recognition.matches
+    if recognised is None:
         return float(matches[0].confidence) if matches else 0.0
-    found = [m for m in matches if m.object_iri == known.iri]
-    if not situation.recognition.accepted or not found:
+    object_matches = [m for m in matches if m.object_iri == recognised.iri]
+    if not situation.recognition.accepted or not object_matches:
         return 1.0
-    return float(found[0].confidence)
+    return float(object_matches[0].confidence)
 
 
 def fields_of(situation: Situation, max_grasps: int) -> dict[str, Any]:
     """Return the fields of the answer for a situation."""
-    seen, known = situation.observation, situation.known
+    seen, recognised = situation.observation, situation.recognised
     grasps = [_grasp(option, situation) for option in situation.chosen[:max_grasps]]
     first = situation.chosen[0] if situation.chosen else None
     if first is None:
-        kind = "no_grasp" if known else "unknown"
+        kind = "no_grasp" if recognised else "unknown"
     else:
         kind = "grasp" if first.remembered is not None else "candidate"
     top = dict(grasps[0]) if grasps else empty_grasp_message(seen.frame_id)
     shape = seen.shape
     return {
         "task_response": kind,
-        "object": known.iri if known else "",
-        "class_": known.short_id if known else "",
-        "class_iri": known.class_iri if known else "",
-        "label": known.label if known else "",
-        "confidence": 0.0 if known is None else identity_of(situation),
+        "object": recognised.iri if recognised else "",
+        "class_": recognised.short_id if recognised else "",
+        "class_iri": recognised.class_iri if recognised else "",
+        "label": recognised.label if recognised else "",
+        "confidence": 0.0 if recognised is None else identity_of(situation),
         "statistics": grasps[0].statistics if grasps else summary(0, 0),
         **{name: top[name] for name in GraspFields.model_fields},
         "grasps": grasps,
@@ -176,7 +176,7 @@ def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
     """Return one entry of ``grasps``."""
     assert option.choice is not None
     assert situation.observation.shape is not None
-    grasp, choice, known = option.grasp, option.choice, option.remembered
+    grasp, choice, recognised = option.grasp, option.choice, option.remembered
     support = float(situation.observation.shape.support_height)
     frame_id = situation.observation.frame_id or "base"
     hand = situation.gripper.gripper
@@ -194,7 +194,7 @@ def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
     return OfferedGrasp(
         **{**message, "id": option.id},
         kind=kind,
-        source="memory" if known is not None else "candidate",
+        source="memory" if recognised is not None else "candidate",
         **dict(zip(("x", "y", "z", "theta"), at, strict=True)),
         width=grasp.width,
         opening=option.opening,
@@ -202,7 +202,9 @@ def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
         interval90=list(choice.interval90),
         alpha=choice.alpha,
         beta=choice.beta,
-        statistics=summary(known.successes, known.attempts) if known else summary(0, 0),
+        statistics=summary(recognised.successes, recognised.attempts)
+        if recognised
+        else summary(0, 0),
         explanation=option.explanation,
         in_object=in_object,
         contacts=contact_messages(contacts),

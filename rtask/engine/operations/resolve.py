@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OfferedObject", "Reason", "ResolveRequest", "ResolvedRequest", "resolve_request"]
 
-_MAX_FOUND = 200
+_MAX_CANDIDATES = 200
 _MAX_ELSEWHERE = 3
 _MAX_SEEN = 100
 _EVER_S = 1e10
@@ -110,7 +110,7 @@ class ResolvedRequest(Answer):
 
 
 @dataclass(frozen=True)
-class Found:
+class ObjectCandidate:
     """An object that fits the request, visible or not.
 
     Parameters
@@ -159,32 +159,37 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     """Return a visible object that can be held, with its grasps, or the reasons for failure."""
     gripper = context.grippers.find(request.gripper_id, access)
     meant = meaning(context, request.wanted)
-    found: list[Found] = []
+    candidates: list[ObjectCandidate] = []
     memory = Memory()
     if meant.senses:
-        found = _found(context, meant, gripper, request)
+        candidates = _find_candidates(context, meant, gripper, request)
         is_jaws = gripper.gripper.contact_kind == "jaws"
-        things = tuple(sorted(one.iri for one in found))
-        memory = recall(context.kb, Question(objects=things, in_space=not is_jaws))
-        found = sorted((_known(one, memory, gripper, context) for one in found), key=_order)
+        iris = tuple(sorted(candidate.iri for candidate in candidates))
+        memory = recall(context.kb, Question(objects=iris, in_space=not is_jaws))
+        candidates = sorted(
+            (_with_memory(candidate, memory, gripper, context) for candidate in candidates),
+            key=_order,
+        )
     excluded = set(request.exclude)
     offered = [
-        one
-        for one in found
-        if one.is_seen and one.verdict.capability != "no" and one.iri not in excluded
+        candidate
+        for candidate in candidates
+        if candidate.is_seen
+        and candidate.verdict.capability != "no"
+        and candidate.iri not in excluded
     ]
     best = offered[0] if offered else None
-    known = (
+    remembered = (
         memory.objects.get(best.iri, RememberedObject(best.iri)) if best else RememberedObject("")
     )
-    reasons = _reasons(context, request.wanted, meant, found, excluded)
+    reasons = _reasons(context, request.wanted, meant, candidates, excluded)
     return ResolvedRequest(
         task_response="object" if best else "unmet",
         object=best.iri if best else "",
-        class_iri=known.class_iri,
-        label=known.label,
+        class_iri=remembered.class_iri,
+        label=remembered.label,
         grasps=_grasps(context, memory, best, gripper, request.max_grasps),
-        objects=[one.message() for one in offered],
+        objects=[candidate.message() for candidate in offered],
         reasons=reasons,
         understood={
             "classes": meant.terms("class"),
@@ -202,31 +207,35 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
 # Query
 
 
-def _found(
+def _find_candidates(
     context: Context, meant: Meaning, gripper: StoredGripper, request: ResolveRequest
-) -> list[Found]:
+) -> list[ObjectCandidate]:
     """Return the objects that fit the words, visible ones first; one query."""
     given = request.objects
     now = dt.datetime.now(dt.UTC)
     fresh = now - dt.timedelta(seconds=min(request.seen_within_s, _EVER_S))
-    known: set[str] = set()
-    found = []
+    seen_names: set[str] = set()
+    candidates = []
     for row in context.kb.select(_query(meant.senses, gripper, given)):
         name = str(row.value("object"))
-        known.add(name)
+        seen_names.add(name)
         if not row.value("fits"):
             continue
-        said, _, who = str(row.value("last") or "").partition(" ")
-        is_seen = name in given if given is not None else bool(said) and _time(said) >= fresh
+        last_seen, _, who = str(row.value("last") or "").partition(" ")
+        is_seen = (
+            name in given if given is not None else bool(last_seen) and _time(last_seen) >= fresh
+        )
         bounds = Bounds(*(_number(row, column) for column in ("width", "mass", "bound")))
         verdict = can_hold(gripper.gripper, bounds)
-        found.append(
-            Found(name, verdict, bounds, is_seen, said, who, _place(row), bool(row.value("able")))
+        candidates.append(
+            ObjectCandidate(
+                name, verdict, bounds, is_seen, last_seen, who, _place(row), bool(row.value("able"))
+            )
         )
     for name in given or ():
-        if iri(name).value not in known:
+        if iri(name).value not in seen_names:
             raise UnknownTermError(f"objects: the graph has no object {name}")
-    return found
+    return candidates
 
 
 def _query(senses: Sequence[Sense], gripper: StoredGripper, given: Sequence[str] | None) -> str:
@@ -259,7 +268,7 @@ WHERE {{
     BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
   }}
 }}
-GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MAX_FOUND + _MAX_SEEN}"""
+GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MAX_CANDIDATES + _MAX_SEEN}"""
 
 
 def _fitting(senses: Sequence[Sense]) -> str:
@@ -291,17 +300,19 @@ def _place(row: Row) -> dict[str, Any] | None:
 # Choice
 
 
-def _known(one: Found, memory: Memory, gripper: StoredGripper, context: Context) -> Found:
+def _with_memory(
+    candidate: ObjectCandidate, memory: Memory, gripper: StoredGripper, context: Context
+) -> ObjectCandidate:
     """Return an object with name, class and the probability of its most reliable grasp."""
-    known = memory.objects.get(one.iri, RememberedObject(one.iri))
+    remembered = memory.objects.get(candidate.iri, RememberedObject(candidate.iri))
     chances = [
         _chance(context, g)
-        for g in memory.of(one.iri)
+        for g in memory.of(candidate.iri)
         if g.gripper_type == gripper.gripper.gripper_type
     ]
-    label = known.label or local_name(one.iri)
+    label = remembered.label or local_name(candidate.iri)
     chance = max(chances, default=None)
-    return replace(one, label=label, class_iri=known.class_iri, chance=chance)
+    return replace(candidate, label=label, class_iri=remembered.class_iri, chance=chance)
 
 
 def _chance(context: Context, grasp: Remembered) -> float:
@@ -309,14 +320,18 @@ def _chance(context: Context, grasp: Remembered) -> float:
     return round(posterior(context.policy, grasp.prior, counts).mean, 6)
 
 
-def _order(one: Found) -> tuple[bool, bool, float, str]:
+def _order(candidate: ObjectCandidate) -> tuple[bool, bool, float, str]:
     """Return the sort key: visible first, proven first, then by the probability of a grasp."""
-    chance = 0.5 if one.chance is None else one.chance
-    return not one.is_seen, one.verdict.capability != "proven", -chance, one.iri
+    chance = 0.5 if candidate.chance is None else candidate.chance
+    return not candidate.is_seen, candidate.verdict.capability != "proven", -chance, candidate.iri
 
 
 def _grasps(
-    context: Context, memory: Memory, best: Found | None, gripper: StoredGripper, most: int
+    context: Context,
+    memory: Memory,
+    best: ObjectCandidate | None,
+    gripper: StoredGripper,
+    most: int,
 ) -> list[RecalledGrasp]:
     if best is None:
         return []
@@ -329,52 +344,63 @@ def _grasps(
 
 
 def _reasons(
-    context: Context, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
+    context: Context,
+    wanted: str,
+    meant: Meaning,
+    candidates: list[ObjectCandidate],
+    excluded: set[str],
 ) -> list[Reason]:
     """Return why the request is not met, or why other objects were not chosen."""
     if not meant.senses:
         near = f"; did you mean {meant.suggestions[0]!r}?" if meant.suggestions else ""
         return [_reason("no_such_kind", f"{wanted!r} names no kind and no use of things{near}")]
     reasons = []
-    seen = [one for one in found if one.is_seen]
+    seen = [candidate for candidate in candidates if candidate.is_seen]
     if not seen:
         text = f"{_asked(context, meant)}: nothing of that is seen"
         reasons.append(_reason("not_seen", text))
-    for one in seen:
-        if one.iri in excluded:
-            reasons.append(_reason("excluded", f"{one.label} was not wanted", one))
-        elif one.verdict.capability == "no":
-            reasons.append(_reason(one.verdict.code, f"{one.label} {one.verdict.text}", one))
-    unseen = [one for one in found if not one.is_seen]
-    latest = sorted(unseen, key=lambda one: one.seen, reverse=True)[:_MAX_ELSEWHERE]
-    reasons += [_reason("elsewhere", f"{one.label} {_last_seen(one)}", one) for one in latest]
-    if not found:
+    for candidate in seen:
+        if candidate.iri in excluded:
+            reasons.append(_reason("excluded", f"{candidate.label} was not wanted", candidate))
+        elif candidate.verdict.capability == "no":
+            reasons.append(
+                _reason(
+                    candidate.verdict.code, f"{candidate.label} {candidate.verdict.text}", candidate
+                )
+            )
+    unseen = [candidate for candidate in candidates if not candidate.is_seen]
+    latest = sorted(unseen, key=lambda candidate: candidate.seen, reverse=True)[:_MAX_ELSEWHERE]
+    reasons += [
+        _reason("elsewhere", f"{candidate.label} {_last_seen(candidate)}", candidate)
+        for candidate in latest
+    ]
+    if not candidates:
         reasons.append(_reason("none_known", f"{_asked(context, meant)}: the graph knows none"))
     return reasons
 
 
-def _last_seen(one: Found) -> str:
-    if not one.seen:
+def _last_seen(candidate: ObjectCandidate) -> str:
+    if not candidate.seen:
         return "has never been looked at"
-    by = f" by {one.seen_by}" if one.seen_by else ""
-    said = f"was seen at {one.seen[:19]}Z{by}"
-    if one.place is None:
-        return said
-    x, y, z, frame = (one.place[name] for name in ("x", "y", "z", "frame_id"))
-    return f"{said}, at ({x:.2f}, {y:.2f}, {z:.2f}) of {frame}"
+    by = f" by {candidate.seen_by}" if candidate.seen_by else ""
+    clause = f"was seen at {candidate.seen[:19]}Z{by}"
+    if candidate.place is None:
+        return clause
+    x, y, z, frame = (candidate.place[name] for name in ("x", "y", "z", "frame_id"))
+    return f"{clause}, at ({x:.2f}, {y:.2f}, {z:.2f}) of {frame}"
 
 
-def _reason(code: str, text: str, one: Found | None = None) -> Reason:
+def _reason(code: str, text: str, candidate: ObjectCandidate | None = None) -> Reason:
     return Reason(
         code=code,
         text=text,
-        object=one.iri if one else "",
-        label=one.label if one else "",
-        value=one.verdict.value if one else None,
-        limit=one.verdict.limit if one else None,
-        seen=one.seen if one else "",
-        seen_by=one.seen_by if one else "",
-        place=one.place if one else None,
+        object=candidate.iri if candidate else "",
+        label=candidate.label if candidate else "",
+        value=candidate.verdict.value if candidate else None,
+        limit=candidate.verdict.limit if candidate else None,
+        seen=candidate.seen if candidate else "",
+        seen_by=candidate.seen_by if candidate else "",
+        place=candidate.place if candidate else None,
     )
 
 
@@ -394,7 +420,7 @@ def _asked(context: Context, meant: Meaning) -> str:
 
 
 def _sentence(
-    context: Context, meant: Meaning, best: Found | None, reasons: Sequence[Reason]
+    context: Context, meant: Meaning, best: ObjectCandidate | None, reasons: Sequence[Reason]
 ) -> str:
     """Return the answer in words."""
     if best is None:
@@ -402,22 +428,24 @@ def _sentence(
     chance = "no grasp of it is known yet"
     if best.chance is not None:
         chance = f"its surest grasp holds with a chance of {best.chance:.2f}"
-    said = f"{best.label} is {_asked(context, meant)}; it {best.verdict.text}; {chance}"
+    sentence = f"{best.label} is {_asked(context, meant)}; it {best.verdict.text}; {chance}"
     over = f"; not understood: {', '.join(meant.ignored)}" if meant.ignored else ""
-    return said + over
+    return sentence + over
 
 
-def _proof(context: Context, meant: Meaning, best: Found, gripper: StoredGripper) -> list[str]:
+def _proof(
+    context: Context, meant: Meaning, best: ObjectCandidate, gripper: StoredGripper
+) -> list[str]:
     """Return the lines of a proof that the object fits and that the robot can hold it."""
-    thing = iri(best.iri)
+    object_iri = iri(best.iri)
     lines = []
     for sense in meant.senses:
         predicate = RDF.type if sense.kind == "class" else RT.hasFunction
-        held = [t for t in sense.terms if context.kb.match(thing, predicate, iri(t))]
+        held = [t for t in sense.terms if context.kb.match(object_iri, predicate, iri(t))]
         for term in held[:1]:
-            lines += proof_lines(context.kb, thing, predicate, iri(term))
+            lines += proof_lines(context.kb, object_iri, predicate, iri(term))
     if best.can_grasp:
-        lines += proof_lines(context.kb, gripper.robot, RT.canGrasp, thing)
+        lines += proof_lines(context.kb, gripper.robot, RT.canGrasp, object_iri)
     return lines
 
 
@@ -433,5 +461,5 @@ def proof_lines(kb: GraphCore, subject: NamedNode, predicate: NamedNode, value: 
         return [f"{subject} {predicate} {value} asserted in {where}"]
     if not kb.reasons:
         return []
-    found = kb.explain(subject, predicate, value)
-    return [] if found.holds is False else found.render().splitlines()
+    explanation = kb.explain(subject, predicate, value)
+    return [] if explanation.holds is False else explanation.render().splitlines()

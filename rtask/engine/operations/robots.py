@@ -140,16 +140,16 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
         graph = context.kb.graphs.agent(name)
         robot = context.kb.graphs.agent_iri(name)
         triples = _robot_triples(context, robot, request)
-        wanted = {stored_quad(Quad(s, p, object_term(v), graph)) for s, p, v in triples}
+        stated = {stored_quad(Quad(s, p, object_term(v), graph)) for s, p, v in triples}
         present: set[Quad] = set()
-        for subject in {quad.subject for quad in wanted}:
+        for subject in {quad.subject for quad in stated}:
             present.update(context.kb.match(subject, graph=graph))
-        replaced = {(quad.subject, quad.predicate) for quad in wanted}
-        outdated = {q for q in present - wanted if (q.subject, q.predicate) in replaced}
+        replaced = {(quad.subject, quad.predicate) for quad in stated}
+        outdated = {q for q in present - stated if (q.subject, q.predicate) in replaced}
         with context.kb.transaction(access=author, note=f"register {name}") as tx:
             for quad in outdated:
                 tx.remove(quad.subject, quad.predicate, quad.object)
-            tx.add_quads(wanted - present)
+            tx.add_quads(stated - present)
         changed = tx.commit.added or tx.commit.removed
     return RegisteredRobot(
         robot=robot.value,

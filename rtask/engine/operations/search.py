@@ -124,11 +124,11 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
 
 def match_message(match: Match, memory: Memory) -> dict[str, Any]:
     """Return a match in the form used in messages."""
-    known = memory.objects[match.object_iri]
+    remembered = memory.objects[match.object_iri]
     return {
         "object": match.object_iri,
-        "class_iri": known.class_iri,
-        "label": known.label,
+        "class_iri": remembered.class_iri,
+        "label": remembered.label,
         "confidence": float(match.confidence),
         "inliers": int(match.inliers),
         "difference": None if match.difference is None else {
@@ -144,27 +144,27 @@ def similar_objects(
     """Return the matches with the position of each object's best grasp, or nulls without one."""
     answer = []
     for match in recognition.matches:
-        known = memory.objects.get(match.object_iri)
-        if known is None:
+        remembered = memory.objects.get(match.object_iri)
+        if remembered is None:
             continue
         at: dict[str, Any] = {}
-        best = best_grasp(memory.of(known.iri))
-        placement = place(seen, known.is_round)
+        best = best_grasp(memory.of(remembered.iri))
+        placement = place(seen, remembered.is_round)
         if best is not None and placement is not None:
             x, y, theta = placement.to_frame(best.x, best.y, best.theta)
             z = float(placement.frame_from_object[2, 3]) + best.z
             at = {"X": x, "Y": y, "Z": z, "rad": theta, "grasp": best.grasp}
-        answer.append(_entry(known, float(match.confidence), **at))
+        answer.append(_entry(remembered, float(match.confidence), **at))
     return answer
 
 
-def _entry(known: RememberedObject, confidence: float, **at: Any) -> SimilarObject:
+def _entry(remembered: RememberedObject, confidence: float, **at: Any) -> SimilarObject:
     """Return an entry of the answer, with the position of its best grasp or nulls."""
     return SimilarObject(
-        class_=known.short_id,
-        class_iri=known.class_iri,
-        object=known.iri,
-        label=known.label,
+        class_=remembered.short_id,
+        class_iri=remembered.class_iri,
+        object=remembered.iri,
+        label=remembered.label,
         confidence=confidence,
         **{**dict.fromkeys(("X", "Y", "Z", "rad", "grasp")), **at},
     )
@@ -179,7 +179,7 @@ def best_grasp(grasps: list[Remembered]) -> Remembered | None:
     )
 
 
-def look_alikes(context: Context, thing: NamedNode, description: str | None) -> SimilarObjects:
+def look_alikes(context: Context, object_iri: NamedNode, description: str | None) -> SimilarObjects:
     """Return the other objects that look like a stored one, best first; write nothing.
 
     Its newest view is compared as if the object itself were not stored, since it would match
@@ -202,11 +202,11 @@ def look_alikes(context: Context, thing: NamedNode, description: str | None) -> 
         suggestions = context.classes.suggestions(description)
         return SimilarObjects(similar_objects=[], suggestions=suggestions)
     snapshot = context.views.index.snapshot()
-    found = [
+    candidates = [
         (candidate, snapshot.object_iris[candidate.object_number])
-        for candidate in context.views.recogniser.gather(_newest(context, thing), snapshot)
+        for candidate in context.views.recogniser.gather(_newest(context, object_iri), snapshot)
     ]
-    others = [(candidate, name) for candidate, name in found if name != thing.value]
+    others = [(candidate, name) for candidate, name in candidates if name != object_iri.value]
     constants = context.views.recogniser.params.confidence
     sure = confidences([candidate.evidence for candidate, _ in others], constants)
     question = Question(
@@ -221,11 +221,11 @@ def look_alikes(context: Context, thing: NamedNode, description: str | None) -> 
     return SimilarObjects(similar_objects=similar, suggestions=[])
 
 
-def _newest(context: Context, thing: NamedNode) -> ViewFeatures:
+def _newest(context: Context, object_iri: NamedNode) -> ViewFeatures:
     """Return the features of an object's newest view; names of views sort by age."""
-    for quad in sorted(context.kb.match(thing, RT.hasView), key=str, reverse=True):
+    for quad in sorted(context.kb.match(object_iri, RT.hasView), key=str, reverse=True):
         assert isinstance(quad.object, NamedNode)
         features = view_features(context.kb, quad.object)
         if features is not None:
             return features
-    raise UnknownTermError(f"object: no view of {thing.value} can be compared", field="object")
+    raise UnknownTermError(f"object: no view of {object_iri.value} can be compared", field="object")

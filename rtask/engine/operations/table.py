@@ -46,7 +46,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     compare_contributors,
     withdraw_contributor,
 )
-OPERATIONS: Mapping[str, Operation[Any, Any]] = {one.name: one for one in _ALL}
+OPERATIONS: Mapping[str, Operation[Any, Any]] = {operation.name: operation for operation in _ALL}
 """All operations by name."""
 
 

@@ -78,9 +78,9 @@ def teach_object(context: Context, request: TeachObject, access: Access) -> Taug
 
 def _search(context: Context, request: TeachObject, access: Access) -> Taught:
     if request.data is None and request.image is None and request.object:
-        thing = object_meant(context, request.object, "object")
-        return Taught(**look_alikes(context, thing, request.class_description))
-    _wanted(request, "class_description", *_look_fields(request))
+        object_iri = object_meant(context, request.object, "object")
+        return Taught(**look_alikes(context, object_iri, request.class_description))
+    _require(request, "class_description", *_look_fields(request))
     names = (*Look.model_fields, "class_description")
     asked = read(SearchObject, {name: getattr(request, name) for name in names})
     return Taught(**search_object(context, asked, access))
@@ -89,7 +89,7 @@ def _search(context: Context, request: TeachObject, access: Access) -> Taught:
 def _teach(context: Context, request: TeachObject, access: Access) -> Taught:
     if request.data is None and request.image is None and request.object:
         return _name(context, request, access)
-    _wanted(request, "class_description", *_look_fields(request))
+    _require(request, "class_description", *_look_fields(request))
     names = (*Look.model_fields, "class_description", "name", "task_id")
     item = read(NewObject, {name: getattr(request, name) for name in names})
     author = context.author(access, request.operator, "teacher")
@@ -101,15 +101,15 @@ def _name(context: Context, request: TeachObject, access: Access) -> Taught:
     """Name a stored object."""
     author = author_of(context, request.operator, access)
     with context.writing:
-        thing = object_meant(context, request.object, "object")
-        done = name_object(context, thing, request.class_description, request.name, author)
+        object_iri = object_meant(context, request.object, "object")
+        done = name_object(context, object_iri, request.class_description, request.name, author)
     commit = context.commit_id(done) if done.added or done.removed else ""
-    known = recall(context.kb, Question(objects=(thing.value,))).objects[thing.value]
+    remembered = recall(context.kb, Question(objects=(object_iri.value,))).objects[object_iri.value]
     entry = InsertedObject(
-        object=thing.value,
-        class_=known.short_id,
-        class_iri=known.class_iri,
-        label=known.label,
+        object=object_iri.value,
+        class_=remembered.short_id,
+        class_iri=remembered.class_iri,
+        label=remembered.label,
         grasp="",
         view="",
         new=False,
@@ -128,18 +128,18 @@ def _name(context: Context, request: TeachObject, access: Access) -> Taught:
 def _judge(context: Context, request: TeachObject, access: Access, held: bool) -> Taught:
     """Store a person's verdict on a grasp, whatever the robot reported."""
     names = ("task_id", "object", "grasp", "operator", "comment")
-    said = {name: getattr(request, name) for name in names}
-    told = give_feedback(
-        context, read(GiveFeedback, {**said, "verdict": "correct", "held": held}), access
+    fields = {name: getattr(request, name) for name in names}
+    feedback = give_feedback(
+        context, read(GiveFeedback, {**fields, "verdict": "correct", "held": held}), access
     )
     return Taught(
         similar_objects=[],
         suggestions=[],
         objects=[],
-        stored=told.stored,
-        commit=told.commit,
-        grasp=told.grasp,
-        statistics=told.statistics,
+        stored=feedback.stored,
+        commit=feedback.commit,
+        grasp=feedback.grasp,
+        statistics=feedback.statistics,
     )
 
 
@@ -148,8 +148,8 @@ def _look_fields(request: TeachObject) -> tuple[str, ...]:
     return () if request.image is not None else ("data",)
 
 
-def _wanted(request: TeachObject, *names: str) -> None:
+def _require(request: TeachObject, *names: str) -> None:
     for name in names:
         if getattr(request, name) is None:
-            said = f"{name} is missing: {request.operation} needs it"
-            raise UsageError(said, field=name)
+            reason = f"{name} is missing: {request.operation} needs it"
+            raise UsageError(reason, field=name)

@@ -131,13 +131,16 @@ def plan_in_view(
     if not len(view.points):
         return Proposals(reason="nothing is seen on the table, or within the region")
     if isinstance(gripper, OtherHand):
-        told = options or SceneOptions()
-        wanted = SpatialOptions(
-            noise=told.noise, samples=told.samples, seed=told.seed, most=told.most
+        scene_options = options or SceneOptions()
+        spatial_options = SpatialOptions(
+            noise=scene_options.noise,
+            samples=scene_options.samples,
+            seed=scene_options.seed,
+            most=scene_options.most,
         )
         return plan_contacts_on_scene(
             view.points, view.labels, gripper, Support(view.table_height),
-            view.viewpoint[None], wanted,
+            view.viewpoint[None], spatial_options,
         )  # fmt: skip
     assert isinstance(gripper, ParallelGripper)
     return plan_on_scene(

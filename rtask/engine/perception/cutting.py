@@ -40,7 +40,7 @@ def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None
 def _params(preset: str) -> SegmentParams | None:
     from features.segmentation import SegmentParams
 
-    known: dict[str, Any] = {
+    presets: dict[str, Any] = {
         "auto": lambda: None,
         "default": SegmentParams,
         "near": SegmentParams.near,
@@ -48,5 +48,5 @@ def _params(preset: str) -> SegmentParams | None:
         "components": lambda: SegmentParams(method="components", tolerance_deg=12),
         "euclidean": lambda: SegmentParams(method="euclidean"),
     }
-    params: SegmentParams | None = known[preset]()
+    params: SegmentParams | None = presets[preset]()
     return params

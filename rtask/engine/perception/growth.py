@@ -71,7 +71,7 @@ class Growth:
 
 def grow(
     models: Models,
-    thing: NamedNode | None,
+    object_iri: NamedNode | None,
     seen: Observation,
     object_from_camera: NDArray[np.float64] | None,
     view: NamedNode,
@@ -92,24 +92,24 @@ def grow(
 
     if object_from_camera is None or seen.shape is None:
         return None
-    known = None if thing is None else models.of(thing)
-    if known is not None and view.value in known[0].views:
+    stored = None if object_iri is None else models.of(object_iri)
+    if stored is not None and view.value in stored[0].views:
         return None
-    before = ObjectModel() if known is None else known[1]
-    if known is not None and not _stands(seen, object_from_camera):
+    before = ObjectModel() if stored is None else stored[1]
+    if stored is not None and not _stands(seen, object_from_camera):
         log.info("view %s shows the model above or below the table", view.value)
         return None
-    found = _extended(before, surrounded(seen)[0], object_from_camera, view.value)
-    if found is None:
+    extended = _extended(before, surrounded(seen)[0], object_from_camera, view.value)
+    if extended is None:
         return None
     try:
         # Prepared now rather than while a caller waits for a pose; this also rejects models of
         # size no object has.
-        found[0].pose_model(is_round)
+        extended[0].pose_model(is_round)
     except ValueError as error:
         log.info("view %s gives no model: %s", view.value, error)
         return None
-    return Growth(*found, "" if known is None else known[0].blob)
+    return Growth(*extended, "" if stored is None else stored[0].blob)
 
 
 def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
@@ -144,11 +144,11 @@ def _extended(
     return grown, registration
 
 
-def posed_views(kb: GraphCore, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+def posed_views(kb: GraphCore, object_iri: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
     """Return the views of an object whose viewpoint is known, oldest first."""
-    views = {q.object for q in kb.match(thing, RT.hasView) if isinstance(q.object, NamedNode)}
-    found = [(view.value, viewpoint(kb, view)) for view in sorted(views, key=str)]
-    return [(view, pose) for view, pose in found if pose is not None]
+    views = {q.object for q in kb.match(object_iri, RT.hasView) if isinstance(q.object, NamedNode)}
+    poses = [(view.value, viewpoint(kb, view)) for view in sorted(views, key=str)]
+    return [(view, pose) for view, pose in poses if pose is not None]
 
 
 def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> ObjectModel | None:
@@ -170,8 +170,8 @@ def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> 
         # In the object's frame the table is the plane z = 0.
         plane = np.array([*pose[2, :3], pose[2, 3]]) if pose[2, 3] > 0 else None
         shown = with_table(frame, plane) if is_camera else frame
-        found = _extended(model, shown, pose, view)
-        model = model if found is None else found[0]
+        extended = _extended(model, shown, pose, view)
+        model = model if extended is None else extended[0]
     return None if model.is_empty else model
 
 
@@ -190,20 +190,22 @@ def rebuild_models(context: Context, progress: Progress | None = None) -> tuple[
     """
     kb = context.kb
     with context.writing:
-        things = {q.subject for q in kb.match(None, RT.hasView) if isinstance(q.subject, NamedNode)}
-        things |= {
+        objects = {
+            q.subject for q in kb.match(None, RT.hasView) if isinstance(q.subject, NamedNode)
+        }
+        objects |= {
             q.subject for q in kb.match(None, RT.hasModel) if isinstance(q.subject, NamedNode)
         }
         triples, made = Triples(), 0
         old: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
-        for number, thing in enumerate(sorted(things, key=str), 1):
-            old += old_models(kb, thing)
-            model = regrown(kb, posed_views(kb, thing))
+        for number, object_iri in enumerate(sorted(objects, key=str), 1):
+            old += old_models(kb, object_iri)
+            model = regrown(kb, posed_views(kb, object_iri))
             if model is not None:
-                state_model(context, triples, thing, model)
+                state_model(context, triples, object_iri, model)
                 made += 1
             if progress is not None:
-                progress(number, len(things))
+                progress(number, len(objects))
         rights = kb.access()
         with kb.transaction(note="rebuild models") as tx:
             for subject, predicate, value, graph in old:
@@ -214,14 +216,14 @@ def rebuild_models(context: Context, progress: Progress | None = None) -> tuple[
 
 
 def state_model(
-    context: Context, triples: Triples, thing: NamedNode, model: ObjectModel
+    context: Context, triples: Triples, object_iri: NamedNode, model: ObjectModel
 ) -> tuple[NamedNode, str]:
     """State a model with cloud and mesh; return its IRI and that of its stored blob."""
     from features.modelling import mesh_to_ply
 
     node = context.names.unique("model")
     cloud = context.kb.blobs.put(model.to_bytes(), _MODEL)
-    triples.add(thing, RT.hasModel, node)
+    triples.add(object_iri, RT.hasModel, node)
     triples.node(
         node,
         [RT.ObjectModel],
@@ -233,7 +235,7 @@ def state_model(
     if len(faces):
         mesh = iri(f"{node.value}/mesh")
         data = context.kb.blobs.put(mesh_to_ply(vertices, faces, colours), _MESH)
-        triples.add(thing, RT.hasFeature, mesh)
+        triples.add(object_iri, RT.hasFeature, mesh)
         triples.node(
             mesh,
             [RT.TriangleMesh],
@@ -244,19 +246,19 @@ def state_model(
 
 
 def old_models(
-    kb: GraphCore, thing: NamedNode, graph: NamedNode | None = None
+    kb: GraphCore, object_iri: NamedNode, graph: NamedNode | None = None
 ) -> list[tuple[NamedNode, NamedNode, Value, NamedNode]]:
     """Return the statements to withdraw for an object's models, in one graph or in all."""
-    found: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
-    for link in kb.match(thing, RT.hasModel, graph=graph):
+    quads: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
+    for link in kb.match(object_iri, RT.hasModel, graph=graph):
         model, where = link.object, link.graph_name
         if not isinstance(model, NamedNode) or not isinstance(where, NamedNode):
             continue
         mesh = iri(f"{model.value}/mesh")
-        found.append((thing, RT.hasModel, model, where))
-        found.append((thing, RT.hasFeature, mesh, where))
+        quads.append((object_iri, RT.hasModel, model, where))
+        quads.append((object_iri, RT.hasFeature, mesh, where))
         for node in (model, mesh):
-            found += [
+            quads += [
                 (node, quad.predicate, quad.object, where) for quad in kb.match(node, graph=where)
             ]
-    return found
+    return quads

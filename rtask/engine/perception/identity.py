@@ -50,13 +50,13 @@ def recognise(
     from features.recognition.fusion import fuse
 
     answers = [
-        _recognise_one(recogniser, one, policy, max_results, min_confidence, embeddings)
-        for one in (seen, *looks)
+        _recognise_view(recogniser, look, policy, max_results, min_confidence, embeddings)
+        for look in (seen, *looks)
     ]
     return fuse(answers, min_confidence=min_confidence if min_fused is None else min_fused)
 
 
-def _recognise_one(
+def _recognise_view(
     recogniser: Recogniser,
     seen: Observation,
     policy: Policy,
@@ -69,18 +69,18 @@ def _recognise_one(
     Other objects are counted first, so that one inserted by another robot meanwhile is ignored.
     """
     with_rivals = has_rivals(recogniser.index)
-    found = recogniser.recognise(
+    recognition = recogniser.recognise(
         seen.features, min_confidence=min_confidence, max_results=max_results
     )
-    if embeddings is not None and not found.accepted:
-        return embeddings.propose(found, seen, max_results, policy.suggestion)
-    if with_rivals or not found.accepted:
-        return found
-    first = found.matches[0]
+    if embeddings is not None and not recognition.accepted:
+        return embeddings.propose(recognition, seen, max_results, policy.suggestion)
+    if with_rivals or not recognition.accepted:
+        return recognition
+    first = recognition.matches[0]
     if first.by_print or first.inliers >= policy.inliers_when_alone:
-        return found
+        return recognition
     doubted = replace(first, confidence=min(first.confidence, policy.suggestion))
-    return replace(found, accepted=False, matches=(doubted, *found.matches[1:]))
+    return replace(recognition, accepted=False, matches=(doubted, *recognition.matches[1:]))
 
 
 def settle(
@@ -91,17 +91,17 @@ def settle(
     A match is removed if the object is not in the graph or its size differs. The answer stays
     accepted, and another view may decide, only if its first match remains.
     """
-    kept = tuple(
+    plausible = tuple(
         match
         for match in recognition.matches
         if match.object_iri in memory.objects
         and is_plausible(memory.objects[match.object_iri], seen, policy)
     )
-    is_first = bool(kept) and kept[0] is recognition.matches[0]
+    is_first = bool(plausible) and plausible[0] is recognition.matches[0]
     return replace(
         recognition,
         accepted=recognition.accepted and is_first,
-        matches=kept,
+        matches=plausible,
         ask_again=recognition.ask_again and is_first,
     )
 
@@ -111,8 +111,8 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
     if not recognition.matches:
         return "resembles no stored object"
     first = recognition.matches[0]
-    known = memory.objects.get(first.object_iri)
-    name = (known.label if known is not None else "") or first.object_iri
+    remembered = memory.objects.get(first.object_iri)
+    name = (remembered.label if remembered is not None else "") or first.object_iri
     if recognition.accepted:
         return f"is {name}"
     if recognition.differs:
@@ -124,17 +124,17 @@ def verdict(recognition: Recognition, memory: Memory) -> str:
     return f"may be {name}; another view may decide"
 
 
-def is_plausible(known: RememberedObject, seen: Observation, policy: Policy) -> bool:
+def is_plausible(remembered: RememberedObject, seen: Observation, policy: Policy) -> bool:
     """Tell whether the measured size can be that of a known object.
 
     The three extents are compared in order of size, since an object that has fallen over shows
     other sides. An object cut off by the border of the image may look smaller than it is, and one
     seen without a camera pose has no size.
     """
-    if known.size is None or seen.shape is None or not seen.is_posed:
+    if remembered.size is None or seen.shape is None or not seen.is_posed:
         return True
     here = np.sort([seen.shape.length, seen.shape.width, seen.shape.height])
-    there = np.sort(known.size)
+    there = np.sort(remembered.size)
     too_large = here > there * policy.size_gate + policy.size_gate_m
     too_small = here < there / policy.size_gate - policy.size_gate_m
     return not (too_large.any() or (too_small.any() and not seen.features.is_cut))

@@ -195,12 +195,12 @@ def frame_of_cloud(
 
 def shaded(depth_m: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Render depth as an image (h, w, 3): near is light, far is dark, the background white."""
-    known = mask & np.isfinite(depth_m) & (depth_m > 0)
+    is_measured = mask & np.isfinite(depth_m) & (depth_m > 0)
     grey = np.full(depth_m.shape, 255, np.uint8)
-    if known.any():
-        near, far = float(depth_m[known].min()), float(depth_m[known].max())
-        share = (far - depth_m[known]) / max(far - near, 1e-6)
-        grey[known] = np.rint(40 + 180 * share).astype(np.uint8)
+    if is_measured.any():
+        near, far = float(depth_m[is_measured].min()), float(depth_m[is_measured].max())
+        share = (far - depth_m[is_measured]) / max(far - near, 1e-6)
+        grey[is_measured] = np.rint(40 + 180 * share).astype(np.uint8)
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 

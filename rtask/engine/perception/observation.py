@@ -83,10 +83,10 @@ class Looks(Look):
 def observe_once(context: Context, request: OptionalLook, where: str = "") -> Observation:
     """Return the observation of a request, decoded at most once; see :func:`observe`."""
     key = _digest(request)
-    known = context.observations.get(key)
-    if known is not None:
-        known.seconds.update(decode_s=0.0, extraction_s=0.0)
-        return known
+    cached = context.observations.get(key)
+    if cached is not None:
+        cached.seconds.update(decode_s=0.0, extraction_s=0.0)
+        return cached
     made = observe(request, where)
     context.observations.put(key, made)
     return made
@@ -94,7 +94,7 @@ def observe_once(context: Context, request: OptionalLook, where: str = "") -> Ob
 
 def observe_all(context: Context, request: Looks) -> tuple[Observation, list[Observation]]:
     """Return the observation of a request, and its further looks."""
-    others = [observe_once(context, one, f"looks[{k}].") for k, one in enumerate(request.looks)]
+    others = [observe_once(context, look, f"looks[{k}].") for k, look in enumerate(request.looks)]
     return observe_once(context, request), others
 
 
@@ -240,8 +240,8 @@ def _guess(
     shape: TabletopShape | None, points: NDArray[np.float64]
 ) -> tuple[NamedNode, float] | None:
     """Return the class that a measured shape suggests, with a confidence."""
-    found = None if shape is None else classify_shape(shape, points)
-    return None if found is None else (getattr(RT, found[0]), found[1])
+    shape_class = None if shape is None else classify_shape(shape, points)
+    return None if shape_class is None else (getattr(RT, shape_class[0]), shape_class[1])
 
 
 def _digest(request: OptionalLook) -> str:
@@ -284,8 +284,10 @@ def viewpoint(kb: GraphCore, view: NamedNode) -> NDArray[np.float64] | None:
     for link in kb.match(view, RT.viewpoint):
         if not isinstance(link.object, NamedNode):
             continue
-        said = {q.predicate: python_value(q.object) for q in kb.match(link.object)}
-        numbers = [said.get(getattr(RT, name)) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+        properties = {q.predicate: python_value(q.object) for q in kb.match(link.object)}
+        numbers = [
+            properties.get(getattr(RT, name)) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")
+        ]
         if all(isinstance(number, float | int) for number in numbers):
             seven = np.array(numbers, dtype=np.float64)
             return np.asarray(matrix_from_pose(seven[:3], seven[3:]), dtype=np.float64)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["ObjectPose", "find_pose", "locate", "pose_fields"]
 
 # Bounded by work and not by time, so that the result does not depend on the machine's load.
-_STARTS, _KEPT, _POINTS = 160, 12, 800
+_STARTS, _MAX_REFINED, _POINTS = 160, 12, 800
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def locate(
     models: Models,
     seen: Observation,
     recognition: Recognition,
-    known: RememberedObject | None,
+    recognised: RememberedObject | None,
     memory: Memory,
 ) -> tuple[Placement | None, ObjectPose | None]:
     """Return the placement of an object, and its pose if stored data determine it.
@@ -80,18 +80,20 @@ def locate(
     The frame comes from an accepted pose, otherwise from a matching view, otherwise from the
     measured sides.
     """
-    if known is None:
+    if recognised is None:
         return place(seen), None
     if seen.object_pose is not None:
-        given, placement = _given(seen, seen.object_pose), place(seen, known.is_round)
+        given, placement = _given(seen, seen.object_pose), place(seen, recognised.is_round)
         return (placement and oriented(placement, given.frame_from_object)), given
-    match: Match | None = next((m for m in recognition.matches if m.object_iri == known.iri), None)
+    match: Match | None = next(
+        (m for m in recognition.matches if m.object_iri == recognised.iri), None
+    )
     query_from_view, viewpoint = None, None
     if match is not None and match.query_from_view is not None:
         query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
         viewpoint = memory.viewpoints.get(match.view_iri)
-    placement = place(seen, known.is_round, query_from_view, viewpoint)
-    pose = find_pose(models, seen, known, match, memory, placement)
+    placement = place(seen, recognised.is_round, query_from_view, viewpoint)
+    pose = find_pose(models, seen, recognised, match, memory, placement)
     if placement is not None and pose is not None and pose.accepted:
         placement = oriented(placement, pose.frame_from_object)
     return placement, pose
@@ -113,7 +115,7 @@ def _given(seen: Observation, frame_from_object: NDArray[np.float64]) -> ObjectP
 def find_pose(
     models: Models,
     seen: Observation,
-    known: RememberedObject | None,
+    recognised: RememberedObject | None,
     match: Match | None,
     memory: Memory,
     upright: Placement | None = None,
@@ -129,18 +131,18 @@ def find_pose(
     upright
         Upright pose derived from the measured sides; it is tried with each side in front.
     """
-    if known is None:
+    if recognised is None:
         return None
     viewpoint = None if match is None else memory.viewpoints.get(match.view_iri)
     movement = None if match is None else match.query_from_view
     matched = None
     if movement is not None and viewpoint is not None:
         matched = np.asarray(movement, np.float64) @ np.linalg.inv(viewpoint)
-    stored = models.of(iri(known.iri))
+    stored = models.of(iri(recognised.iri))
     if stored is not None:
-        model = stored[1].pose_model(known.is_round)
-        found = _against_model(seen, model, matched, upright)
-        return None if found is None else _posed(seen, found, "model", len(stored[0].views))
+        model = stored[1].pose_model(recognised.is_round)
+        estimate = _against_model(seen, model, matched, upright)
+        return None if estimate is None else _posed(seen, estimate, "model", len(stored[0].views))
     if matched is None or viewpoint is None or movement is None or match is None:
         return None
     return _against_view(models.kb, seen, match.view_iri, np.asarray(movement, np.float64),
@@ -157,13 +159,13 @@ def _against_model(
 
     frame, plane = surrounded(seen)
     labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
-    params = PoseParams(starts=_STARTS, keep=_KEPT, max_points=_POINTS, merge=False)
-    begun = _known_poses(seen, matched, upright)
+    params = PoseParams(starts=_STARTS, keep=_MAX_REFINED, max_points=_POINTS, merge=False)
+    begun = _stored_poses(seen, matched, upright)
     is_matched = matched is not None
     return estimate_pose(model, frame, labels, 1, params, plane, begun, is_matched)
 
 
-def _known_poses(
+def _stored_poses(
     seen: Observation, matched: NDArray[np.float64] | None, upright: Placement | None
 ) -> NDArray[np.float64] | None:
     """Return the poses worth trying before any search, (k, 4, 4).
@@ -198,20 +200,20 @@ def _against_view(
     stored = stored_frame(kb, view)
     if stored is None:
         return None
-    found = estimate_pose_from_views(stored[0], surrounded(seen)[0], movement)
-    if found is None:
+    estimate = estimate_pose_from_views(stored[0], surrounded(seen)[0], movement)
+    if estimate is None:
         return None
-    pose = found.camera_from_object @ np.linalg.inv(object_from_view)
-    return _posed(seen, replace(found, camera_from_object=pose), "view", 1)
+    pose = estimate.camera_from_object @ np.linalg.inv(object_from_view)
+    return _posed(seen, replace(estimate, camera_from_object=pose), "view", 1)
 
 
-def _posed(seen: Observation, found: PoseEstimate, source: str, views: int) -> ObjectPose:
+def _posed(seen: Observation, estimate: PoseEstimate, source: str, views: int) -> ObjectPose:
     return ObjectPose(
-        camera_from_object=found.camera_from_object,
-        frame_from_object=seen.frame_from_camera @ found.camera_from_object,
-        confidence=found.confidence,
-        accepted=found.accepted,
-        estimate=found,
+        camera_from_object=estimate.camera_from_object,
+        frame_from_object=seen.frame_from_camera @ estimate.camera_from_object,
+        confidence=estimate.confidence,
+        accepted=estimate.accepted,
+        estimate=estimate,
         source=source,
         views=views,
     )
@@ -223,22 +225,22 @@ def pose_fields(pose: ObjectPose | None, seen: Observation) -> dict[str, Any]:
 
     if pose is None:
         return {"pose": None, "pose_confidence": 0.0, "pose_accepted": False}
-    found = pose.estimate
+    estimate = pose.estimate
     return {
         "pose": {
             "camera_from_object": pose_message(pose.camera_from_object),
             "frame_from_object": pose_message(pose.frame_from_object) if seen.is_posed else None,
-            "fit": found.fit,
-            "violation": found.violation,
-            "coverage": found.coverage,
-            "ambiguous": found.ambiguous,
-            "symmetric_axes": found.symmetric_axes.tolist(),
+            "fit": estimate.fit,
+            "violation": estimate.violation,
+            "coverage": estimate.coverage,
+            "ambiguous": estimate.ambiguous,
+            "symmetric_axes": estimate.symmetric_axes.tolist(),
             "alternatives": [
                 {
                     "camera_from_object": pose_message(other.camera_from_object),
                     "score": other.score,
                 }
-                for other in found.alternatives[:2]
+                for other in estimate.alternatives[:2]
             ],
             "source": pose.source,
             "views": pose.views,

@@ -63,7 +63,7 @@ class Attempt:
     """
 
     attempt: NamedNode
-    thing: NamedNode
+    object_iri: NamedNode
     grasp: NamedNode
     gripper: StoredGripper
     task: NamedNode
@@ -80,7 +80,7 @@ class Attempt:
 
 
 def find_grasp(
-    context: Context, thing: NamedNode, gripper_type: str, grasp: Received
+    context: Context, object_iri: NamedNode, gripper_type: str, grasp: Received
 ) -> NamedNode | None:
     """Return the stored grasp of an object that equals the given one, or None."""
     if grasp.in_object is None:
@@ -90,8 +90,8 @@ def find_grasp(
         rotation = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT * WHERE {{
-  {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
-  ?pose rt:inFrame {body_frame(context, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {rotation}
+  {object_iri} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
+  ?pose rt:inFrame {body_frame(context, object_iri)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {rotation}
   OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
   FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
     x, y, z, _ = grasp.in_object
@@ -129,7 +129,7 @@ def _angle_between(grasp: Received, there: Mapping[str, Any]) -> float:
 
 
 def state_grasp(
-    context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received,
+    context: Context, triples: Triples, object_iri: NamedNode, gripper_type: str, grasp: Received,
     derived_from: NamedNode | None = None,
 ) -> NamedNode:  # fmt: skip
     """Add a new grasp of an object and return its IRI."""
@@ -138,7 +138,7 @@ def state_grasp(
     x, y, z, theta = grasp.in_object
     node = context.names.counted("grasp")
     pose = iri(node.value + "/pose")
-    triples.add(thing, RT.hasGrasp, node)
+    triples.add(object_iri, RT.hasGrasp, node)
     triples.node(
         node,
         [*_classes(grasp), RT.GraspCandidate],
@@ -154,13 +154,18 @@ def state_grasp(
     )
     if grasp.orientation is not None:
         at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.orientation))
-        triples.pose(pose, body_frame(context, thing), np.asarray(at, dtype=np.float64))
-        _state_contacts(triples, node, grasp, body_frame(context, thing))
+        triples.pose(pose, body_frame(context, object_iri), np.asarray(at, dtype=np.float64))
+        _state_contacts(triples, node, grasp, body_frame(context, object_iri))
         return node
     triples.node(
         pose,
         [RT.PlanarPose],
-        {RT.inFrame: body_frame(context, thing), RT.x: float(x), RT.y: float(y), RT.z: float(z)},
+        {
+            RT.inFrame: body_frame(context, object_iri),
+            RT.x: float(x),
+            RT.y: float(y),
+            RT.z: float(z),
+        },
     )
     # Rounding 2 pi - 1e-9 up would leave [0, 2 pi).
     turned = round(wrap_2pi(theta), 6)
@@ -206,56 +211,60 @@ def quality_kind(grasp: Received) -> str:
     return PLANAR if grasp.orientation is None else SPATIAL
 
 
-def attempt_triples(context: Context, one: Attempt) -> Triples:
+def attempt_triples(context: Context, attempt: Attempt) -> Triples:
     """Return the triples of an attempt: its task, outcome, evidence and pictures."""
-    triples, report = Triples(), one.outcome.report
+    triples, report = Triples(), attempt.outcome.report
     outcome, feedback = context.names.unique("outcome"), context.names.unique("feedback")
-    robot, belief = one.gripper.robot, one.received.belief
+    robot, belief = attempt.gripper.robot, attempt.received.belief
     triples.node(
-        one.task,
-        [one.task_class],
+        attempt.task,
+        [attempt.task_class],
         {
-            RT.taskName: one.task_name,
+            RT.taskName: attempt.task_name,
             RT.assignedTo: robot,
-            RT.handles: one.thing,
-            RT.through: one.attempt,
+            RT.handles: attempt.object_iri,
+            RT.through: attempt.attempt,
         },
     )
     preset = report.preset
     triples.node(
-        one.attempt,
+        attempt.attempt,
         [RT.GraspAttempt],
         {
             RT.performedBy: robot,
-            RT.activates: one.gripper.iri,
-            RT.executesGrasp: one.grasp,
+            RT.activates: attempt.gripper.iri,
+            RT.executesGrasp: attempt.grasp,
             RT.hasOutcome: outcome,
-            RT.usedRecognition: one.recognition,
-            RT.requestId: one.request_id,
+            RT.usedRecognition: attempt.recognition,
+            RT.requestId: attempt.request_id,
             RT.simulated: None if preset is None else preset != "real",
             RT.attemptNumber: report.attempt_number,
             RT.candidateCount: report.candidate_count,
             RT.candidateRank: report.candidate_rank,
-            RT.analyticQuality: one.received.quality,
-            RT.qualityKind: None if one.received.quality is None else quality_kind(one.received),
+            RT.analyticQuality: attempt.received.quality,
+            RT.qualityKind: None
+            if attempt.received.quality is None
+            else quality_kind(attempt.received),
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
             RT.policyVersion: context.policy.version if belief else None,
             RT.approachTilt: report.approach_tilt,
-            RT.seed: one.seed if report.seed is None else report.seed,
-            PROV.startedAtTime: one.started,
-            PROV.endedAtTime: one.ended,
-            **{TIMES[k]: float(v) for k, v in sorted(one.times.items()) if v is not None},
+            RT.seed: attempt.seed if report.seed is None else report.seed,
+            PROV.startedAtTime: attempt.started,
+            PROV.endedAtTime: attempt.ended,
+            **{TIMES[k]: float(v) for k, v in sorted(attempt.times.items()) if v is not None},
         },
     )
     triples.node(
         outcome,
         [RT.GraspOutcome],
         {
-            RT.success: one.outcome.held,
-            RT.placed: one.outcome.placed,
-            RT.hasReason: reason(one.outcome.reason),
-            RT.placeReason: reason(one.outcome.place_reason) if one.outcome.place_reason else None,
+            RT.success: attempt.outcome.held,
+            RT.placed: attempt.outcome.placed,
+            RT.hasReason: reason(attempt.outcome.reason),
+            RT.placeReason: reason(attempt.outcome.place_reason)
+            if attempt.outcome.place_reason
+            else None,
             RT.hasFeedback: feedback,
         },
     )
@@ -263,7 +272,7 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
         feedback,
         [RT.PhysicsFeedback],
         {
-            RT.verdict: one.outcome.held,
+            RT.verdict: attempt.outcome.held,
             RT.preset: preset,
             RT.liftHeight: report.lifted_m,
             RT.slipDistance: report.slip,
@@ -274,14 +283,16 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.placeOffset: report.place_offset,
         },
     )
-    for comment in one.outcome.comments:
+    for comment in attempt.outcome.comments:
         triples.add(feedback, RT.comment, comment)
     if report.confirmed_by == "human":
         operator = report.operator or "operator"
-        said = Verdict(operator, one.outcome.held, one.ended)
-        state_verdict(context, triples, outcome, said, (int(said.held), int(not said.held)))
-    _state_pictures(context, triples, one)
-    _state_motion(context, triples, one)
+        verdict = Verdict(operator, attempt.outcome.held, attempt.ended)
+        state_verdict(
+            context, triples, outcome, verdict, (int(verdict.held), int(not verdict.held))
+        )
+    _state_pictures(context, triples, attempt)
+    _state_motion(context, triples, attempt)
     return triples
 
 
@@ -289,7 +300,7 @@ def state_verdict(
     context: Context,
     triples: Triples,
     outcome: NamedNode,
-    said: Verdict,
+    verdict: Verdict,
     votes: tuple[int, int],
 ) -> NamedNode:
     """Add a person's verdict on an outcome; the majority outweighs the robot's report.
@@ -299,18 +310,18 @@ def state_verdict(
     votes
         Numbers of people, this one included, who judge that it held and that it did not.
     """
-    person = context.kb.graphs.agent_iri(said.by, "teacher")
-    triples.node(person, [RT.Human], {RT.name: said.by})
+    person = context.kb.graphs.agent_iri(verdict.by, "teacher")
+    triples.node(person, [RT.Human], {RT.name: verdict.by})
     feedback = context.names.unique("feedback")
     triples.add(outcome, RT.hasFeedback, feedback)
     return triples.node(
         feedback,
         [RT.HumanFeedback],
         {
-            RT.verdict: said.held,
-            RT.saidReason: reason(said.reason) if said.reason else None,
-            RT.atTime: stamp(said.time),
-            RT.comment: said.comment or None,
+            RT.verdict: verdict.held,
+            RT.saidReason: reason(verdict.reason) if verdict.reason else None,
+            RT.atTime: stamp(verdict.time),
+            RT.comment: verdict.comment or None,
             RT.heldVotes: votes[0],
             RT.lostVotes: votes[1],
             PROV.wasAttributedTo: person,
@@ -318,26 +329,30 @@ def state_verdict(
     )
 
 
-def _state_motion(context: Context, triples: Triples, one: Attempt) -> None:
-    told = one.outcome.report.motion
-    if told is None:
+def _state_motion(context: Context, triples: Triples, attempt: Attempt) -> None:
+    reported_motion = attempt.outcome.report.motion
+    if reported_motion is None:
         return
     motion = Motion.of_rows(
-        told.joints, told.times, told.positions, told.commands, "outcome.motion"
+        reported_motion.joints,
+        reported_motion.times,
+        reported_motion.positions,
+        reported_motion.commands,
+        "outcome.motion",
     )
     blob = context.kb.blobs.put(motion.to_bytes(), MEDIA_TYPE)
     triples.node(
-        iri(f"{one.attempt.value}/motion"),
+        iri(f"{attempt.attempt.value}/motion"),
         [RT.JointTrajectory],
-        {RT.hasBlob: triples.blob(blob), PROV.wasGeneratedBy: one.attempt},
+        {RT.hasBlob: triples.blob(blob), PROV.wasGeneratedBy: attempt.attempt},
     )
 
 
-def _state_pictures(context: Context, triples: Triples, one: Attempt) -> None:
-    for k, picture in enumerate(one.outcome.report.images):
+def _state_pictures(context: Context, triples: Triples, attempt: Attempt) -> None:
+    for k, picture in enumerate(attempt.outcome.report.images):
         media_type, width, height = check_picture(picture.data, f"outcome.images[{k}].data")
         triples.node(
-            iri(f"{one.attempt.value}/image/{k + 1}"),
+            iri(f"{attempt.attempt.value}/image/{k + 1}"),
             [RT.ColorImage],
             {
                 RT.name: picture.phase,
@@ -345,6 +360,6 @@ def _state_pictures(context: Context, triples: Triples, one: Attempt) -> None:
                 RT.widthPx: width,
                 RT.heightPx: height,
                 RT.encoding: "rgb8",
-                PROV.wasGeneratedBy: one.attempt,
+                PROV.wasGeneratedBy: attempt.attempt,
             },
         )

@@ -109,36 +109,36 @@ SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
     raise UnknownTermError(f"unknown object {name!r}{hint}")
 
 
-def body_frame(context: Context, thing: NamedNode) -> NamedNode:
+def body_frame(context: Context, object_iri: NamedNode) -> NamedNode:
     """Return the frame that moves with an object, stored or to be stored."""
-    stored = [] if context.names.is_new(thing) else context.kb.match(thing, RT.bodyFrame)
+    stored = [] if context.names.is_new(object_iri) else context.kb.match(object_iri, RT.bodyFrame)
     for quad in stored:
         if isinstance(quad.object, NamedNode):
             return quad.object
-    return context.names.named("frame", f"object-{tail(thing)}")
+    return context.names.named("frame", f"object-{tail(object_iri)}")
 
 
-def stored_mass(context: Context, thing: str) -> float | None:
+def stored_mass(context: Context, object_iri: str) -> float | None:
     """Return the mass of an object, kg, or None if it is not known."""
-    for quad in context.kb.match(iri(thing), RT.mass):
+    for quad in context.kb.match(iri(object_iri), RT.mass):
         mass = float(str(python_value(object_term(quad.object))))
         return mass if mass > 0 else None
     return None
 
 
-def frame_id_of(context: Context, thing: str) -> str:
+def frame_id_of(context: Context, object_iri: str) -> str:
     """Return the name of an object's frame in messages."""
-    for quad in context.kb.match(body_frame(context, iri(thing)), RT.frameId):
+    for quad in context.kb.match(body_frame(context, iri(object_iri)), RT.frameId):
         return str(python_value(object_term(quad.object)))
-    return f"object/{tail(iri(thing))}"
+    return f"object/{tail(iri(object_iri))}"
 
 
-def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
+def state_frame(context: Context, triples: Triples, object_iri: NamedNode) -> None:
     """Add an object's frame unless it has one; objects from other sources may lack it."""
-    if context.names.is_new(thing) or not context.kb.match(thing, RT.bodyFrame):
-        frame = body_frame(context, thing)
-        triples.add(thing, RT.bodyFrame, frame)
-        triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(thing)}"})
+    if context.names.is_new(object_iri) or not context.kb.match(object_iri, RT.bodyFrame):
+        frame = body_frame(context, object_iri)
+        triples.add(object_iri, RT.bodyFrame, frame)
+        triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(object_iri)}"})
 
 
 def state_object(
@@ -192,7 +192,7 @@ def viewpoint_of(seen: Observation, placement: Placement) -> NDArray[np.float64]
     return np.asarray(pose, dtype=np.float64)
 
 
-def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sight) -> None:
+def state_view(context: Context, triples: Triples, object_iri: NamedNode, sight: Sight) -> None:
     """Add a view of an object: bytes, viewpoint, author and time."""
     seen = sight.observation
     triples.node(
@@ -200,13 +200,13 @@ def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sigh
         [RT.Observation],
         {
             SOSA.madeBySensor: sight.camera,
-            SOSA.hasFeatureOfInterest: thing,
+            SOSA.hasFeatureOfInterest: object_iri,
             SOSA.resultTime: sight.time,
             PROV.wasAssociatedWith: sight.agent,
             RT.requestId: sight.request_id,
         },
     )
-    triples.add(thing, RT.hasView, sight.view)
+    triples.add(object_iri, RT.hasView, sight.view)
     triples.node(sight.view, [RT.View], {PROV.wasDerivedFrom: sight.event})
     triples.add(sight.view, RT.atTime, stamp(sight.time))
     object_from_camera = sight.object_from_camera
@@ -215,7 +215,7 @@ def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sigh
     if object_from_camera is not None:
         pose = iri(sight.view.value + "/viewpoint")
         triples.add(sight.view, RT.viewpoint, pose)
-        triples.pose(pose, body_frame(context, thing), object_from_camera)
+        triples.pose(pose, body_frame(context, object_iri), object_from_camera)
     for name, kinds, properties in _contents(context, triples, seen):
         content = iri(f"{sight.view.value}/{name}")
         triples.add(sight.view, RT.viewContent, content)

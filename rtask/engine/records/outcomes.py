@@ -207,7 +207,7 @@ class Outcome:
         return started, ended
 
     @classmethod
-    def of(cls, report: OutcomeReport, known: frozenset[str], path: str) -> Outcome:
+    def of(cls, report: OutcomeReport, codes: frozenset[str], path: str) -> Outcome:
         """Interpret a reported outcome.
 
         The only reason of a success is ``ok``; a later failure becomes a comment. An unknown code
@@ -223,11 +223,11 @@ class Outcome:
         if held:
             if code not in (None, "ok"):
                 comments.append(f"after holding: {code}")
-                after = code if code in known and report.placed is False else ""
+                after = code if code in codes and report.placed is False else ""
             code = "ok"
         elif code == "ok":
             raise UsageError(f"{path}.reason: a failure cannot have the reason ok", field=path)
-        elif code is None or code not in known:
+        elif code is None or code not in codes:
             if code is not None:
                 log.warning("unknown reason code %r is kept as a comment", code)
                 comments.append(code)

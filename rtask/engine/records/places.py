@@ -91,7 +91,7 @@ class Sighting:
         IRI of the estimate; None for a new one.
     """
 
-    thing: NamedNode
+    object_iri: NamedNode
     located: Located
     robot: NamedNode
     agent: NamedNode
@@ -164,48 +164,48 @@ def state_seen(
     list
         Statements to be withdrawn: the oldest estimates, and that the robot holds the object.
     """
-    thing, found = sighting.thing, sighting.located
-    frame = state_frame_of(Triples(), sighting.robot, found.frame_id)
-    is_new = context.names.is_new(thing)
-    stored = [] if is_new else _estimates(context.kb, thing, sighting.graph)
-    last = next((one for one in stored if one.frame == frame), None)
+    object_iri, place = sighting.object_iri, sighting.located
+    frame = state_frame_of(Triples(), sighting.robot, place.frame_id)
+    is_new = context.names.is_new(object_iri)
+    stored = [] if is_new else _estimates(context.kb, object_iri, sighting.graph)
+    last = next((earlier for earlier in stored if earlier.frame == frame), None)
     if last is not None and (
-        sighting.time <= last.time or not (last.is_over or _has_moved(last, found))
+        sighting.time <= last.time or not (last.is_over or _has_moved(last, place))
     ):
         return []
-    state_frame_of(triples, sighting.robot, found.frame_id)
+    state_frame_of(triples, sighting.robot, place.frame_id)
     estimate = sighting.estimate or context.names.unique("pose-estimate")
     pose = iri(f"{estimate.value}/pose")
     triples.node(
         estimate,
         [RT.PoseEstimate],
         {
-            RT.poseOf: thing,
+            RT.poseOf: object_iri,
             RT.estimatedPose: pose,
-            RT.poseConfidence: float(np.clip(found.confidence, 0.0, 1.0)),
+            RT.poseConfidence: float(np.clip(place.confidence, 0.0, 1.0)),
             PROV.wasAttributedTo: sighting.agent,
             PROV.wasDerivedFrom: sighting.event,
             PROV.invalidatedAtTime: None if sighting.moved is None else stamp(sighting.moved),
         },
     )
-    triples.pose(pose, frame, found.frame_from_object)
+    triples.pose(pose, frame, place.frame_from_object)
     triples.add(pose, RT.atTime, stamp(sighting.time))
     hands = {gripper.iri for gripper in context.grippers.all()}
-    supports = () if is_new else _supports(context.kb, thing, sighting.graph)
+    supports = () if is_new else _supports(context.kb, object_iri, sighting.graph)
     withdrawn: list[tuple[NamedNode, NamedNode, Value]] = [
-        (thing, RT.locatedOn, support)
+        (object_iri, RT.locatedOn, support)
         for support in supports
         if support in hands or is_place_of(sighting.robot, support)
     ]
-    for one in stored[MAX_ESTIMATES - 1 :]:
-        withdrawn += _statements(context.kb, (one.iri, one.pose), sighting.graph)
+    for earlier in stored[MAX_ESTIMATES - 1 :]:
+        withdrawn += _statements(context.kb, (earlier.iri, earlier.pose), sighting.graph)
     return withdrawn
 
 
 def state_moved(
     context: Context,
     triples: Triples,
-    thing: NamedNode,
+    object_iri: NamedNode,
     gripper: StoredGripper,
     outcome: Outcome,
     ended: dt.datetime,
@@ -219,70 +219,74 @@ def state_moved(
     """
     if not may_have_moved(outcome):
         return []
-    for one in _estimates(context.kb, thing):
-        if not one.is_over and one.time <= ended:
-            triples.add(one.iri, PROV.invalidatedAtTime, stamp(ended))
+    for estimate in _estimates(context.kb, object_iri):
+        if not estimate.is_over and estimate.time <= ended:
+            triples.add(estimate.iri, PROV.invalidatedAtTime, stamp(ended))
     now = None
     if outcome.held and outcome.placed is None and not outcome.report.place:
         now = gripper.iri
     elif outcome.held and outcome.placed and outcome.report.place:
         now = place_iri(gripper.robot, outcome.report.place)
-    triples.add(thing, RT.locatedOn, now)
+    triples.add(object_iri, RT.locatedOn, now)
     return [
-        (thing, RT.locatedOn, support)
-        for support in _supports(context.kb, thing, graph)
+        (object_iri, RT.locatedOn, support)
+        for support in _supports(context.kb, object_iri, graph)
         if support != now
     ]
 
 
-def _has_moved(last: _Estimate, found: Located) -> bool:
-    before, now = last.frame_from_object, found.frame_from_object
+def _has_moved(last: _Estimate, place: Located) -> bool:
+    before, now = last.frame_from_object, place.frame_from_object
     if np.linalg.norm(now[:3, 3] - before[:3, 3]) > MOVED_M:
         return True
-    if found.is_round:
+    if place.is_round:
         cosine = before[:3, 2] @ now[:3, 2]
     else:
         cosine = (np.trace(before[:3, :3].T @ now[:3, :3]) - 1.0) / 2.0
     return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) > MOVED_RAD)
 
 
-def _estimates(kb: GraphCore, thing: NamedNode, graph: NamedNode | None = None) -> list[_Estimate]:
+def _estimates(
+    kb: GraphCore, object_iri: NamedNode, graph: NamedNode | None = None
+) -> list[_Estimate]:
     """Return the estimates of an object's pose in one graph or in all, latest first.
 
     They are looked up by pattern, since a decision asks the graph only one query.
     """
-    found = {}
-    for link in kb.match(None, RT.poseOf, thing, graph):
+    estimates = {}
+    for link in kb.match(None, RT.poseOf, object_iri, graph):
         if isinstance(link.subject, NamedNode):
             for target in kb.match(link.subject, RT.estimatedPose, None, graph):
-                one = _estimate(kb, link.subject, target.object)
-                if one is not None:
-                    found[one.iri] = one
-    return sorted(found.values(), key=lambda one: (one.time, one.iri.value), reverse=True)
+                estimate = _estimate(kb, link.subject, target.object)
+                if estimate is not None:
+                    estimates[estimate.iri] = estimate
+    return sorted(
+        estimates.values(), key=lambda estimate: (estimate.time, estimate.iri.value), reverse=True
+    )
 
 
 def _estimate(kb: GraphCore, estimate: NamedNode, pose: object) -> _Estimate | None:
     """Return an estimate, or None if frame, time or a number is missing."""
     if not isinstance(pose, NamedNode):
         return None
-    told = {quad.predicate: quad.object for quad in kb.match(pose)}
-    frame = told.get(RT.inFrame)
-    if not isinstance(frame, NamedNode) or not {RT.atTime, *_POSITION, *_TURN} <= told.keys():
+    properties = {quad.predicate: quad.object for quad in kb.match(pose)}
+    frame = properties.get(RT.inFrame)
+    if not isinstance(frame, NamedNode) or not {RT.atTime, *_POSITION, *_TURN} <= properties.keys():
         return None
     position, turn = (
-        np.array([float(str(python_value(told[name]))) for name in names])
+        np.array([float(str(python_value(properties[name]))) for name in names])
         for names in (_POSITION, _TURN)
     )
     at = np.asarray(matrix_from_pose(position, turn), np.float64)
-    time = dt.datetime.fromisoformat(str(python_value(told[RT.atTime])))
+    time = dt.datetime.fromisoformat(str(python_value(properties[RT.atTime])))
     time = time if time.tzinfo else time.replace(tzinfo=dt.UTC)
     return _Estimate(
         estimate, pose, frame, time, at, bool(kb.match(estimate, PROV.invalidatedAtTime))
     )
 
 
-def _supports(kb: GraphCore, thing: NamedNode, graph: NamedNode) -> list[NamedNode]:
-    quads = kb.match(thing, RT.locatedOn, None, graph)
+def _supports(kb: GraphCore, object_iri: NamedNode, graph: NamedNode) -> list[NamedNode]:
+    quads = kb.match(object_iri, RT.locatedOn, None, graph)
     return [quad.object for quad in quads if isinstance(quad.object, NamedNode)]
 
 

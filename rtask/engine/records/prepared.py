@@ -100,7 +100,7 @@ class Prepared:
     item: NewObject
     where: str
     seen: Observation
-    known: RememberedObject | None
+    existing: RememberedObject | None
     placement: Placement | None
     gripper: StoredGripper | None
     grasp: Received | None
@@ -152,22 +152,22 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     # Grasps of other objects of the class are no part of an insertion.
     memory = recall(context.kb, replace(question, classes=()))
     recognition = settle(recognition, memory, seen, context.policy)
-    known = None
+    existing = None
     if item.object:
-        known = memory.objects.get(item.object)
-        if known is None:
+        existing = memory.objects.get(item.object)
+        if existing is None:
             raise UnknownTermError(f"the graph has no object {item.object}")
     elif item.merge and recognition.accepted and (kinds or not item.class_description):
-        known = memory.objects.get(recognition.matches[0].object_iri)
-    if known is not None and _is_view_alone(item):
-        same = _view_with(context, iri(known.iri), seen.data)
+        existing = memory.objects.get(recognition.matches[0].object_iri)
+    if existing is not None and _is_view_alone(item):
+        same = _view_with(context, iri(existing.iri), seen.data)
         if same:
-            return Repeated(item.task_id or "", Earlier(known.iri, view=same), gripper)
+            return Repeated(item.task_id or "", Earlier(existing.iri, view=same), gripper)
     resembles = None
-    if known is None and item.merge and recognition.ask_again:
+    if existing is None and item.merge and recognition.ask_again:
         first = recognition.matches[0]
         resembles = memory.objects[first.object_iri], float(first.confidence)
-    placement, pose = locate(context.models, seen, recognition, known, memory)
+    placement, pose = locate(context.models, seen, recognition, existing, memory)
     decision = context.decisions.get(item.task_id)
     grasp = _grasp(item, where)
     if grasp is not None:
@@ -179,34 +179,34 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
             "register it with register_robot", field=where + "gripper_id",
         )  # fmt: skip
     view = context.names.unique("view")
-    is_alike = known is None or is_plausible(known, seen, context.policy)
+    is_alike = existing is None or is_plausible(existing, seen, context.policy)
     is_round = placement is not None and placement.is_round
     growth = grow(
-        context.models, None if known is None else iri(known.iri), seen,
-        _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
+        context.models, None if existing is None else iri(existing.iri), seen,
+        _viewpoint(seen, existing, placement, pose) if is_alike else None, view, is_round,
     )  # fmt: skip
     embeddings = context.views.embeddings
     vector = None if embeddings is None else embeddings.vector_of(seen)
     # The robot says which object it is, or this view defines a new one; else it was recognised.
-    is_given = known is None or item.object is not None
+    is_given = existing is None or item.object is not None
     place = located(
         seen, item.frame_id, placement, pose,
         1.0 if is_given else float(recognition.matches[0].confidence), is_round,
     )  # fmt: skip
     return Prepared(
-        item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation,
+        item, where, seen, existing, placement, gripper, grasp, outcome, view, growth, generation,
         vector, place, resembles,
     )  # fmt: skip
 
 
 def _viewpoint(
     seen: Observation,
-    known: RememberedObject | None,
+    existing: RememberedObject | None,
     placement: Placement | None,
     pose: ObjectPose | None,
 ) -> NDArray[np.float64] | None:
     """Return the pose of the camera in the object's frame if it is certain."""
-    if pose is not None and pose.accepted and known is not None and not known.is_round:
+    if pose is not None and pose.accepted and existing is not None and not existing.is_round:
         return pose.object_from_camera
     if placement is None or not placement.is_verified:
         return None
@@ -226,11 +226,11 @@ def stored_before(
 
 def _is_view_alone(item: NewObject) -> bool:
     """Tell whether an entry reports neither a grasp nor where the object is."""
-    told = (item.grasp, item.X, item.Y, item.Z, item.rad, item.outcome, item.frame_id)
-    return all(one is None for one in told)
+    fields = (item.grasp, item.X, item.Y, item.Z, item.rad, item.outcome, item.frame_id)
+    return all(value is None for value in fields)
 
 
-def _view_with(context: Context, thing: NamedNode, data: bytes) -> str:
+def _view_with(context: Context, object_iri: NamedNode, data: bytes) -> str:
     """Return the view of an object that was made of these very bytes, or nothing.
 
     Stored twice, one picture would confirm itself where views of an object are to confirm each
@@ -239,7 +239,7 @@ def _view_with(context: Context, thing: NamedNode, data: bytes) -> str:
     blob = Blob(hashlib.sha256(data).hexdigest(), len(data), "").iri
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?view WHERE {{ ?content rt:hasBlob {blob} . ?view rt:viewContent ?content .
-  {thing} rt:hasView ?view }} ORDER BY ?view LIMIT 1""")
+  {object_iri} rt:hasView ?view }} ORDER BY ?view LIMIT 1""")
     return next((str(row.value("view")) for row in rows), "")
 
 
@@ -256,9 +256,9 @@ def classes_named(context: Context, description: str | None) -> list[NamedNode]:
     """Return the classes with exactly this name."""
     if not description:
         return []
-    wanted = folded(description)
-    found = context.classes.find(description)
-    return [kind.iri for kind in found if wanted in map(folded, kind.names)]
+    name = folded(description)
+    kinds = context.classes.find(description)
+    return [kind.iri for kind in kinds if name in map(folded, kind.names)]
 
 
 def _grasp(item: NewObject, where: str) -> Received | None:
@@ -280,8 +280,8 @@ def _outcome(
         if grasp is None:
             return None
         # As in the thesis, a person has validated the insertion (Gatto 2016, 3.2.4).
-        said = {"success": item.success, "confirmed_by": item.confirmed_by or "human"}
-        report = read(OutcomeReport, {**said, "operator": item.operator})
+        given = {"success": item.success, "confirmed_by": item.confirmed_by or "human"}
+        report = read(OutcomeReport, {**given, "operator": item.operator})
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome needs a grasp")
     return Outcome.of(report, context.reasons, where + "outcome")

@@ -182,9 +182,9 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
         The message names the field.
     """
     name = value if isinstance(value, str) else str(value.get("id") or "")
-    known = iri(name) if name and not name.startswith(CANDIDATE) else None
+    grasp_iri = iri(name) if name and not name.startswith(CANDIDATE) else None
     if isinstance(value, str):
-        return Received(name, known)
+        return Received(name, grasp_iri)
     given = read(_Numbers, {k: value.get(k) for k in _Numbers.model_fields}, path + ".")
     width, opening, quality = given.width, given.opening, given.grasp_quality
     in_frame, in_space = _planar(given), _pose_in_space(value, path)
@@ -208,7 +208,7 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
         raise UsageError(f"{path}: expected an id or a pose", field=path)
     return Received(
         id=name,
-        iri=known,
+        iri=grasp_iri,
         in_object=at_object,
         in_frame=in_frame,
         orientation=orientation,
@@ -237,22 +237,22 @@ def _contacts(
     value: Mapping[str, Any], frame_from_gripper: NDArray[np.float64] | None, path: str
 ) -> Contacts | None:
     """Return the contacts of a message in the gripper frame, or None if it tells of none."""
-    told = value.get("contacts")
-    if not told:
+    contact_fields = value.get("contacts")
+    if not contact_fields:
         return None
     where = f"{path}.contacts"
     if frame_from_gripper is None:
         raise UsageError(f"{where}: a grasp with contacts has kind 'spatial' and a pose",
                          field=where)  # fmt: skip
-    if not isinstance(told, list):
+    if not isinstance(contact_fields, list):
         raise UsageError(f"{where}: expected a list of contacts", field=where)
-    rows = [read(_Contact, one, f"{where}[{k}].") for k, one in enumerate(told)]
+    rows = [read(_Contact, contact, f"{where}[{k}].") for k, contact in enumerate(contact_fields)]
     radius = rows[0].seal_radius
     try:
         contacts = Contacts(
             "three_fingers" if radius is None else "suction",
-            np.array([(one.x, one.y, one.z) for one in rows]),
-            np.array([(one.nx, one.ny, one.nz) for one in rows]), radius,
+            np.array([(contact.x, contact.y, contact.z) for contact in rows]),
+            np.array([(contact.nx, contact.ny, contact.nz) for contact in rows]), radius,
         )  # fmt: skip
     except ValueError as error:
         raise UsageError(f"{where}: {error}", field=where) from error
@@ -295,13 +295,13 @@ def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] |
 
 def _orientation(at: _InObject, path: str) -> Quaternion | None:
     given = [at.qx, at.qy, at.qz, at.qw]
-    if all(one is None for one in given):
+    if all(part is None for part in given):
         return None
     try:
         pose = matrix_from_pose(np.zeros(3), np.array(given, dtype=np.float64))
     except (ValueError, TypeError) as error:
-        said = f"{path}.in_object: qx, qy, qz, qw are no unit quaternion: {given}"
-        raise UsageError(said, field=f"{path}.in_object") from error
+        reason = f"{path}.in_object: qx, qy, qz, qw are no unit quaternion: {given}"
+        raise UsageError(reason, field=f"{path}.in_object") from error
     return in_object(pose)[1]
 
 

@@ -55,7 +55,7 @@ Withdrawn = list[tuple[NamedNode, NamedNode, Value]]
 class Earlier:
     """Result of an earlier request with the same id."""
 
-    thing: str = ""
+    object_iri: str = ""
     grasp: str = ""
     view: str = ""
     has_attempt: bool = False
@@ -93,7 +93,7 @@ class Entry:
         Graph that it is written to.
     """
 
-    thing: NamedNode
+    object_iri: NamedNode
     gripper: StoredGripper
     received: Received
     outcome: Outcome
@@ -108,23 +108,23 @@ class Entry:
 def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | None:
     """Return the result of an earlier request with this id by one of these agents, or None."""
     agents = f"VALUES ?agent {{ {' '.join(map(str, who))} }}"
-    known = f"?event rt:requestId {literal(task_id)}"
+    same_request = f"?event rt:requestId {literal(task_id)}"
     # Each part is a query of its own; otherwise the store reads every event before the id.
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?thing ?grasp ?view ?held WHERE {{
-  {{ {agents} {known} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
+  {{ {agents} {same_request} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
      ?task rt:through ?event ; rt:handles ?thing
      OPTIONAL {{ ?event rt:hasOutcome/rt:success ?held }} }}
   UNION
-  {{ {agents} {known} ; prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
+  {{ {agents} {same_request} ; prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
      ?view a rt:View ; prov:wasDerivedFrom ?event }}
 }} ORDER BY ?thing ?grasp ?view""")
-    found = [row.to_dict() for row in rows]
-    if not found:
+    events = [row.to_dict() for row in rows]
+    if not events:
         return None
 
     def first(name: str) -> str:
-        return next((str(row[name]) for row in found if row[name] is not None), "")
+        return next((str(row[name]) for row in events if row[name] is not None), "")
 
     grasp = first("grasp")
     held = {"true": True, "false": False}.get(first("held").lower())
@@ -138,7 +138,7 @@ def task_iri(context: Context, task_id: str) -> NamedNode:
 
 
 def resolve_grasp(
-    context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received
+    context: Context, triples: Triples, object_iri: NamedNode, gripper_type: str, grasp: Received
 ) -> tuple[NamedNode, bool]:
     """Return the grasp of an object that a message names, and whether it is new.
 
@@ -150,23 +150,23 @@ def resolve_grasp(
     UnknownTermError
         Only an id is given, and it is not a grasp of this object.
     """
-    if grasp.iri is not None and context.kb.match(thing, RT.hasGrasp, grasp.iri):
+    if grasp.iri is not None and context.kb.match(object_iri, RT.hasGrasp, grasp.iri):
         mine = context.kb.match(grasp.iri, RT.gripperType, literal(gripper_type))
         if mine or grasp.in_object is None:
             return grasp.iri, False
     if grasp.in_object is None:
         name = grasp.id or "without an id"
         raise UnknownTermError(
-            f"grasp {name} is not a grasp of {thing.value}, and its pose is missing"
+            f"grasp {name} is not a grasp of {object_iri.value}, and its pose is missing"
         )
-    same = find_grasp(context, thing, gripper_type, grasp)
+    same = find_grasp(context, object_iri, gripper_type, grasp)
     if same is not None:
         return same, False
-    state_frame(context, triples, thing)
+    state_frame(context, triples, object_iri)
     source = grasp.iri
     if source is not None and not context.kb.match(None, RT.hasGrasp, source):
         source = None
-    return state_grasp(context, triples, thing, gripper_type, grasp, derived_from=source), True
+    return state_grasp(context, triples, object_iri, gripper_type, grasp, derived_from=source), True
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     entry = replace(entry, received=entry.received.held_by(entry.gripper.gripper))
     _check_kind(context, entry)
     grasp, is_new = resolve_grasp(
-        context, triples, entry.thing, entry.gripper.gripper.gripper_type, entry.received
+        context, triples, entry.object_iri, entry.gripper.gripper.gripper_type, entry.received
     )
     recognition = None
     if entry.decision is not None and entry.decision.recognition is not None:
@@ -207,7 +207,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     started, ended = entry.outcome.span(entry.now)
     attempt = Attempt(
         attempt=context.names.unique("attempt"),
-        thing=entry.thing,
+        object_iri=entry.object_iri,
         grasp=grasp,
         gripper=entry.gripper,
         task=task_iri(context, entry.task_id),
@@ -226,7 +226,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     state_task_tree(context, triples, attempt)
     gripper, held = entry.gripper, entry.outcome.held
     withdrawn: Withdrawn = state_moved(
-        context, triples, entry.thing, gripper, entry.outcome, ended, entry.graph
+        context, triples, entry.object_iri, gripper, entry.outcome, ended, entry.graph
     )
     if entry.outcome.reason in UNJUDGED:
         return Recorded(grasp, withdrawn)
@@ -254,7 +254,7 @@ def _check_kind(context: Context, entry: Entry) -> None:
     if grasp is None:
         return
     classes = {quad.object for quad in context.kb.match(grasp, RDF.type)}
-    kind = next((k for k, one in CONTACT_CLASSES.items() if one in classes), "jaws")
+    kind = next((k for k, class_iri in CONTACT_CLASSES.items() if class_iri in classes), "jaws")
     if kind != hand.contact_kind:
         raise UsageError(
             f"grasp: {grasp.value} is by {kind}, and {hand.name!r} holds by {hand.contact_kind}",
@@ -268,9 +268,9 @@ def _calibrate(context: Context, triples: Triples, entry: Entry, pending: Pendin
     if quality is None or entry.graph != context.kb.graphs.agent(gripper.robot_name):
         return []
     kind = quality_kind(entry.received)
-    told = pending.scored.setdefault((gripper.iri, kind), [])
-    told.append(Scored("", kind, rounded(quality), entry.outcome.held))
-    return calibrate(context, triples, gripper, kind, told, entry.graph)
+    scores = pending.scored.setdefault((gripper.iri, kind), [])
+    scores.append(Scored("", kind, rounded(quality), entry.outcome.held))
+    return calibrate(context, triples, gripper, kind, scores, entry.graph)
 
 
 def _tell_causes(
@@ -291,10 +291,11 @@ def _tell_causes(
         return
     if pending.causes is None:
         pending.causes = Causes(context)
-    pending.causes.size(entry.thing, triples)
+    pending.causes.size(entry.object_iri, triples)
     outcome = entry.outcome
     pending.causes.add(
-        entry.thing, Tried(attempt, x, outcome.held, float(gripper.finger_width), outcome.reason)
+        entry.object_iri,
+        Tried(attempt, x, outcome.held, float(gripper.finger_width), outcome.reason),
     )
 
 
@@ -303,7 +304,7 @@ def _times(entry: Entry) -> Mapping[str, float]:
     if entry.decision is not None:
         decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
     times = entry.outcome.report.times
-    told = {} if times is None else times.model_dump(exclude_none=True)
+    stated_times = {} if times is None else times.model_dump(exclude_none=True)
     if entry.outcome.report.duration_s is not None:
         decided["execution_s"] = entry.outcome.report.duration_s
-    return {**decided, **told}
+    return {**decided, **stated_times}

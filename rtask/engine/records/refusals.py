@@ -127,22 +127,27 @@ def store_refusal(context: Context, refusal: Refusal, node: NamedNode, author: A
 
 
 def _repeated(
-    context: Context, told: Mapping[NamedNode, Value | None], home: NamedNode, now: dt.datetime
+    context: Context,
+    properties: Mapping[NamedNode, Value | None],
+    home: NamedNode,
+    now: dt.datetime,
 ) -> NamedNode | None:
     """Return the refusal that says the same, if it is recent and no response has ended it.
 
     What resembles nothing known cannot be told apart, so that each refusal of such is its own.
     """
-    if told[RT.refusedObject] is None:
+    if properties[RT.refusedObject] is None:
         return None
     # Few refusals of a robot have the same confidence to six digits.
-    for same in context.kb.match(None, RT.foundConfidence, told[RT.foundConfidence], home):
+    for same in context.kb.match(None, RT.foundConfidence, properties[RT.foundConfidence], home):
         node = same.subject
         if not isinstance(node, NamedNode):
             continue
         if any(q.object != _STILL_OPEN for q in context.kb.match(node, RT.refusalResponse)):
             continue
-        if not all(context.kb.match(node, p, v, home) for p, v in told.items() if v is not None):
+        if not all(
+            context.kb.match(node, p, v, home) for p, v in properties.items() if v is not None
+        ):
             continue
         if any(now - _time(quad) <= _REPEATED_WITHIN for quad in context.kb.match(node, RT.atTime)):
             return node

@@ -60,7 +60,7 @@ class ObjectShape:
         One line for people.
     """
 
-    thing: str
+    object_iri: str
     kind: Literal["mesh", "model", "views"]
     sources: tuple[str, ...]
     points: NDArray[np.float64]
@@ -112,30 +112,32 @@ def object_shape(context: Context, name: str) -> ObjectShape:
     DataError
         No shape of it is stored.
     """
-    thing = resolve_object(context, name)
-    for node, blob in _meshes(context, thing):
+    object_iri = resolve_object(context, name)
+    for node, blob in _meshes(context, object_iri):
         mesh = _read_mesh(context, blob)
         if mesh is not None and _is_closed(mesh):
-            note = f"{thing}: closed mesh of {len(mesh.faces)} faces"
-            return ObjectShape(thing, "mesh", (node,), mesh.vertices, mesh, note=note)
-    known = context.models.of(iri(thing))
+            note = f"{object_iri}: closed mesh of {len(mesh.faces)} faces"
+            return ObjectShape(object_iri, "mesh", (node,), mesh.vertices, mesh, note=note)
+    stored_model = context.models.of(iri(object_iri))
     swept = None
-    if known is not None and _is_round(context, thing):
-        swept = _swept(known[1])
-    if known is not None and swept is not None:
-        note = f"{thing}: round, {len(swept.faces)} faces swept about its axis"
-        return ObjectShape(thing, "mesh", (known[0].iri.value,), swept.vertices, swept, note=note)
-    if known is None or len(known[1].sources) < 2:
+    if stored_model is not None and _is_round(context, object_iri):
+        swept = _swept(stored_model[1])
+    if stored_model is not None and swept is not None:
+        note = f"{object_iri}: round, {len(swept.faces)} faces swept about its axis"
+        return ObjectShape(
+            object_iri, "mesh", (stored_model[0].iri.value,), swept.vertices, swept, note=note
+        )
+    if stored_model is None or len(stored_model[1].sources) < 2:
         # A single view is denser than the model made from it.
-        _, points, views, eyes = _views(context, thing)
-        note = f"{thing}: {len(points)} points of {len(views)} views"
-        return ObjectShape(thing, "views", views, points, None, eyes, note)
-    stored, model = known
+        _, points, views, eyes = _views(context, object_iri)
+        note = f"{object_iri}: {len(points)} points of {len(views)} views"
+        return ObjectShape(object_iri, "views", views, points, None, eyes, note)
+    stored, model = stored_model
     seen = [pose[:3, 3] for view, pose in model.sources if _is_of_camera(context, view)]
     points = model.cloud[:, :3].astype(np.float64)
-    note = f"{thing}: {len(points)} points grown from {len(model.sources)} views"
+    note = f"{object_iri}: {len(points)} points grown from {len(model.sources)} views"
     eyes = np.array(seen).reshape(-1, 3)
-    return ObjectShape(thing, "model", (stored.iri.value,), points, None, eyes, note)
+    return ObjectShape(object_iri, "model", (stored.iri.value,), points, None, eyes, note)
 
 
 def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]:
@@ -159,11 +161,11 @@ def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]
 Views = tuple[str, NDArray[np.float64], tuple[str, ...], NDArray[np.float64]]
 
 
-def _views(context: Context, thing: str) -> Views:
+def _views(context: Context, object_iri: str) -> Views:
     """Return the object, the points (n, 3) of its views, their IRIs and where the cameras were."""
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
-  {iri(thing)} rt:hasView ?view . ?view rt:viewContent ?content ; rt:viewpoint ?pose .
+  {iri(object_iri)} rt:hasView ?view . ?view rt:viewContent ?content ; rt:viewpoint ?pose .
   ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob .
   ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
 }} ORDER BY ?view""")
@@ -180,8 +182,10 @@ SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
         if is_camera:
             eyes.append(pose[:3])
     if not clouds:
-        raise DataError(f"no view of {thing} has a cloud with a known viewpoint; insert one first")
-    return thing, np.vstack(clouds), tuple(views), np.array(eyes).reshape(-1, 3)
+        raise DataError(
+            f"no view of {object_iri} has a cloud with a known viewpoint; insert one first"
+        )
+    return object_iri, np.vstack(clouds), tuple(views), np.array(eyes).reshape(-1, 3)
 
 
 def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bool]:
@@ -203,19 +207,19 @@ def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bo
     return np.asarray(moved[np.isfinite(moved).all(axis=1)]), is_camera
 
 
-def _meshes(context: Context, thing: str) -> list[tuple[str, str]]:
+def _meshes(context: Context, object_iri: str) -> list[tuple[str, str]]:
     """Return IRIs and blobs of stored meshes: imported ones first, then by number of views."""
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
-  {iri(thing)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
+  {iri(object_iri)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
   OPTIONAL {{ ?mesh prov:wasDerivedFrom ?model . ?model rt:builtFrom ?view }}
 }} GROUP BY ?mesh ?blob ?model""")
-    found = [
+    meshes = [
         (row["model"] is not None, -int(str(row.value("n"))), str(row.value("mesh")),
          str(row.value("blob")))
         for row in rows
     ]  # fmt: skip
-    return [(mesh, blob) for _, _, mesh, blob in sorted(found)]
+    return [(mesh, blob) for _, _, mesh, blob in sorted(meshes)]
 
 
 def _read_mesh(context: Context, blob: str) -> Mesh | None:
@@ -229,8 +233,8 @@ def _read_mesh(context: Context, blob: str) -> Mesh | None:
 
 def _is_of_camera(context: Context, view: str) -> bool:
     """Tell whether a view was taken by a camera; other clouds have no viewpoint."""
-    found = stored_frame(context.kb, view)
-    return found is not None and found[1]
+    frame = stored_frame(context.kb, view)
+    return frame is not None and frame[1]
 
 
 def _swept(model: ObjectModel) -> Mesh | None:
@@ -248,9 +252,9 @@ def _swept(model: ObjectModel) -> Mesh | None:
     return mesh if mesh is not None and _is_closed(mesh) else None
 
 
-def _is_round(context: Context, thing: str) -> bool:
-    known = recall(context.kb, Question(objects=(thing,))).objects.get(thing)
-    return known is not None and known.is_round
+def _is_round(context: Context, object_iri: str) -> bool:
+    remembered = recall(context.kb, Question(objects=(object_iri,))).objects.get(object_iri)
+    return remembered is not None and remembered.is_round
 
 
 def _is_closed(mesh: Mesh) -> bool:

@@ -36,27 +36,27 @@ def is_place_of(robot: NamedNode, node: NamedNode) -> bool:
     return node.value.startswith(f"{robot.value}/place/")
 
 
-def state_task_tree(context: Context, triples: Triples, one: Attempt) -> None:
+def state_task_tree(context: Context, triples: Triples, attempt: Attempt) -> None:
     """Add the task that an attempt is part of, its order there, and the placing."""
-    robot, number = one.gripper.robot, one.outcome.report.attempt_number
-    before = None if number is None or number == 1 else _before(context, one, number - 1)
+    robot, number = attempt.gripper.robot, attempt.outcome.report.attempt_number
+    before = None if number is None or number == 1 else _before(context, attempt, number - 1)
     if before is None:
         whole = context.names.unique("task")
-        _state_task(triples, whole, RT.PickAndPlace, "pick_and_place", one)
+        _state_task(triples, whole, RT.PickAndPlace, "pick_and_place", attempt)
     else:
         whole, last = before
-        triples.add(last, RT.precedes, one.task)
-    triples.add(whole, RT.hasSubTask, one.task)
-    if one.outcome.placed is None or not one.outcome.held:
+        triples.add(last, RT.precedes, attempt.task)
+    triples.add(whole, RT.hasSubTask, attempt.task)
+    if attempt.outcome.placed is None or not attempt.outcome.held:
         return
-    placing = iri(one.task.value + _PART)
-    _state_task(triples, placing, RT.Place, "place", one)
+    placing = iri(attempt.task.value + _PART)
+    _state_task(triples, placing, RT.Place, "place", attempt)
     triples.add(whole, RT.hasSubTask, placing)
-    triples.add(one.task, RT.precedes, placing)
-    triples.add(placing, RT.carriedOutBy, one.attempt)
-    if one.outcome.report.place:
-        place = place_iri(robot, one.outcome.report.place)
-        triples.node(place, [RT.SupportSurface], {RT.name: one.outcome.report.place})
+    triples.add(attempt.task, RT.precedes, placing)
+    triples.add(placing, RT.carriedOutBy, attempt.attempt)
+    if attempt.outcome.report.place:
+        place = place_iri(robot, attempt.outcome.report.place)
+        triples.node(place, [RT.SupportSurface], {RT.name: attempt.outcome.report.place})
         triples.add(placing, RT.targetSurface, place)
 
 
@@ -66,20 +66,22 @@ def parts_of(task: NamedNode) -> tuple[NamedNode, NamedNode]:
 
 
 def _state_task(
-    triples: Triples, task: NamedNode, kind: NamedNode, name: str, one: Attempt
+    triples: Triples, task: NamedNode, kind: NamedNode, name: str, attempt: Attempt
 ) -> None:
-    robot = one.gripper.robot
-    triples.node(task, [kind], {RT.taskName: name, RT.assignedTo: robot, RT.handles: one.thing})
+    robot = attempt.gripper.robot
+    triples.node(
+        task, [kind], {RT.taskName: name, RT.assignedTo: robot, RT.handles: attempt.object_iri}
+    )
 
 
-def _before(context: Context, one: Attempt, number: int) -> tuple[NamedNode, NamedNode] | None:
+def _before(context: Context, attempt: Attempt, number: int) -> tuple[NamedNode, NamedNode] | None:
     """Return the whole and the part of the robot's last attempt of this number at the object."""
-    if context.names.is_new(one.thing):
+    if context.names.is_new(attempt.object_iri):
         return None
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?whole ?task WHERE {{
-  ?task rt:handles {one.thing} ; rt:through ?attempt .
-  ?attempt rt:performedBy {one.gripper.robot} ; rt:attemptNumber {number} ;
+  ?task rt:handles {attempt.object_iri} ; rt:through ?attempt .
+  ?attempt rt:performedBy {attempt.gripper.robot} ; rt:attemptNumber {number} ;
     prov:endedAtTime ?ended .
   ?whole rt:hasSubTask ?task
 }} ORDER BY DESC(?ended) DESC(?task) LIMIT 1""")
