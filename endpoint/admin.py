@@ -14,7 +14,7 @@ from typing import Any
 
 from endpoint.access.auth import Caller, require_scope
 from endpoint.context import ServerContext
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import CONTENT_TYPE
 from endpoint.served import embedded
@@ -51,7 +51,6 @@ class AdminRoutes:
             return self._queries(request, caller, address)
         if address == "/backup":
             return self._plan_backup(request, caller)
-        require_method(request, ("GET", "HEAD"))
         if caller.access.role != "anonymous" and not self._is_local(caller, address):
             require_scope(caller.access, "admin")
         if address == "/metrics":
@@ -60,7 +59,6 @@ class AdminRoutes:
 
     def _plan_backup(self, request: Request, caller: Caller) -> Plan:
         """Plan a copy of the knowledge base into a folder that the server chooses."""
-        require_method(request, ("POST",))
         context = self._context
         context.auth.check_origin(request, caller)
         if caller.access.role != "anonymous":
@@ -109,9 +107,7 @@ class AdminRoutes:
         """List or stop running queries: the caller's own or, for an admin, anybody's."""
         found = self._context.queries.visible_to(caller)
         if address == "/queries":
-            require_method(request, ("GET", "HEAD"))
             return Plan.ready(_json({"queries": [query.facts() for query in found]}))
-        require_method(request, ("DELETE",))
         self._context.auth.check_origin(request, caller)
         name = address.removeprefix("/queries/")
         wanted = [query for query in found if query.id == name]

@@ -14,13 +14,14 @@ from functools import partial
 
 from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
-from endpoint.follow.versions import minimum_version, staleness_headers, writes
+from endpoint.follow.versions import minimum_version, staleness_headers
 from endpoint.http.compression import compressed, unpacked
-from endpoint.http.messages import Request, Response
+from endpoint.http.messages import Request, Response, require_method
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import problem, slug_of
 from endpoint.point_lines import Instead
 from endpoint.router import Router
+from endpoint.routes import find
 from endpoint.sparql import protocol
 from endpoint.sparql.answers import SlowerThanItLooksError
 from rtask.errors import AccessError, RtaskError, TooLargeError
@@ -352,7 +353,9 @@ class Application:
         if request.method == "OPTIONS":
             job.plan = self.router.options(request, address)
             return
-        if address == "/health" or request.raw_path.startswith("/health/"):
+        match = find(address)
+        if match.routes and match.routes[0].handler == "health":  # before anybody is identified
+            require_method(request, match.allow)
             job.plan = context.health.plan(address)
             return
         try:
@@ -368,7 +371,7 @@ class Application:
             request = replace(request, body=body, headers=known)
         job.leave.append(context.limiter.admit(caller))
         following = context.following
-        if following is not None and writes(request, address, context.engine):
+        if following is not None and self.router.is_for_writer(request, address):
             job.plan = Plan(lambda: following.forward(request))
             return
         minimum = request.header("rtask-min-version")

@@ -17,8 +17,6 @@ from typing import Any, cast
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
-from endpoint.api.datasets import is_dataset_address
-from endpoint.api.services import is_service_address
 from endpoint.application import Application, Job
 from endpoint.follow.changes import Changes
 from endpoint.follow.event_stream import EventStream
@@ -31,7 +29,7 @@ from endpoint.http.websocket import Message, Receive, Transmit
 from endpoint.point_lines import Instead, PointLines, PointQuery
 from endpoint.rosbridge.connections import Connections
 from endpoint.rosbridge.session import Bridge
-from endpoint.router import serves
+from endpoint.routes import find, serves
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError
 from rtask.kb.readers.line import Answer
@@ -364,10 +362,7 @@ def _wants_page(request: Request) -> bool:
     """
     if not prefers_html(request.header("accept")):
         return False
-    address = request.raw_path.rstrip("/")
-    if is_service_address(address) or is_dataset_address(address):
-        return address.count("/") < 4
-    return request.method in ("GET", "HEAD") and address == "/sparql"
+    return any(request.method in one.pages for one in find(request.raw_path.rstrip("/")).routes)
 
 
 async def _next_message(receive: Receive) -> Message:

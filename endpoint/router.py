@@ -3,83 +3,55 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable, Mapping
 
 from endpoint.access.auth import Caller, limited_refusal, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
-from endpoint.api.datasets import is_dataset_address, plan_dataset
-from endpoint.api.datasets import methods_of as dataset_methods
+from endpoint.api.datasets import plan_dataset
 from endpoint.api.listing import ADDRESS as API
-from endpoint.api.listing import is_listing, plan_listing
-from endpoint.api.openapi import ADDRESSES as DESCRIPTIONS
+from endpoint.api.listing import plan_listing
 from endpoint.api.openapi import plan_openapi
+from endpoint.api.operations import ADDRESS as ENGINE
 from endpoint.api.operations import plan_operation
-from endpoint.api.reasoner import ADDRESS as REASONER
-from endpoint.api.reasoner import methods_of, plan_reasoner
-from endpoint.api.services import is_service_address, plan_service
-from endpoint.api.services import methods_of as service_methods
-from endpoint.api.tools import ADDRESS as TOOLS
+from endpoint.api.reasoner import plan_reasoner
+from endpoint.api.services import ADDRESS as SERVICES
+from endpoint.api.services import plan_service
 from endpoint.api.tools import plan_tools
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
-from endpoint.follow.replication import ASKED, SNAPSHOT, require_replicate, snapshot
+from endpoint.follow.replication import require_replicate, snapshot
 from endpoint.http.idempotency import IdempotencyKeys
-from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
+from endpoint.routes import Match, find
 from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
+from endpoint.sparql.negotiation import prefers_html
 from endpoint.sparql.readable import limit_query
 from endpoint.sparql.request import (
-    METHODS,
     QUERY,
     UPDATE,
     DescriptionRequest,
     UpdateRequest,
+    is_update,
     parse_operation,
 )
+from rtask.errors import RtaskError
+from rtask.services.definition import Definition
+from rtask.wire.effect import Effect
 
-TICKET = "/tokens/ticket"
-_PROTOCOL = {
-    "/sparql": (QUERY, UPDATE),
-    "/query": (QUERY,),
-    "/update": (UPDATE,),
-}
-_ADMIN = ("/metrics", "/queries", "/api/history", "/backup")
-_EXACT = frozenset(
-    (
-        *_PROTOCOL,
-        check.ADDRESS,
-        graph_store.ADDRESS,
-        "/health",
-        *_ADMIN,
-        *DESCRIPTIONS,
-        TICKET,
-        TOOLS,
-        SNAPSHOT,
-        ASKED,
-    )
-)
-_PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/", REASONER)
+Handler = Callable[[Request, Caller, str], Plan]
+
+_KINDS = {"/sparql": (QUERY, UPDATE), "/query": (QUERY,), "/update": (UPDATE,)}
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
-
-
-def serves(path: str) -> bool:
-    """Tell whether an address is for programs; all others are pages.
-
-    Examples
-    --------
-    >>> [serves(path) for path in ("/sparql/", "/engine/x", "/api/robots", "/robots")]
-    [True, True, True, False]
-    """
-    address = path.rstrip("/") or "/"
-    if is_service_address(address) or is_dataset_address(address):
-        return True
-    return address in _EXACT or path.startswith(_PREFIXES)
+# A query may be sent by POST; what the protocol writes is counted once it has been parsed.
+_UNCOUNTED = frozenset(("protocol", "check", "ticket"))
 
 
 class Router:
@@ -106,6 +78,44 @@ class Router:
         self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions)
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
+        self._handlers = self._made_handlers()
+
+    def _made_handlers(self) -> Mapping[str, Handler]:
+        """Return what answers, by the names in the table of addresses."""
+        context, auth = self._context, self._context.auth
+        kb, engine, services = context.kb, context.engine, context.services
+        return {
+            "protocol": self._protocol,
+            "check": lambda request, caller, address: check.plan_check(request),
+            "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
+            "store": lambda request, caller, address: self._store.plan(request, caller),
+            "operation": lambda request, caller, address: plan_operation(
+                engine, auth, request, caller, self._keys
+            ),
+            "service": lambda request, caller, address: plan_service(
+                services, auth, request, caller, address
+            ),
+            "tools": lambda request, caller, address: plan_tools(services, auth, request, caller),
+            "dataset": lambda request, caller, address: plan_dataset(
+                services.datasets, auth, request, caller, address
+            ),
+            "reasoner": lambda request, caller, address: plan_reasoner(
+                embedded(kb, "the reasoner"), auth, request, caller
+            ),
+            "asked_records": lambda request, caller, address: plan_asked_records(
+                engine, context.tokens, request, caller
+            ),
+            "snapshot": self._snapshot,
+            "openapi": lambda request, caller, address: plan_openapi(
+                engine, services.registry, request
+            ),
+            "health": lambda request, caller, address: context.health.plan(address),
+            "admin": self._admin.plan,
+            "listing": self._listing,
+            "blob": lambda request, caller, address: plan_blob(
+                kb, request, request.path.removeprefix(_BLOBS)
+            ),
+        }
 
     def plan(self, request: Request, caller: Caller, address: str) -> Plan:
         """Plan the answer to a request.
@@ -115,79 +125,103 @@ class Router:
         address
             Its path without a trailing slash.
         """
-        context = self._context
-        if address in _PROTOCOL:
-            return self._protocol(request, caller, _PROTOCOL[address])
-        if caller.access.reads is not None and not _is_graph_store(address):
+        match = find(address)
+        if not match.routes:
+            raise self._nothing_at(address)
+        first = match.routes[0]
+        if caller.access.reads is not None and not first.limited:
             raise limited_refusal(address)
-        if address == check.ADDRESS:
-            return check.plan_check(request)
-        if address == TICKET:
-            return plan_ticket(context.auth, request, caller)
-        if request.method not in _SAFE_METHODS:
-            context.limiter.admit_write(caller)
-        if _is_graph_store(address):
-            return self._store.plan(request, caller)
-        if address.startswith("/engine/"):
-            return plan_operation(context.engine, context.auth, request, caller, self._keys)
-        if is_service_address(address):
-            return plan_service(context.services, context.auth, request, caller, address)
-        if address == TOOLS:
-            return plan_tools(context.services, context.auth, request, caller)
-        if is_dataset_address(address):
-            datasets = context.services.datasets
-            return plan_dataset(datasets, context.auth, request, caller, address)
-        if address.startswith(REASONER):
-            kb = embedded(context.kb, "the reasoner")
-            return plan_reasoner(kb, context.auth, request, caller)
-        if address == ASKED:
-            return plan_asked_records(context.engine, context.tokens, request, caller)
-        if address == SNAPSHOT:
-            require_replicate(caller)
-            own = embedded(context.kb, "a snapshot")
-            return Plan(lambda: snapshot(own, caller))
-        if address in DESCRIPTIONS:
-            return plan_openapi(context.engine, context.services.registry, request)
-        if address in _ADMIN or address.startswith("/queries/"):
-            return self._admin.plan(request, caller, address)
-        if is_listing(address):
-            timeout_s = context.config.timeout_s
-            return plan_listing(context.kb, context.versions, request, timeout_s)
-        if request.raw_path.startswith(_BLOBS):
-            return plan_blob(context.kb, request, request.path.removeprefix(_BLOBS))
-        hint = self._nearest(address)
-        raise RefusedError(404, "not-found", f"there is nothing at {address}; {hint}")
+        if first.handler == "operation" and _opens_form(request):
+            return self._handlers[first.handler](request, caller, address)
+        if match.by(request.method) is None:
+            require_method(request, match.allow, first.advice)
+        if request.method not in _SAFE_METHODS and first.handler not in _UNCOUNTED:
+            self._context.limiter.admit_write(caller)
+        handler = self._handlers.get(first.handler)
+        if handler is None:  # a stream, which does not come through here
+            raise self._nothing_at(address)
+        return handler(request, caller, address)
 
-    def _nearest(self, address: str) -> str:
-        """Return a hint that names the address that is likely to be meant."""
+    def effect(self, request: Request, address: str) -> Effect:
+        """Return what a request does to the graph; one that is refused does nothing."""
+        route = find(address).by(request.method)
+        if route is None:
+            return "reads"
+        if route.effect is not None:
+            return route.effect
+        if route.handler == "protocol":
+            return "writes" if is_update(request) else "reads"
+        if route.handler == "operation":
+            operation = self._context.engine.operations.get(address.removeprefix(ENGINE))
+            return "reads" if operation is None else operation.effect
+        try:
+            definition, method = self._called(address)
+        except RtaskError:
+            return "reads"
+        return definition.methods[method].effect
+
+    def is_for_writer(self, request: Request, address: str) -> bool:
+        """Return whether a follower passes a request on.
+
+        These are all that write, and what needs something that only the writer has: a reasoner,
+        datasets, workers of services, services that are not offered here.
+        """
+        if self.effect(request, address) == "writes":
+            return True
+        match: Match = find(address)
+        handler = match.routes[0].handler if match.routes else ""
+        if handler == "reasoner":
+            return not getattr(self._context.kb, "reasons", False)
+        if handler != "service" or request.method != "POST":
+            return False
+        try:
+            definition, _ = self._called(address)
+        except RtaskError:
+            return True
+        is_elsewhere = any(one.type == "binary" for one in definition.resources.values())
+        return is_elsewhere or definition.executor == "outward"
+
+    def _called(self, address: str) -> tuple[Definition, str]:
+        """Return the service and the method at ``/services/<ns>/<name>/<method>``.
+
+        Raises
+        ------
+        UnknownTermError
+            There is none.
+        """
+        service, _, method = address.removeprefix(SERVICES).strip("/").rpartition("/")
+        definition, found = self._context.services.find(service, method)
+        return definition, found.name
+
+    def _nothing_at(self, address: str) -> RefusedError:
+        """Return the refusal that names the address that is likely to be meant."""
         last = address.rpartition("/")[2]
-        if last in self._context.engine.operations:
-            return f"did you mean /engine/{last}?"
         near = difflib.get_close_matches(address, [f"{API}{name}" for name in COLLECTIONS], n=1)
-        return f"did you mean {near[0]}?" if near else "see /openapi"
+        hint = f"did you mean {near[0]}?" if near else "see /openapi"
+        if last in self._context.engine.operations:
+            hint = f"did you mean /engine/{last}?"
+        return RefusedError(404, "not-found", f"there is nothing at {address}; {hint}")
 
     def options(self, request: Request, address: str) -> Plan:
         """Return the methods of an address, and what a page of another origin may send."""
-        if address in _PROTOCOL:
-            methods = METHODS[_PROTOCOL[address]]
-        elif address.startswith("/engine/") or address in (TICKET, check.ADDRESS, TOOLS):
-            methods = ("POST", "OPTIONS")
-        elif is_service_address(address):
-            methods = (*service_methods(address), "OPTIONS")
-        elif is_dataset_address(address):
-            methods = (*dataset_methods(address), "OPTIONS")
-        elif address.startswith(REASONER):
-            methods = (*methods_of(address), "OPTIONS")
-        elif address.startswith(graph_store.ADDRESS):
-            methods = graph_store.METHODS
-        else:
-            methods = ("GET", "HEAD", "OPTIONS")
-        allow = ("Allow", ", ".join(methods))
+        allow = ("Allow", ", ".join(find(address).allow))
         headers = (allow, *preflight_headers(request, self._context.config))
         return Plan.ready(Response(204, headers=headers))
 
-    def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
+    def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
+        name = address.removeprefix(API).partition("/")[0]
+        if name not in COLLECTIONS and address != f"{API}context.jsonld":
+            raise self._nothing_at(address)
+        return plan_listing(context.kb, context.versions, request, context.config.timeout_s)
+
+    def _snapshot(self, request: Request, caller: Caller, address: str) -> Plan:
+        require_replicate(caller)
+        own = embedded(self._context.kb, "a snapshot")
+        return Plan(lambda: snapshot(own, caller))
+
+    def _protocol(self, request: Request, caller: Caller, address: str) -> Plan:
+        context, kinds = self._context, _KINDS[address]
         kept = self.asked.cache.find(request, caller.access)
         if kept is not None:
             return kept
@@ -207,5 +241,6 @@ class Router:
         return protocol.plan_query(operation, request, caller, context.config, self.asked)
 
 
-def _is_graph_store(address: str) -> bool:
-    return address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/")
+def _opens_form(request: Request) -> bool:
+    """Whether a person opens an operation, who is sent to its form."""
+    return request.method in ("GET", "HEAD") and prefers_html(request.header("accept"))

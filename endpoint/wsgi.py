@@ -19,26 +19,21 @@ from endpoint.http.problems import problem
 from endpoint.pages import blueprint
 from endpoint.pages.render import current_request, finish_page, problem_page, to_flask
 from endpoint.pages.signin import OPEN
+from endpoint.routes import ROUTES
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, RtaskError
 from rtask.extras import missing_extra
 
 _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
-_PROGRAMS = (
-    "/sparql",
-    "/sparql/check",
-    "/query",
-    "/update",
-    "/store",
-    "/store/<path:rest>",
-    "/engine/<path:rest>",
-    "/reasoner/<path:rest>",
-    "/openapi",
-    "/tokens/ticket",
-    "/openapi.json",
-    "/api/<path:rest>",
-    "/health",
-    "/health/<path:rest>",
+_OTHERS = ("/services", "/jobs", "/datasets")
+"""Addresses that are pages under a WSGI server, and whose programs need the ASGI application."""
+
+_PROGRAMS = tuple(
+    dict.fromkeys(
+        one.pattern
+        for one in ROUTES
+        if one.lane != "stream" and not one.pages and not one.pattern.startswith(_OTHERS)
+    )
 )
 
 
@@ -57,10 +52,10 @@ def create_app(application: Application) -> Flask:
     app.config["MAX_CONTENT_LENGTH"] = application.context.config.max_upload_bytes
     app.extensions["rtask"] = application
 
-    def programs(rest: str = "") -> flask.Response:
+    def programs(**parts: str) -> flask.Response:
         return to_flask(application.handle(current_request()))
 
-    for number, rule in enumerate(_PROGRAMS[1:]):
+    for number, rule in enumerate(_PROGRAMS):
         app.add_url_rule(
             rule, f"programs{number}", programs, methods=_METHODS, provide_automatic_options=False
         )

@@ -23,7 +23,7 @@ from endpoint.access.sessions import (
     session_name,
 )
 from endpoint.access.tokens import Token, TokenStore
-from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.settings import Config, is_loopback
 from rtask.errors import AuthenticationError, ForbiddenError
@@ -259,7 +259,6 @@ def plan_ticket(auth: Authenticator, request: Request, caller: Caller) -> Plan:
     ForbiddenError
         A page of another origin asks.
     """
-    require_method(request, ("POST", "OPTIONS"))
     auth.check_origin(request, caller)
     if caller.token is None:
         raise AuthenticationError("a ticket stands for a token: sign in, or send a bearer token")

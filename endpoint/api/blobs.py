@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from endpoint.http.messages import RefusedError, Request, Response, require_method
+from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph, embedded
 from rtask.errors import MissingBlobError
@@ -40,9 +40,8 @@ def plan_blob(kb: ServedGraph, request: Request, digest: str) -> Plan:
     Raises
     ------
     RefusedError
-        404 or 405.
+        404.
     """
-    require_method(request, ("GET", "HEAD"))
     if not _DIGEST.fullmatch(digest):
         raise RefusedError(404, "not-found", "a blob is named by 64 lower-case hex digits")
     return Plan(lambda: _answer(kb, request, digest))

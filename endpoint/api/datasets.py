@@ -31,7 +31,6 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     Response,
-    require_method,
 )
 from endpoint.http.plan import Plan
 from rtask.errors import UnknownTermError, UsageError
@@ -39,36 +38,8 @@ from rtask.services.datasets.store import Datasets
 from rtask.services.outward.frames import unpack
 
 ADDRESS = "/datasets"
-_ACTIONS = {
-    "diff": ("GET", "HEAD"),
-    "snapshot": ("POST",),
-    "prune": ("POST",),
-    "merge": ("POST",),
-    "files": ("POST",),
-}
-_FILES = ("GET", "HEAD", "PUT", "DELETE")
+_ACTIONS = ("diff", "snapshot", "prune", "merge", "files")
 _RULES = ("fail", "ours", "theirs")
-
-
-def is_dataset_address(address: str) -> bool:
-    """Tell whether an address belongs to datasets."""
-    return address == ADDRESS or address.startswith(f"{ADDRESS}/")
-
-
-def methods_of(address: str) -> tuple[str, ...]:
-    """Return the HTTP methods of an address.
-
-    Examples
-    --------
-    >>> methods_of("/datasets/robots/NAO/snapshot"), methods_of("/datasets/robots/NAO")
-    (('POST',), ('GET', 'HEAD', 'PUT'))
-    """
-    parts = address.removeprefix(ADDRESS).strip("/").split("/")
-    if len(parts) > 3 and parts[2] == "files":
-        return _FILES
-    if len(parts) == 3:
-        return _ACTIONS.get(parts[2], ("GET", "HEAD"))
-    return ("GET", "HEAD", "PUT") if len(parts) == 2 else ("GET", "HEAD")
 
 
 def plan_dataset(
@@ -79,9 +50,8 @@ def plan_dataset(
     Raises
     ------
     RefusedError
-        404, which a private dataset is to strangers as well; 405.
+        404, which a private dataset is to strangers as well.
     """
-    require_method(request, methods_of(address))
     if request.method not in ("GET", "HEAD"):
         authorise(auth, request, caller, "write", address)
     parts = address.removeprefix(ADDRESS).strip("/").split("/", 3)

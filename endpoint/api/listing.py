@@ -22,7 +22,7 @@ from urllib.parse import unquote, urlencode
 import ontology
 from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.http.conditional import Versions, is_known
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
@@ -37,7 +37,6 @@ __all__ = [
     "MAX_LIMIT",
     "TYPES",
     "context",
-    "is_listing",
     "plan_listing",
 ]
 
@@ -64,20 +63,8 @@ class _Wanted:
     single: str
 
 
-def is_listing(address: str) -> bool:
-    """Tell whether an address is a list or an item of one.
-
-    Examples
-    --------
-    >>> is_listing("/api/robots"), is_listing("/api/objects/12"), is_listing("/api/blobs/0a")
-    (True, True, False)
-    """
-    name = address.removeprefix(ADDRESS).partition("/")[0]
-    return address == CONTEXT_ADDRESS or name in COLLECTIONS
-
-
 def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_s: float) -> Plan:
-    """Plan a list or one item, for an address that :func:`is_listing` accepts.
+    """Plan a list or one item.
 
     Parameters
     ----------
@@ -87,15 +74,13 @@ def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_
     Raises
     ------
     RefusedError
-        400, naming the nearest parameter; 404, 405 or 406.
+        400, naming the nearest parameter; 404 or 406.
     """
     name, _, rest = request.raw_path.removeprefix(ADDRESS).rstrip("/").partition("/")
     if request.raw_path == CONTEXT_ADDRESS:
         document = json.dumps(context(), indent=1).encode()
         return Plan.ready(Response(200, document, JSON_LD))
     collection = COLLECTIONS[name]
-    reading = ("GET", "HEAD", "OPTIONS")
-    require_method(request, reading, "this is read with GET; robots write by /engine/")
     media_type = choose(request.header("accept"), TYPES)
     single = f"{kb.base}{collection.folder}/{unquote(rest)}" if rest else ""
     wanted = _wanted(collection, request, single)

@@ -11,16 +11,17 @@ from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_services import service_paths
-from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine, Operation
+from endpoint.routes import find
 from rtask import __version__
 from rtask.services.registry import Registry
+from rtask.wire.effect import Effect
 from rtask.wire.fields import kind_of
 from rtask.wire.openapi import components
 
-ADDRESSES = ("/openapi.json", "/openapi")
 HTML_TYPE = "text/html; charset=utf-8"
 _OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 503)
 
@@ -33,7 +34,6 @@ def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
     RefusedError
         405.
     """
-    require_method(request, ("GET", "HEAD"))
     described = document(engine, services)
     if request.raw_path.rstrip("/").endswith(".json"):
         return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))
@@ -53,6 +53,10 @@ def document(engine: Engine, services: Registry | None = None) -> JsonObject:
         f"/engine/{name}": {"post": _operation(name, operation)}
         for name, operation in engine.operations.items()
     }
+    every = {**paths, **offered, **_fixed_paths()}
+    for path, methods in every.items():
+        for method, described in methods.items():
+            described.setdefault("x-effect", _effect(path, method))
     return {
         "openapi": "3.1.0",
         "info": {
@@ -65,7 +69,7 @@ def document(engine: Engine, services: Registry | None = None) -> JsonObject:
         },
         "servers": [{"url": "/"}],
         "security": [{"token": []}, {}],
-        "paths": {**paths, **offered, **_fixed_paths()},
+        "paths": every,
         "components": {
             "schemas": dict(sorted(schemas.items())),
             "securitySchemes": {
@@ -139,6 +143,15 @@ def _operation(name: str, operation: Operation) -> JsonObject:
     if operation.effect == "writes":
         described["parameters"] = [_IDEMPOTENCY_KEY]
     return described
+
+
+def _effect(path: str, method: str) -> Effect:
+    """Return what a described request does to the graph, from the table of addresses."""
+    route = find(path).by(method.upper())
+    if route is None:
+        raise KeyError(f"{method} {path} is described, but not in the table of addresses")
+    # `/sparql` by GET is the only one that is described and says itself what it does.
+    return route.effect or "reads"
 
 
 def _health(summary: str) -> JsonObject:

@@ -9,7 +9,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller, require_scope
 from endpoint.http.idempotency import IdempotencyKeys
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
 from endpoint.sparql.negotiation import prefers_html
@@ -32,7 +32,7 @@ def plan_operation(
     Raises
     ------
     RefusedError
-        404 with the nearest name, 405, 415.
+        404 with the nearest name, 415.
     AuthenticationError
         It needs a token, and none came.
     ForbiddenError
@@ -46,7 +46,6 @@ def plan_operation(
         raise RefusedError(404, "not-found", f"no operation {name}{hint}")
     if request.method in ("GET", "HEAD") and prefers_html(request.header("accept")):
         return Plan.ready(Response(303, headers=(("Location", f"/operations/{name}"),)))
-    require_method(request, ("POST",))
     authorise(auth, request, caller, operation.scope, name)
     args = json_object(request)
     if operation.effect != "writes":

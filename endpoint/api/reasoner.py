@@ -10,7 +10,7 @@ from pyoxigraph import RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import json_object
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from rtask.asking.decisions import explain
 from rtask.asking.terms import reader_of
@@ -37,38 +37,17 @@ MAX_RULES = 1_000
 _FIELDS = ("label", "text", "comment", "replace")
 
 
-def methods_of(address: str) -> tuple[str, ...]:
-    """Return the methods that an address takes; none where there is nothing.
-
-    >>> methods_of("/reasoner/rules"), methods_of("/reasoner/rules/heavy")
-    (('GET', 'HEAD', 'POST', 'DELETE'), ('GET', 'HEAD', 'DELETE'))
-    """
-    if address == RULES:
-        return ("GET", "HEAD", "POST", "DELETE")
-    if address.startswith(RULES + "/"):
-        return ("GET", "HEAD", "DELETE")
-    if address == ENTAILS:
-        return ("GET", "HEAD", "POST")
-    if address in (EXPLAIN, CONTRADICTIONS):
-        return ("GET", "HEAD")
-    return ()
-
-
 def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, caller: Caller) -> Plan:
     """Plan the answer to a request to the reasoner.
 
     Raises
     ------
     RefusedError
-        404, 405, 415.
+        404, 415.
     AuthenticationError
         A change needs a token, and none was sent.
     """
     address = request.path.rstrip("/")
-    methods = methods_of(address)
-    if not methods:
-        raise RefusedError(404, "not-found", f"there is nothing at {address}; see /openapi")
-    require_method(request, methods)
     if address == CONTRADICTIONS:
         return Plan(lambda: _contradictions(kb))
     if address == EXPLAIN:

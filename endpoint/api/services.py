@@ -30,7 +30,6 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     Response,
-    require_method,
 )
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
@@ -51,26 +50,6 @@ _MAX_DIGITS = 15
 _STORED_S = 5.0
 
 
-def is_service_address(address: str) -> bool:
-    """Tell whether an address belongs to services or jobs.
-
-    Examples
-    --------
-    >>> [is_service_address(one) for one in ("/services", "/services/a/B", "/servicesx", "/jobs/1")]
-    [True, True, False, True]
-    """
-    return address in (ADDRESS, JOBS) or address.startswith((f"{ADDRESS}/", f"{JOBS}/"))
-
-
-def methods_of(address: str) -> tuple[str, ...]:
-    """Return the HTTP methods of an address."""
-    if address.startswith(f"{JOBS}/"):
-        return ("GET", "HEAD", "DELETE")
-    if address.startswith(f"{ADDRESS}/") and address.count("/") >= 4:
-        return ("POST",)
-    return ("GET", "HEAD")
-
-
 def plan_service(
     host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, address: str
 ) -> Plan:
@@ -79,13 +58,12 @@ def plan_service(
     Raises
     ------
     RefusedError
-        404 with the nearest name, 405, 415.
+        404 with the nearest name, 415.
     UsageError
         The request does not fit the method.
     QueueFullError
         Too many calls wait.
     """
-    require_method(request, methods_of(address))
     try:
         if address == JOBS or address.startswith(f"{JOBS}/"):
             return _plan_jobs(host, auth, request, caller, address.removeprefix(JOBS).strip("/"))

@@ -13,7 +13,7 @@ from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask import __version__
@@ -41,7 +41,6 @@ def plan_tools(host: ServiceHost, auth: Authenticator, request: Request, caller:
     RefusedError
         405 for anything but POST: there is no stream to open and no session to end.
     """
-    require_method(request, ("POST",), "send JSON-RPC by POST")
     auth.check_origin(request, caller)
     message = json_object(request)
     if "id" not in message:  # a notification

@@ -11,7 +11,6 @@ is handed to the ASGI application, admitted but unanswered.
 from __future__ import annotations
 
 import asyncio
-import re
 from concurrent.futures import Future
 from functools import partial
 from typing import Any
@@ -29,13 +28,13 @@ from endpoint.http.response_stream import UNHURRIED_BYTES, Wire
 from endpoint.http.server_protocol import GuardedProtocol
 from endpoint.http.websocket import Message, Receive, Transmit
 from endpoint.point_lines import Instead, PointQuery
+from endpoint.routes import pattern_of
 from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 
 __all__ = ["DirectProtocol"]
 
-_QUERIES = frozenset((b"/query", b"/query/", b"/sparql", b"/sparql/"))
-_CALL = re.compile(rb"/engine/[a-z_]+|/services/[A-Za-z0-9_]+/[A-Za-z0-9_@.*]+/[A-Za-z0-9_]+")
+_QUERY, _CALL = pattern_of("query", "GET"), pattern_of("call", "POST")
 _END = b"\r\n\r\n"
 _SHARED = SharedFields()
 
@@ -113,7 +112,7 @@ class DirectProtocol(GuardedProtocol):
         path, _, query = self.url.partition(b"?")
         method = self.parser.get_method()
         if method == b"GET":
-            is_taken = path in _QUERIES and bool(query) and self._is_simple(0)
+            is_taken = bool(query) and _QUERY.fullmatch(path) is not None and self._is_simple(0)
         else:
             is_call = method == b"POST" and _CALL.fullmatch(path) is not None
             is_taken = is_call and self._is_simple(SMALL_BODY)

@@ -16,7 +16,7 @@ from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.operations import json_object
 from endpoint.follow.replication import require_replicate
-from endpoint.http.messages import JSON_TYPE, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan
 from rtask.engine.context import SCOPES
 from rtask.engine.engine import Engine
@@ -44,7 +44,6 @@ def plan_asked_records(
     UsageError
         The body is not ``{"records": [...]}``.
     """
-    require_method(request, ("POST",))
     require_replicate(caller)
     if not isinstance(engine, Engine):
         raise UnsupportedError("there is no engine here that stores what robots asked")

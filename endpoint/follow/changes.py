@@ -33,6 +33,7 @@ from endpoint.follow.socket import ChangeSocket
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
+from endpoint.routes import find
 from endpoint.served import embedded
 from rtask.errors import (
     ClosedError,
@@ -74,8 +75,7 @@ class Changes:
     @staticmethod
     def serves(path: str) -> bool:
         """Tell whether an address belongs to change notifications."""
-        here = path.rstrip("/")
-        return here in (ADDRESS, ACTIVITY, RECORDS) or path.startswith(ADDRESS + "/")
+        return any(one.lane == "stream" for one in find(path.rstrip("/")).routes)
 
     @classmethod
     def follows(cls, request: Request) -> bool:

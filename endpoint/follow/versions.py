@@ -6,35 +6,12 @@ import threading
 from collections.abc import Callable
 
 from endpoint.http.following import Following
-from endpoint.http.messages import RefusedError, Request, Response
-from endpoint.rosbridge.services import Engine
+from endpoint.http.messages import RefusedError, Response
 from endpoint.served import ServedGraph
 
-__all__ = ["minimum_version", "staleness_headers", "writes"]
+__all__ = ["minimum_version", "staleness_headers"]
 
 WAIT_S = 2.0
-_SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
-_ONLY_READ = ("/query", "/tokens/ticket")
-_ENGINE = "/engine/"
-
-
-def writes(request: Request, address: str, engine: Engine) -> bool:
-    """Whether a request may change the graph, so that only the writer can answer it."""
-    if request.method in _SAFE_METHODS or address in _ONLY_READ or address.startswith("/queries/"):
-        return False
-    if address == "/sparql":
-        media_type = request.content_type[0]
-        if media_type == "application/sparql-query":
-            return False
-        return media_type == "application/sparql-update" or _has_update(request.body)
-    if address.startswith(_ENGINE):
-        operation = engine.operations.get(address.removeprefix(_ENGINE))
-        return operation is None or operation.effect == "writes"
-    return True
-
-
-def _has_update(body: bytes) -> bool:
-    return body.startswith(b"update=") or b"&update=" in body
 
 
 def minimum_version(kb: ServedGraph, text: str) -> Callable[[Callable[[], Response]], Response]:

@@ -17,6 +17,8 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from endpoint.routes import ROUTES
+
 __all__ = ["CONTENT_TYPE", "Metrics", "route_of"]
 
 CONTENT_TYPE = CONTENT_TYPE_PLAIN_0_0_4
@@ -26,16 +28,7 @@ BUCKETS_S = (
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"))
 _ROUTES = (
-    "/sparql",
-    "/query",
-    "/update",
-    "/store",
-    "/engine",
-    "/api",
-    "/health",
-    "/metrics",
-    "/queries",
-    "/changes",
+    *dict.fromkeys("/" + one.pattern.split("/")[1] for one in ROUTES),
     "/admin",
     "/static",
 )

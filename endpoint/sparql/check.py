@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 
-from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
 from rtask.errors import DataError, UsageError
 from rtask.sparql.syntax import check_query, check_update
 from rtask.sparql.update_outline import read_update
 
-__all__ = ["ADDRESS", "plan_check"]
+__all__ = ["plan_check"]
 
-ADDRESS = "/sparql/check"
 MAX_TEXT = 200_000
 
 
@@ -26,11 +25,10 @@ def plan_check(request: Request) -> Plan:
     Raises
     ------
     RefusedError
-        405 or 415.
+        415.
     UsageError
         The body is not UTF-8, or too long to be checked.
     """
-    require_method(request, ("POST", "OPTIONS"))
     media_type, _ = request.content_type
     if media_type not in (QUERY_TYPE, UPDATE_TYPE):
         raise RefusedError(

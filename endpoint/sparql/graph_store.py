@@ -21,7 +21,6 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     Response,
-    require_method,
     split_media_type,
 )
 from endpoint.http.plan import Plan, RunningQuery
@@ -37,7 +36,6 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import GraphName
 
 ADDRESS = "/store"
-METHODS = ("GET", "HEAD", "PUT", "POST", "DELETE", "OPTIONS")
 FORMATS = {
     "text/turtle": "turtle",
     "application/x-turtle": "turtle",
@@ -111,7 +109,6 @@ class GraphStore:
         RefusedError
             400, 405, 406 or 415; the message says what to do instead.
         """
-        require_method(request, METHODS)
         graph = self._target(request, caller)
         require_read(caller.access, graph, self._served)
         if request.method in ("GET", "HEAD"):

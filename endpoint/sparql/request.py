@@ -112,6 +112,20 @@ def parse_operation(request: Request, kinds: tuple[str, ...] = (QUERY, UPDATE)) 
     return _from_post(request, kinds)
 
 
+def is_update(request: Request) -> bool:
+    """Return whether a request at ``/sparql`` is an update, without parsing it.
+
+    >>> is_update(Request("POST", "/sparql", "", {"content-type": UPDATE_TYPE}))
+    True
+    """
+    if request.method in ("GET", "HEAD"):
+        return False
+    media_type = request.content_type[0]
+    if media_type in (QUERY_TYPE, UPDATE_TYPE):
+        return media_type == UPDATE_TYPE
+    return request.body.startswith(b"update=") or b"&update=" in request.body
+
+
 def _from_get(request: Request) -> Operation:
     fields = request.parameters
     if any(name == "update" for name, _ in fields):

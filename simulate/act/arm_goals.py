@@ -6,6 +6,7 @@ FollowJointTrajectory), by which MoveIt moves a robot (Gatto 2016, 4.2).
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -53,7 +54,9 @@ class ArmGoals:
     def joint_states(self) -> dict[str, Any]:
         """Return the measured joints as a sensor_msgs/JointState, rad."""
         values = self._robot.joint_values()
+        seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
         return {
+            "header": {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": ""},
             "name": list(values),
             "position": list(values.values()),
             "velocity": [],
@@ -110,13 +113,13 @@ class ArmGoals:
             raise UsageError("trajectory: expected a trajectory_msgs/JointTrajectory")
         joints, robot = self._robot.arm(arm).joints, self._robot
         way = read_trajectory(trajectory, joints, robot.arm_joints(arm))
-        time = due = 0.0
-        while time < way.duration + _SETTLE_S:
-            position, velocity = way.at(time)
+        elapsed = due = 0.0
+        while elapsed < way.duration + _SETTLE_S:
+            position, velocity = way.at(elapsed)
             robot.command_arm(arm, position, velocity)
             robot.world.step(_STEP_S)
-            time += _STEP_S
-            if time >= due:
+            elapsed += _STEP_S
+            if elapsed >= due:
                 due += _FEEDBACK_S
                 if not np.isfinite(robot.arm_joints(arm)).all():
                     return GOAL_TOLERANCE, "the simulation broke down: joints are not numbers"

@@ -106,7 +106,7 @@ def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
 class ActProvider:
     """Provides a robot's act service and the actions of its arms below ``/NAME/``.
 
-    Where the joints are is published, latched, on ``/NAME/joint_states``.
+    Where the joints are is published, latched and with its time, on ``/NAME/joint_states``.
 
     Parameters
     ----------
@@ -209,6 +209,7 @@ class ActProvider:
     def _answer_next(self, socket: Any) -> None:
         message = self._waiting.popleft() if self._waiting else self._received(socket, _WAIT_S)
         if message is None:
+            self._publish_joints(socket)  # drivers' clients refuse states that are old
             return
         if message.get("op") == "call_service":
             answer = self._response(message)

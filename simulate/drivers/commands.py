@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,6 +16,7 @@ from rtask.extras import naming_extras
 from simulate import options
 
 if TYPE_CHECKING:
+    from simulate.drivers.contract import JointLimits
     from simulate.drivers.naoqi import NaoqiArm
     from simulate.drivers.rosbridge import RosbridgeArm
     from simulate.robots.description import Arm
@@ -36,6 +38,10 @@ __all__ = ["reach"]
     help="Action of the arm's driver.  [default: /<arm>_controller/follow_joint_trajectory]",
 )
 @click.option("--joints", default="/joint_states", show_default=True, help="Topic of the joints.")
+@click.option(
+    "--ros", type=click.Choice(["1", "2"]), default="2", show_default=True,
+    help="ROS behind --rosbridge: its numbers say how a motion ended.",
+)  # fmt: skip
 @click.option("--home", "home_first", is_flag=True, help="Bring the arm home first.")
 @click.option("--back", is_flag=True, help="Return home the same way.")
 @click.option(
@@ -53,6 +59,7 @@ def reach(
     rosbridge: str | None,
     action: str | None,
     joints: str,
+    ros: str,
     home_first: bool,
     back: bool,
     grasp: bool,
@@ -61,7 +68,9 @@ def reach(
     """Plan to reach X Y Z (m, base frame) and move a real arm there.
 
     Plans from the arm's home posture over an empty table. Refuses to move an arm that is not at
-    home, unless --home finds a free path there. The arm is stopped on every error and on Ctrl-C.
+    home, unless --home finds a free path there, and an arm that moves, is outside its limits or
+    whose joint states are old or incomplete. The arm is stopped on every error and on Ctrl-C; it is
+    said to be there only if its joints, measured anew, are.
     Give -- before negative numbers. The token for rosbridge is read from RTASK_TOKEN. Tried on
     stand-ins and simulated arms only: on a real one, keep the emergency stop at hand.
 
@@ -73,17 +82,25 @@ def reach(
         raise UsageError("--grasp moves the hand, which only --naoqi does")
     from simulate.act.reach import plan_reach
     from simulate.drivers import motions
+    from simulate.drivers.contract import JointLimits
+    from simulate.drivers.rosbridge import RosbridgeArm
     from simulate.grasping.executor import Workcell
 
     with Workcell(robot, "fast") as cell:
         plan = plan_reach(cell, (x, y, z), theta, seed)
         arm = cell.description.arm(plan.arm)
+        limits = JointLimits.of(cell.description, arm.joints)
         report: dict[str, Any] = {"arm": plan.arm, "held": None, "evidence": ""}
         with contextlib.ExitStack() as opened:
             if naoqi is not None:
-                driver: NaoqiArm | RosbridgeArm = opened.enter_context(_naoqi(naoqi, arm))
+                driver: NaoqiArm | RosbridgeArm = opened.enter_context(_naoqi(naoqi, arm, limits))
             else:
-                driver = opened.enter_context(_rosbridge(str(rosbridge), arm, action, joints))
+                named = action or f"/{arm.name}_controller/follow_joint_trajectory"
+                bridged = RosbridgeArm(
+                    str(rosbridge), named, arm.joints, joints, os.environ.get("RTASK_TOKEN"),
+                    limits=limits, ros=1 if ros == "1" else 2, say=partial(click.echo, err=True),
+                )  # fmt: skip
+                driver = opened.enter_context(bridged)
             if home_first:
                 motions.bring_home(driver, cell, plan.arm, seed)
             if grasp:
@@ -104,18 +121,11 @@ def reach(
 
 
 @contextlib.contextmanager
-def _naoqi(address: str, arm: Arm) -> Iterator[NaoqiArm]:
+def _naoqi(address: str, arm: Arm, limits: JointLimits) -> Iterator[NaoqiArm]:
     from simulate.drivers.naoqi import HANDS, NaoqiArm
 
     hands = [alias for alias in arm.aliases if alias in HANDS]
     if not hands:
         raise RobotError(f"{arm.name} is no arm of a NAO; give --robot nao")
-    with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0]) as driver:
+    with naming_extras("--naoqi"), NaoqiArm(address, arm.joints, hands[0], limits) as driver:
         yield driver
-
-
-def _rosbridge(url: str, arm: Arm, action: str | None, joints: str) -> RosbridgeArm:
-    from simulate.drivers.rosbridge import RosbridgeArm
-
-    named = action or f"/{arm.name}_controller/follow_joint_trajectory"
-    return RosbridgeArm(url, named, arm.joints, joints, os.environ.get("RTASK_TOKEN"))

@@ -7,6 +7,7 @@ and tested against a stand-in that speaks the same protocol; never tried on a ro
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, NoReturn
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from simulate.motion.joint_messages import check_start
+from simulate.drivers.contract import JointLimits, check_motion_start, check_positions
 from simulate.motion.trajectory import Trajectory
 from simulate.robots.description import Floats
 
@@ -23,6 +24,8 @@ __all__ = ["HANDS", "NaoqiArm"]
 
 HANDS = ("LHand", "RHand")
 """Names of a NAO's hands in NAOqi."""
+
+log = logging.getLogger(__name__)
 
 _CALL_S, _SPARE_S = 10.0, 5.0
 _KNOT_S = 0.08
@@ -38,7 +41,8 @@ class NaoqiArm:
     """One arm of a NAO with its hand.
 
     While it is open, autonomous life is off and the arm is stiff: otherwise the robot moves by
-    itself. At the end the arm gets limp, wherever it is; bring it home before.
+    itself. At the end the arm gets limp, wherever it is; bring it home before. After an error it
+    stays stiff, and autonomous life off: a limp arm would fall, with what it holds.
 
     Parameters
     ----------
@@ -48,6 +52,8 @@ class NaoqiArm:
         Of the arm, in the order of the trajectories.
     hand
         One of :data:`HANDS`.
+    limits
+        Of the joints; an arm outside them is not moved.
 
     Raises
     ------
@@ -55,10 +61,13 @@ class NaoqiArm:
         NAOqi cannot be reached, or lacks a service.
     """
 
-    def __init__(self, address: str, joints: tuple[str, ...], hand: str) -> None:
+    def __init__(
+        self, address: str, joints: tuple[str, ...], hand: str, limits: JointLimits | None = None
+    ) -> None:
         import qi
 
         self._joints, self._hand, self._address = joints, hand, address
+        self._limits = limits
         self._session = qi.Session()
         self._wait(self._session.connect(address, _async=True), "connecting", _CALL_S)
         self._motion = self._service("ALMotion")
@@ -78,7 +87,15 @@ class NaoqiArm:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        if kind is None:
+            self.close()
+        else:
+            log.warning(
+                "%s: the arm stays stiff and autonomous life off; hold the arm, then take the "
+                "stiffness away (ALMotion.setStiffnesses)",
+                self._address,
+            )
+            self._session.close()
 
     def close(self) -> None:
         """Make the arm limp, let autonomous life go on, and disconnect."""
@@ -105,8 +122,16 @@ class NaoqiArm:
     # -- the arm ---------------------------------------------------------------------------
 
     def measured(self) -> Floats:
-        """Return the measured joints (dof,), rad."""
-        return np.array(self._angles(self._joints))
+        """Return the measured joints (dof,), rad.
+
+        Raises
+        ------
+        RobotError
+            One is not finite, or outside its limits.
+        """
+        angles = np.array(self._angles(self._joints))
+        check_positions(angles, self._joints, self._limits)
+        return angles
 
     def follow(self, way: Trajectory) -> None:
         """Have the arm follow a trajectory, and wait for its end; stopped on every other exit.
@@ -118,7 +143,7 @@ class NaoqiArm:
         RemoteUnavailableError
             It did not end in its time and 5 s, or the robot does not answer.
         """
-        check_start(way, self._joints, self.measured())
+        check_motion_start(way, self._joints, self.measured())
         knots = _knots(way)
         if not len(knots):
             return

@@ -125,6 +125,7 @@ def ros_reach(
     load_messages(engine_schema(), use_ros())
     from rtask.interop.ros.node import NodeOptions, RosNode
     from simulate.act.reach import plan_reach
+    from simulate.drivers.contract import JointLimits
     from simulate.grasping.executor import Workcell
     from simulate.motion.trajectory import join, reverse
     from simulate.ros.driver import ArmDriver
@@ -133,10 +134,11 @@ def ros_reach(
     with banner_on_stderr(), Workcell(robot, "fast") as cell:
         plan = plan_reach(cell, (x, y, z), theta, seed)
         joints = cell.description.arm(plan.arm).joints
+        limits = JointLimits.of(cell.description, joints)
     way = join([plan.free, plan.approach])
     node = RosNode(NodeOptions(name, remaps, wait_s))
     try:
-        driver = ArmDriver(f"{plan.arm}_controller/follow_joint_trajectory", joints, wait_s)
+        driver = ArmDriver(f"{plan.arm}_controller/follow_joint_trajectory", joints, wait_s, limits)
         driver.follow(way)
         if not as_json:
             click.echo(f"{plan.arm} is at ({x:g}, {y:g}, {z:g})")

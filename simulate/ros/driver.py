@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,20 @@ from numpy.typing import NDArray
 from rtask.errors import RemoteUnavailableError, RobotError
 from rtask.interop.ros.convert import fill
 from rtask.interop.ros.package import make_message
-from simulate.motion.joint_messages import check_start, goal_message
+from simulate.drivers.contract import (
+    JointLimits,
+    check_arrival,
+    check_ending,
+    check_motion_start,
+    settled_joints,
+)
+from simulate.motion.joint_messages import goal_message
 from simulate.motion.trajectory import Trajectory
 
 __all__ = ["ArmDriver"]
 
 _SPARE_S = 5.0
 _STATE_S = 5.0
-_SUCCEEDED = 3
 
 
 class ArmDriver:
@@ -32,6 +39,8 @@ class ArmDriver:
         In the order of the trajectories.
     wait_s
         Longest wait for the action server.
+    limits
+        Of the joints; states outside them start no motion.
 
     Raises
     ------
@@ -39,11 +48,19 @@ class ArmDriver:
         No action server answers.
     """
 
-    def __init__(self, action: str, joints: tuple[str, ...], wait_s: float) -> None:
+    def __init__(
+        self,
+        action: str,
+        joints: tuple[str, ...],
+        wait_s: float,
+        limits: JointLimits | None = None,
+    ) -> None:
         import actionlib
         import rospy
 
-        self._joints = joints
+        self._joints, self._limits = joints, limits
+        # Simulated time is what the states' stamps count, where the node uses it.
+        self._clock = lambda: float(rospy.Time.now().to_sec())
         self._newest: Any = None
         self._came = threading.Condition()
         kind = type(make_message("sensor_msgs/JointState"))
@@ -56,38 +73,52 @@ class ArmDriver:
 
     def _take(self, state: Any) -> None:
         # Other publishers of /joint_states may tell of other joints.
-        if set(self._joints) <= set(state.name):
+        if set(self._joints) & set(state.name):
             with self._came:
                 self._newest = state
                 self._came.notify_all()
 
-    def measured(self) -> NDArray[np.float64]:
-        """Return the measured joints (dof,), rad.
-
-        Raises
-        ------
-        RemoteUnavailableError
-            Nobody tells them.
-        """
+    def _next_state(self, until: float) -> dict[str, Any] | None:
+        """Return the next joint state as a mapping, or None after a time."""
         with self._came:
-            if not self._came.wait_for(lambda: self._newest is not None, _STATE_S):
-                raise RemoteUnavailableError(
-                    f"/joint_states tells no {', '.join(self._joints)} within {_STATE_S:g} s"
-                )
-            positions = dict(zip(self._newest.name, self._newest.position, strict=True))
-        return np.array([positions[name] for name in self._joints])
+            self._newest = None
+            wait_s = max(until - time.monotonic(), 0.0)
+            if not self._came.wait_for(lambda: self._newest is not None, wait_s):
+                return None
+            state = self._newest
+        stamp = {"secs": state.header.stamp.secs, "nsecs": state.header.stamp.nsecs}
+        return {
+            "header": {"stamp": stamp}, "name": list(state.name),
+            "position": list(state.position), "velocity": list(state.velocity),
+        }  # fmt: skip
 
-    def follow(self, way: Trajectory) -> None:
-        """Have the arm follow a trajectory, and wait for its end; cancelled on every other exit.
+    def measured(self) -> NDArray[np.float64]:
+        """Return the joints (dof,), rad, of the arm at rest, from fresh states.
 
         Raises
         ------
         RobotError
-            It starts away from the measured pose, or the driver ended it with an error.
+            The states are old, without time, incomplete, not finite, outside the limits, or the
+            arm moves.
+        RemoteUnavailableError
+            No joint state comes.
+        """
+        return settled_joints(
+            self._next_state, self._joints, self._limits, _STATE_S, now=self._clock
+        )
+
+    def follow(self, way: Trajectory) -> None:
+        """Have the arm follow a trajectory, and wait until it is there; cancelled on every error.
+
+        Raises
+        ------
+        RobotError
+            It starts away from the measured pose, the driver ended it otherwise than by success,
+            or the measured joints are not at the goal.
         RemoteUnavailableError
             It did not end in its time and 5 s.
         """
-        check_start(way, self._joints, self.measured())
+        check_motion_start(way, self._joints, self.measured())
         ended = threading.Event()
         try:
             self._client.send_goal(self._goal(way), done_cb=lambda state, result: ended.set())
@@ -99,9 +130,14 @@ class ArmDriver:
             if not ended.is_set():
                 self._client.cancel_goal()
         result = self._client.get_result()
-        if self._client.get_state() != _SUCCEEDED or result.error_code:
-            words = result.error_string or self._client.get_goal_status_text()
-            raise RobotError(f"{self._name} ended with {result.error_code}: {words}")
+        code = result.error_code if result is not None else 0
+        words = (result.error_string if result is not None else "") or str(
+            self._client.get_goal_status_text()
+        )
+        if code:
+            raise RobotError(f"{self._name} ended with {code}: {words}")
+        check_ending(1, self._client.get_state(), self._name, words)
+        check_arrival(way.positions[-1], self._joints, self.measured())
 
     def _goal(self, way: Trajectory) -> Any:
         goal = make_message("control_msgs/FollowJointTrajectoryGoal")

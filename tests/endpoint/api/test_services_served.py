@@ -127,7 +127,7 @@ def test_a_failed_start_says_when_to_come_back(http):
 
 def test_other_methods_are_refused(http):
     answer = http.get("/services/lab/Arm/forward")
-    assert (answer.status_code, answer.headers["Allow"]) == (405, "POST")
+    assert (answer.status_code, answer.headers["Allow"]) == (405, "POST, OPTIONS")
     assert http.post("/services").status_code == 405
     assert http.post("/services/lab/Arm/forward", content=b"x").status_code == 415
     assert http.options("/services/lab/Arm/forward").headers["Allow"] == "POST, OPTIONS"

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from rtask.errors import RemoteUnavailableError, RobotError
 from simulate.act.reach import plan_reach
 from simulate.drivers import motions
+from simulate.drivers.contract import JointLimits
 from simulate.drivers.naoqi import NaoqiArm
 from simulate.grasping.executor import Workcell
 from simulate.motion.trajectory import time_path
@@ -112,6 +113,29 @@ def test_autonomous_life_rests_and_joints_are_stiff_only_while_the_arm_is_driven
         assert motion.told()[-1] == "stiff 1"
     assert life.getState() == "solitary"
     assert motion.told()[-1] == "stiff 0"
+
+
+def test_after_an_error_the_arm_stays_stiff_and_life_off(robot, motion):
+    life = robot[1].service("ALAutonomousLife")
+    motion.arrange(0.0, "RShoulderPitch", 20.0)
+    with (
+        pytest.raises(RobotError, match="ended"),
+        NaoqiArm(robot[0], ARM.joints, "RHand") as driver,
+    ):
+        driver.follow(moved(0.4))
+    assert life.getState() == "disabled"
+    assert motion.told()[-1] != "stiff 0"
+    life.setState("solitary")
+
+
+def test_a_nao_whose_joints_are_in_degrees_is_not_moved(robot, motion):
+    limits = JointLimits.of(describe("nao"), ARM.joints)
+    motion.put({"RShoulderPitch": 80.0})
+    before = len(motion.told())
+    with NaoqiArm(robot[0], ARM.joints, "RHand", limits) as driver:
+        with pytest.raises(RobotError, match="RShoulderPitch is 80"):
+            driver.follow(moved(0.4))
+        assert len(motion.told()) == before + 1  # the stiffness
 
 
 def test_a_picture_of_the_camera_has_its_colours_in_place(arm, robot):

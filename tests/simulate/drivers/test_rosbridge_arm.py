@@ -78,7 +78,7 @@ def test_a_topic_without_these_joints_is_said(address, monkeypatch):
     monkeypatch.setattr("simulate.drivers.rosbridge._STATE_S", 0.3)
     with (
         RosbridgeArm(address, ACTION, ("elbow",), "/cell/joint_states") as other,
-        pytest.raises(RemoteUnavailableError, match="tells no elbow within"),
+        pytest.raises(RemoteUnavailableError, match="no state of elbow came within"),
     ):
         other.measured()
 

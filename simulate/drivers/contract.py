@@ -1,0 +1,310 @@
+"""Contract of every driver of a real arm: what starts a motion, and what counts as its end.
+
+A motion starts only from joint states that are recent, complete, finite, within the limits and at
+rest. It has succeeded only when the controller's terminal status says so and fresh joint states
+show the arm at the goal.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from rtask.errors import RemoteUnavailableError, RobotError
+from simulate.motion.joint_messages import check_start
+from simulate.motion.trajectory import Trajectory
+from simulate.robots.description import Floats, RobotDescription
+
+__all__ = [
+    "JointLimits",
+    "RosVersion",
+    "check_arrival",
+    "check_ending",
+    "check_motion_start",
+    "check_positions",
+    "goal_id",
+    "read_state",
+    "settled_joints",
+]
+
+RosVersion = Literal[1, 2]
+
+_SUCCEEDED: dict[RosVersion, int] = {1: 3, 2: 4}
+_ENDINGS: dict[RosVersion, dict[int, str]] = {
+    1: {2: "preempted", 3: "succeeded", 4: "aborted", 5: "rejected", 8: "recalled", 9: "lost"},
+    2: {4: "succeeded", 5: "canceled", 6: "aborted"},
+}
+"""actionlib_msgs/GoalStatus and action_msgs/GoalStatus: 4 is a failure in one, a success in the
+other."""
+
+MAX_AGE_S = 1.0
+_REST_RAD_S = 0.05
+_NOISE_RAD = 0.002
+_LIMIT_MARGIN_RAD = 0.05
+_ARRIVED_RAD = 0.05
+_SAME_RAD = 0.05
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Position limits (dof,) of an arm's joints, rad; infinite for continuous joints."""
+
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def of(cls, robot: RobotDescription, joints: Sequence[str]) -> JointLimits:
+        """Return the limits of joints of a robot."""
+        by_name = {joint.name: joint for joint in robot.joints}
+        ends = [(by_name[name].lower, by_name[name].upper) for name in joints]
+        ends = [(low, high) if low < high else (-np.inf, np.inf) for low, high in ends]
+        return cls(np.array([low for low, _ in ends]), np.array([high for _, high in ends]))
+
+
+@dataclass(frozen=True)
+class _State:
+    """Joints of one message: positions (dof,) and velocities (dof,) or None, and its time, s."""
+
+    positions: Floats
+    velocities: Floats | None
+    stamp_s: float
+
+
+def goal_id() -> str:
+    """Return a goal id that no other program on the same bridge uses."""
+    return f"rtask-{uuid.uuid4().hex}"
+
+
+def check_ending(ros: RosVersion, status: object, action: str, words: str = "") -> None:
+    """Check the terminal status of a goal, by the table of its protocol.
+
+    Parameters
+    ----------
+    ros
+        Version of ROS whose GoalStatus it is.
+    status
+        As the controller sent it; anything unknown is a failure.
+
+    Raises
+    ------
+    RobotError
+        The goal did not succeed.
+
+    Examples
+    --------
+    >>> check_ending(2, 4, "/arm")
+    >>> check_ending(1, 4, "/arm")
+    Traceback (most recent call last):
+    ...
+    rtask.errors.RobotError: /arm ended: aborted (status 4 of ROS 1)
+    """
+    if type(status) is int and status == _SUCCEEDED[ros]:
+        return
+    name = _ENDINGS[ros].get(status, "unknown") if type(status) is int else "unknown"
+    tail = f": {words}" if words else ""
+    raise RobotError(f"{action} ended: {name} (status {status} of ROS {ros}){tail}")
+
+
+def read_state(
+    message: Mapping[str, Any], joints: Sequence[str], limits: JointLimits | None, now_s: float
+) -> _State:
+    """Read a sensor_msgs/JointState from which a motion may start.
+
+    Parameters
+    ----------
+    message
+        Its joints may stand in any order, beside others; each value belongs to its name.
+    joints
+        Of the arm.
+    limits
+        Of these joints.
+    now_s
+        Time of this machine, s since 1970.
+
+    Raises
+    ------
+    RobotError
+        Says what is wrong with which joint, and what to do about it.
+    """
+    names, positions = list(message.get("name") or ()), list(message.get("position") or ())
+    if len(names) != len(positions) or len(set(names)) != len(names):
+        raise RobotError(
+            f"a joint state names {len(set(names))} joints and has {len(positions)} positions; "
+            "check its publisher"
+        )
+    missing = [name for name in joints if name not in names]
+    if missing:
+        raise RobotError(
+            f"the joint states lack {', '.join(missing)}; "
+            "start the broadcaster of the arm's joints, or give its topic by --joints"
+        )
+    _check_time(message, now_s)
+    rows = [names.index(name) for name in joints]
+    values = np.array([float("nan" if positions[k] is None else positions[k]) for k in rows])
+    check_positions(values, joints, limits)
+    rates = list(message.get("velocity") or ())
+    velocities = None
+    if len(rates) == len(names):
+        velocities = np.array([float("nan" if rates[k] is None else rates[k]) for k in rows])
+    return _State(values, velocities, _stamp(message))
+
+
+def check_positions(values: Floats, joints: Sequence[str], limits: JointLimits | None) -> None:
+    """Check that measured joints (dof,), rad, are finite and within their limits.
+
+    Raises
+    ------
+    RobotError
+        A joint is not; degrees are recognised.
+    """
+    if not np.isfinite(values).all():
+        name = joints[int(np.flatnonzero(~np.isfinite(values))[0])]
+        raise RobotError(f"{name} is not a finite number; check its encoder and the driver")
+    if limits is None:
+        return
+    margin = _LIMIT_MARGIN_RAD
+    outside = (values < limits.lower - margin) | (values > limits.upper + margin)
+    if not outside.any():
+        return
+    k = int(np.flatnonzero(outside)[0])
+    radians = np.deg2rad(values)
+    # No arm stands beyond a full turn unless it counts in degrees.
+    if (
+        np.abs(values).max() > 2 * np.pi
+        and ((radians >= limits.lower - margin) & (radians <= limits.upper + margin)).all()
+    ):
+        raise RobotError(
+            f"{joints[k]} is {values[k]:.2f}, which looks like degrees; "
+            "the driver has to publish radians"
+        )
+    raise RobotError(
+        f"{joints[k]} is {values[k]:.2f} rad, outside its limits "
+        f"{limits.lower[k]:.2f} to {limits.upper[k]:.2f}; move the arm back by hand, "
+        "or check that the model is that of the robot"
+    )
+
+
+def settled_joints(
+    next_message: Callable[[float], Mapping[str, Any] | None],
+    joints: Sequence[str],
+    limits: JointLimits | None,
+    wait_s: float,
+    now: Callable[[], float] = time.time,
+) -> Floats:
+    """Return the joints (dof,), rad, of an arm at rest, from two consecutive fresh states.
+
+    Parameters
+    ----------
+    next_message
+        Returns the next JointState, or None after a time of the monotonic clock.
+    now
+        Clock of the states' stamps, s.
+
+    Raises
+    ------
+    RobotError
+        None of the states that came within ``wait_s`` will do; says why the last one does not.
+    RemoteUnavailableError
+        No joint state came.
+    """
+    until, complaint = time.monotonic() + wait_s, None
+    before: _State | None = None
+    while (message := next_message(until)) is not None:
+        try:
+            state = read_state(message, joints, limits, now())
+            if before is not None and state.stamp_s > before.stamp_s:
+                _check_rest(before, state, joints)
+                return state.positions
+        except RobotError as error:
+            complaint = error
+            before = None
+            continue
+        before = state
+    if complaint is not None:
+        raise complaint
+    if before is not None:
+        raise RobotError(
+            f"only one joint state came within {wait_s:g} s, or its time stands still; "
+            "check that the driver publishes"
+        )
+    raise RemoteUnavailableError(f"no state of {', '.join(joints)} came within {wait_s:g} s")
+
+
+def check_motion_start(way: Trajectory, joints: Sequence[str], measured: Floats) -> None:
+    """Check that an arm is where a trajectory starts.
+
+    Raises
+    ------
+    RobotError
+        A joint is elsewhere; values that fit in another order of the joints are recognised.
+    """
+    try:
+        check_start(way, joints, measured)
+    except RobotError as error:
+        apart = np.abs(np.sort(measured) - np.sort(way.positions[0]))
+        if len(joints) > 1 and (apart <= _SAME_RAD).all():
+            raise RobotError(
+                f"{error}; the measured values fit in another order of the joints: "
+                "check that the driver's names belong to its positions"
+            ) from error
+        raise
+
+
+def check_arrival(goal: Floats, joints: Sequence[str], measured: Floats) -> None:
+    """Check that an arm, as measured after a motion, is at the goal (dof,), rad.
+
+    Raises
+    ------
+    RobotError
+        A joint is elsewhere, whatever the controller said.
+    """
+    off = np.abs(measured - goal)
+    worst = int(off.argmax())
+    if not off[worst] <= _ARRIVED_RAD:
+        raise RobotError(
+            f"{joints[worst]} ended {off[worst]:.2f} rad from its goal, although the controller "
+            "reported success; something is in the way, or it did not move"
+        )
+
+
+def _stamp(message: Mapping[str, Any]) -> float:
+    """Return the time of a message, s since 1970, of ROS 1 or 2; 0 where it has none."""
+    header = message.get("header")
+    stamp = header.get("stamp") if isinstance(header, Mapping) else None
+    if not isinstance(stamp, Mapping):
+        return 0.0
+    seconds = stamp.get("sec", stamp.get("secs", 0))
+    return float(seconds) + float(stamp.get("nanosec", stamp.get("nsecs", 0))) / 1e9
+
+
+def _check_time(message: Mapping[str, Any], now_s: float) -> None:
+    stamp = _stamp(message)
+    if not stamp > 0:
+        raise RobotError(
+            "the joint states carry no time, so that nobody knows how old they are; "
+            "have the driver fill header.stamp"
+        )
+    age = now_s - stamp
+    if not abs(age) <= MAX_AGE_S:
+        when = f"{age:.1f} s old" if age > 0 else f"{-age:.1f} s ahead of this machine"
+        raise RobotError(
+            f"the joint states are {when}; restart the driver that publishes them, "
+            "or set the clocks of both machines by NTP"
+        )
+
+
+def _check_rest(before: _State, state: _State, joints: Sequence[str]) -> None:
+    """Refuse an arm that moves, by its velocities and by the difference of two states."""
+    seconds = state.stamp_s - before.stamp_s
+    moved = np.abs(state.positions - before.positions)
+    is_moving = moved > _REST_RAD_S * seconds + _NOISE_RAD
+    if state.velocities is not None:
+        is_moving |= ~(np.abs(state.velocities) <= _REST_RAD_S)
+    if is_moving.any():
+        k = int(np.flatnonzero(is_moving)[0])
+        raise RobotError(f"{joints[k]} is moving; stop what moves the arm, and try again")

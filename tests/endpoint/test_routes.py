@@ -1,0 +1,138 @@
+"""The table of addresses: each is served as it says, and does to the graph what it declares."""
+
+from __future__ import annotations
+
+import json
+import re
+from contextlib import closing
+
+import pytest
+
+import rtask
+from endpoint.access.tokens import TokenStore
+from endpoint.api.openapi import document
+from endpoint.http.messages import Request
+from endpoint.routes import ROUTES, find
+from endpoint.settings import Config
+from rtask.engine import Engine
+from tests.servers import new_application
+
+_SITE = "http://localhost"
+_JSON = {"content-type": "application/json"}
+_RULE = {"label": "heavy", "text": "CONSTRUCT { ?s a <urn:Heavy> } WHERE { ?s <urn:kg> ?o }"}
+
+
+class Site:
+    """An application in this process, and an administrator who asks it."""
+
+    def __init__(self, application, kb, secret):
+        self.application, self.router, self.kb = application, application.router, kb
+        self._secret = secret
+
+    def ask(self, method, path, query="", body=b"", headers=None):
+        """Send a request as it is and return the response."""
+        sender = {"host": "localhost", "authorization": f"Bearer {self._secret}"}
+        request = Request(method, path, query, {**sender, **(headers or {})}, body, _SITE)
+        return self.application.handle(request)
+
+
+@pytest.fixture(scope="module")
+def site():
+    with (
+        rtask.open(":memory:", base="urn:lab/") as kb,
+        Engine(kb) as engine,
+        closing(TokenStore(None)) as tokens,
+    ):
+        secret, _ = tokens.create("admin")
+        config = Config(rate=1e6, write_rate=1e6)
+        application = new_application(kb, engine, tokens, config)
+        yield Site(application, kb, secret)
+        application.close()
+
+
+def example(pattern):
+    """Return an address that fits a pattern."""
+    return re.sub(r"<(?:path:)?(\w+)>", lambda part: f"some-{part[1]}", pattern)
+
+
+@pytest.mark.parametrize("pattern", list(dict.fromkeys(one.pattern for one in ROUTES)))
+def test_options_and_405_list_the_methods_of_the_table(site, pattern):
+    address = example(pattern)
+    match = find(address)
+    assert {one.pattern for one in match.routes} == {pattern}
+    allow = ", ".join(match.allow)
+    told = site.ask("OPTIONS", address)
+    assert (told.status, dict(told.headers)["Allow"]) == (204, allow)
+    refused = site.ask("PATCH", address)
+    assert (refused.status, dict(refused.headers)["Allow"]) == (405, allow)
+
+
+def test_every_handler_in_the_table_is_one_of_the_router(site):
+    named = {one.handler for one in ROUTES if one.lane != "stream"}
+    assert named == set(site.router._made_handlers())
+
+
+def test_every_described_address_is_in_the_table_and_states_its_effect(site):
+    context = site.application.context
+    described = document(context.engine, context.services.registry)
+    for path, methods in described["paths"].items():
+        for method, one in methods.items():
+            assert one["x-effect"] in ("reads", "records", "writes"), (method, path)
+
+
+@pytest.mark.parametrize("route", [one for one in ROUTES if one.effect == "reads"])
+def test_an_address_that_reads_commits_nothing(site, route):
+    before = site.kb.seq
+    for method in route.methods:
+        site.ask(method, example(route.pattern), "query=ASK{}", b"{}", _JSON)
+        site.ask(method, example(route.pattern), "s=urn:a&p=urn:b&o=urn:c")
+    assert site.kb.seq == before
+
+
+_SPARQL = {"content-type": "application/sparql-update"}
+_TURTLE = {"content-type": "text/turtle"}
+_HAND = {"name": "hand", "kind": "ParallelJawGripper", "gripper_type": "jaws", "max_opening": 0.08,
+         "jaw_width": 0.02, "finger_length": 0.05, "max_payload": 1.0}  # fmt: skip
+
+
+def test_addresses_that_write_commit(site):
+    rule = json.dumps(_RULE).encode()
+    robot = json.dumps({"name": "nao-1", "model": "nao", "end_effectors": [_HAND]}).encode()
+    for method, path, query, body, headers in (
+        ("POST", "/update", "", b"INSERT DATA { <urn:a> <urn:b> <urn:c> }", _SPARQL),
+        ("POST", "/sparql", "", b"DELETE DATA { <urn:a> <urn:b> <urn:c> }", _SPARQL),
+        ("PUT", "/store", "graph=urn:g", b"<urn:cup> <urn:kg> 1 .", _TURTLE),
+        ("POST", "/store", "graph=urn:g", b"<urn:cup> <urn:kg> 2 .", _TURTLE),
+        ("DELETE", "/store", "graph=urn:g", b"", {}),
+        ("PUT", "/store/g/1", "", b"<urn:cup> <urn:kg> 1 .", _TURTLE),
+        ("POST", "/store/g/1", "", b"<urn:cup> <urn:kg> 3 .", _TURTLE),
+        ("DELETE", "/store/g/1", "", b"", {}),
+        ("POST", "/reasoner/rules", "", rule, _JSON),
+        ("DELETE", "/reasoner/rules/heavy", "", b"", {}),
+        ("POST", "/reasoner/rules", "", rule, _JSON),
+        ("DELETE", "/reasoner/rules", "label=heavy", b"", {}),
+        ("POST", "/engine/register_robot", "", robot, _JSON),
+    ):
+        before = site.kb.seq
+        answer = site.ask(method, path, query, body, headers)
+        assert answer.status < 300, (method, path, answer.body)
+        assert site.kb.seq > before, (method, path)
+        request = Request(method, path, query, headers, body, "", "")
+        assert site.router.effect(request, path) == "writes"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "headers", "effect"),
+    [
+        ("GET", "/sparql", b"", {}, "reads"),
+        ("POST", "/sparql", b"query=ASK{}", {}, "reads"),
+        ("POST", "/sparql", b"update=CLEAR+ALL", {}, "writes"),
+        ("POST", "/engine/recall_grasps", b"{}", _JSON, "reads"),
+        ("POST", "/engine/recognise_for_grasp", b"{}", _JSON, "records"),
+        ("POST", "/engine/teach_object", b"{}", _JSON, "writes"),
+        ("POST", "/engine/no_such_thing", b"{}", _JSON, "reads"),
+        ("DELETE", "/robots", b"", {}, "reads"),
+    ],
+)
+def test_a_request_has_the_effect_that_it_asks_for(site, method, path, body, headers, effect):
+    assert site.router.effect(Request(method, path, "", headers, body), path) == effect
