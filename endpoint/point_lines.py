@@ -176,7 +176,7 @@ class PointLines:
                 line.is_stalled = True
                 if not line.queries:
                     self._close(line)
-            elif not line.queries or not readers.is_wanted:
+            elif not line.queries or not readers.is_in_demand:
                 self._send(readers, line, query, now)
                 return True
         if len(self._lines) >= _most_lines(readers):
@@ -230,7 +230,7 @@ class PointLines:
             self._continue(line)
         elif not queries:
             line.is_stalled = False
-            if self._readers is not None and self._readers.is_wanted:
+            if self._readers is not None and self._readers.is_in_demand:
                 self._close(line)
         if self._waiting:
             self._advance()

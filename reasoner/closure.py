@@ -61,8 +61,10 @@ class Staged:
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
-        self.inferred_kept: Collection[Triple] | None
-        self.inferred_added, self.inferred_removed, self.inferred_kept = closure._difference(draft)
+        self.remaining_inferred: Collection[Triple] | None
+        self.inferred_added, self.inferred_removed, self.remaining_inferred = closure._difference(
+            draft
+        )
         draft.layer.work = None
         earlier = closure._state.clashes
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]

@@ -116,7 +116,7 @@ TRANSIENT_STATUSES = frozenset((429, 502, 503, 504, 507))
 """HTTP statuses of errors after which the same call may succeed later."""
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
+def nearest(name: str, names: Sequence[str]) -> str:
     """Return the words ``; did you mean 'x'?`` when a known name is near, else nothing.
 
     Examples
@@ -126,8 +126,8 @@ def nearest(name: str, known: Sequence[str]) -> str:
     """
     import difflib
 
-    found = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"; did you mean {found[0]!r}?" if found else ""
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 class RtaskError(Exception):

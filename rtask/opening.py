@@ -154,8 +154,8 @@ def open_knowledge_base(
         )
     text = str(target)
     quarantines = on_inconsistency == "quarantine"
-    found = read_rules(rules)
-    if found and (plain or mode == "r"):
+    parsed = read_rules(rules)
+    if parsed and (plain or mode == "r"):
         raise UsageError(
             f"rules cannot be added to {'a plain dataset' if plain else 'what is open for reading'}"
         )
@@ -167,7 +167,7 @@ def open_knowledge_base(
         quarantines,
         policy(validate),
         shape_files(shapes),
-        found,
+        parsed,
     )
     if text.startswith(("http://", "https://", "sparql+http")):
         place = Place(text, None if folder is None else Path(folder))

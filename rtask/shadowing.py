@@ -29,11 +29,11 @@ def check_packages() -> None:
             continue
         if spec is None or spec.origin is None:
             continue
-        found = Path(spec.origin).resolve()
-        if found.parent != home / name:
+        origin = Path(spec.origin).resolve()
+        if origin.parent != home / name:
             raise ImportError(
-                f"{found} hides RTASK's own package {name!r} ({home / name}): "
+                f"{origin} hides RTASK's own package {name!r} ({home / name}): "
                 "rename that file, or start Python in another folder",
                 name=name,
-                path=str(found),
+                path=str(origin),
             )

@@ -125,7 +125,7 @@ def past_events(context: ServerContext, version: str, most: int = MAX_PAST) -> l
     epoch, _, number = version.rpartition(":")
     if epoch not in ("", kb.epoch) or not _NUMBER.fullmatch(number):
         raise UsageError(f"since={version[:80]}: expected {kb.epoch}:<number of a commit>")
-    kb.feed.require_kept(int(number))
+    kb.feed.require_retained(int(number))
     found: deque[Event] = deque(maxlen=most)
     for change in kb.feed.changes(int(number), kb.feed.last_seq):
         found.extend(commit_events(kb, change))

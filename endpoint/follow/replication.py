@@ -93,7 +93,7 @@ class RecordStream(EventStream):
             raise RefusedError(400, "usage", "since=EPOCH:NUMBER names the last commit you have")
         if epoch != kb.epoch or int(number) > kb.feed.last_seq:
             raise RefusedError(409, "epoch", f"commits were renumbered with epoch {kb.epoch}")
-        oldest = kb.feed.oldest_kept()
+        oldest = kb.feed.oldest_retained()
         if int(number) + 1 < oldest:
             raise RefusedError(410, "gone", f"commits before {oldest} are not kept", oldest=oldest)
         return int(number)

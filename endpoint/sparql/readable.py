@@ -86,7 +86,7 @@ def _require_all(access: Access, kb: ServedGraph, graphs: Iterable[str]) -> None
     for graph in graphs:
         if access.reads is not None and graph not in access.reads:
             raise ForbiddenError(f"this token may not read <{graph}>", graph=graph)
-        if own.is_kept_by_commits(NamedNode(graph)):
+        if own.is_system(NamedNode(graph)):
             raise ForbiddenError(
                 f"<{graph}> holds statements about other graphs, so a token that is limited to "
                 "some graphs cannot read it; make a token without it",

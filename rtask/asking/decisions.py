@@ -54,7 +54,7 @@ class Explanation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as JSON-able values, with terms in N-Triples syntax."""
-        found: dict[str, Any] = {
+        document: dict[str, Any] = {
             "holds": self.holds,
             "verdict": self.verdict,
             "asserted_in": list(self.asserted_in),
@@ -64,9 +64,9 @@ class Explanation:
         }
         plain = self.decision.to_dict()
         if self.holds:
-            return {**found, "proof": plain}
+            return {**document, "proof": plain}
         del plain["triple"]
-        return {**found, **plain, "reason": self.decision.render()}
+        return {**document, **plain, "reason": self.decision.render()}
 
 
 def explain(kb: GraphCore, triple: TripleKey, budget: int = PROOF_BUDGET) -> Explanation:

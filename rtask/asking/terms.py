@@ -50,7 +50,7 @@ _SCHEMES = ("urn", "mailto", "tag", "file", "data", "did", "info", "doi")
 _LANGUAGES = (None, "en", "de", "fr", "es", "it", "nl")
 _LISTED = 5
 _LABELS = (NamedNode(ontology.NS + "name"), NamedNode(ontology.PREFIXES["rdfs"] + "label"))
-_THING_PROPERTY = NamedNode(ontology.PREFIXES["owl"] + "ObjectProperty")
+_OBJECT_PROPERTY = NamedNode(ontology.PREFIXES["owl"] + "ObjectProperty")
 
 
 def _nothing_named(_: str) -> Sequence[str]:
@@ -86,7 +86,7 @@ class Reader:
     base: str = ""
     named: Callable[[str], Sequence[str]] = _nothing_named
     labels: Callable[[NamedNode], Sequence[str]] = _no_labels
-    names_things: Callable[[NamedNode], bool] = _unknown
+    takes_resources: Callable[[NamedNode], bool] = _unknown
     is_used: Callable[[NamedNode], bool] = _unknown
     prefixes: Mapping[str, str] = field(init=False)
 
@@ -104,19 +104,23 @@ class Reader:
         UnknownTermError
             Nothing has that name.
         """
-        said = self.term(predicate, "predicate")
-        if not isinstance(said, NamedNode):
+        predicate_term = self.term(predicate, "predicate")
+        if not isinstance(predicate_term, NamedNode):
             raise UsageError(f"the predicate is an IRI, not {predicate!r}")
         about = self.term(subject, "subject")
         if not isinstance(about, NamedNode):
             raise UsageError(f"the subject is an IRI or a name in quotes, not {subject!r}")
-        found = self.term(value)
-        if isinstance(found, Literal) and _is_plain(found) and self._relates_things(said):
-            found = self.thing(found.value)
-        return about, said, stored(found)
+        object_term = self.term(value)
+        if (
+            isinstance(object_term, Literal)
+            and _is_plain(object_term)
+            and self._takes_resources(predicate_term)
+        ):
+            object_term = self.thing(object_term.value)
+        return about, predicate_term, stored(object_term)
 
-    def _relates_things(self, predicate: NamedNode) -> bool:
-        return predicate == RDF_TYPE or self.names_things(predicate)
+    def _takes_resources(self, predicate: NamedNode) -> bool:
+        return predicate == RDF_TYPE or self.takes_resources(predicate)
 
     def term(self, text: str, role: Role = "object") -> Term:
         """Return the term of a text.
@@ -139,13 +143,13 @@ class Reader:
         text = text.strip()
         if role == "predicate" and text == "a":
             return RDF_TYPE
-        found, end = self._read(text)
+        term_read, end = self._read(text)
         rest = text[end:].strip()
-        if rest and not (isinstance(found, NamedNode) and self._is_label(rest, found)):
+        if rest and not (isinstance(term_read, NamedNode) and self._is_label(rest, term_read)):
             raise UsageError(f"{rest[:100]!r} is left over after the term {text[:end]}")
-        if role != "object" and isinstance(found, Literal) and _is_plain(found):
-            return self.thing(found.value)
-        return found
+        if role != "object" and isinstance(term_read, Literal) and _is_plain(term_read):
+            return self.thing(term_read.value)
+        return term_read
 
     def resource(self, text: str) -> NamedNode:
         """Return the IRI of a thing, class, property or graph, given in any form.
@@ -155,10 +159,10 @@ class Reader:
         UsageError, UnknownTermError
             As :meth:`term`, or it is a literal.
         """
-        found = self.term(text, "subject")
-        if not isinstance(found, NamedNode):
+        term_read = self.term(text, "subject")
+        if not isinstance(term_read, NamedNode):
             raise UsageError(f"expected an IRI, a prefixed name or a name in quotes, not {text!r}")
-        return found
+        return term_read
 
     def thing(self, name: str) -> NamedNode:
         """Return what has a name.
@@ -170,14 +174,14 @@ class Reader:
         UsageError
             Several things have it.
         """
-        found = self.named(name)
-        if not found:
+        iris = self.named(name)
+        if not iris:
             raise UnknownTermError(f'nothing is called "{name}"; `rtask search` looks for words')
-        if len(found) > 1:
-            listed = ", ".join(f"<{one}>" for one in found[:_LISTED])
-            more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
-            raise UsageError(f'{len(found)} things are called "{name}": {listed}{more}')
-        return iri(found[0])
+        if len(iris) > 1:
+            listed = ", ".join(f"<{iri_found}>" for iri_found in iris[:_LISTED])
+            more = f" and {len(iris) - _LISTED} more" if len(iris) > _LISTED else ""
+            raise UsageError(f'{len(iris)} things are called "{name}": {listed}{more}')
+        return iri(iris[0])
 
     def _read(self, text: str) -> tuple[Term, int]:
         """Return the term at the beginning of a text, and where it ends."""
@@ -225,10 +229,10 @@ class Reader:
             (triple,) = parse(document, format=RdfFormat.TURTLE)
         except (SyntaxError, ValueError) as error:
             raise self._no_term(text) from error
-        found: Term = triple.object
-        if isinstance(found, BlankNode):
+        term: Term = triple.object
+        if isinstance(term, BlankNode):
             raise UsageError(f"{text!r} is anonymous: it has no name by which it can be given")
-        return found
+        return term
 
     def _no_term(self, text: str, hint: str = "") -> UsageError:
         return UsageError(
@@ -255,24 +259,24 @@ def reader_of(kb: GraphCore) -> Reader:
             for language in _LANGUAGES
             for quad in kb.match(None, label, Literal(name, language=language))
         }
-        return sorted(one.value for one in subjects if isinstance(one, NamedNode))
+        return sorted(subject.value for subject in subjects if isinstance(subject, NamedNode))
 
     def labels(term: NamedNode) -> list[str]:
         values = (quad.object for label in _LABELS for quad in kb.match(term, label))
         return [value.value for value in values if isinstance(value, Literal)]
 
-    def names_things(predicate: NamedNode) -> bool:
-        return bool(kb.match(predicate, RDF_TYPE, _THING_PROPERTY))
+    def takes_resources(predicate: NamedNode) -> bool:
+        return bool(kb.match(predicate, RDF_TYPE, _OBJECT_PROPERTY))
 
     def is_used(term: NamedNode) -> bool:
         quads = kb.store.quads_for_pattern
-        found = (
+        matches = (
             quads(term, None, None, None),
             quads(None, term, None, None),
             quads(None, None, term, None),
         )
-        if any(next(iter(rows), None) is not None for rows in found):
+        if any(next(iter(rows), None) is not None for rows in matches):
             return True
         return term in kb.store.named_graphs()
 
-    return Reader(kb.base, named, labels, names_things, is_used)
+    return Reader(kb.base, named, labels, takes_resources, is_used)

@@ -246,7 +246,7 @@ def _advice(error: RtaskError) -> str:
     if not (isinstance(error, StoreFormatError) and error.details.get("absent")):
         return ""
     here = Path.cwd()
-    found = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})
-    if not found:
+    bases = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})
+    if not bases:
         return ""
-    return f"; there is one here: --data {found[0].parent.relative_to(here)}"
+    return f"; there is one here: --data {bases[0].parent.relative_to(here)}"

@@ -36,15 +36,15 @@ def stats(data: Path, server: str | None, as_json: bool) -> None:
     """Count triples, graphs and commits."""
     with Working("counting"):
         if server:
-            found = _stats_of_server(data, server)
+            statistics = _stats_of_server(data, server)
         else:
             with open_to_read(data) as kb:
-                found = kb.stats()
+                statistics = kb.stats()
     if as_json:
-        print_json(found)
+        print_json(statistics)
         return
-    graphs = found.pop("graphs")
-    for name, value in found.items():
+    graphs = statistics.pop("graphs")
+    for name, value in statistics.items():
         click.echo(f"{name:12s} {value}")
     for name, size in graphs.items():
         click.echo(f"{size:12d} {name}")

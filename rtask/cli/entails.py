@@ -63,29 +63,29 @@ def entails(
         budget = budget or max(1, int(min(timeout, _MAX_S) * _STEPS_A_SECOND))
     if server:
         with Working("waiting for the server"), reasoner_of(server) as client:
-            told, lines = _ask_server(client, conclusion, budget)
+            entailment, lines = _ask_server(client, conclusion, budget)
     else:
         with announce_compilation(), Working("reasoning"), open_to_read(data) as kb:
-            told, lines = _ask_folder(kb, conclusion, budget)
+            entailment, lines = _ask_folder(kb, conclusion, budget)
     if as_json:
-        print_json(told)
+        print_json(entailment)
     else:
         for line in lines:
             click.echo(line)
-    exit_undecided(told["entailed"])
-    exit_if_empty(told["entailed"])
+    exit_undecided(entailment["entailed"])
+    exit_if_empty(entailment["entailed"])
 
 
 def _ask_server(
     client: ReasonerClient, conclusion: tuple[str, ...], budget: int | None
 ) -> tuple[dict[str, Any], list[str]]:
     if len(conclusion) == 1:
-        told = client.entails(_read(conclusion[0]), budget)
-        return told, list(_lines_told(told, None))
+        entailment = client.entails(_read(conclusion[0]), budget)
+        return entailment, list(_verdict_lines(entailment, None))
     subject, predicate, value = conclusion
-    told = client.entails_statement((subject, predicate, value), budget)
+    entailment = client.entails_statement((subject, predicate, value), budget)
     explained = client.explain((subject, predicate, value), budget)
-    return told, list(_lines_told(told, explained["text"] or explained["reason"]))
+    return entailment, list(_verdict_lines(entailment, explained["text"] or explained["reason"]))
 
 
 def _ask_folder(
@@ -96,12 +96,12 @@ def _ask_folder(
 
     budget = steps or ENTAILMENT_BUDGET
     if len(conclusion) == 1:
-        found = kb.entails(_read(conclusion[0]), budget=budget)
-        return found.to_dict(), _lines(found, None)
+        entailment = kb.entails(_read(conclusion[0]), budget=budget)
+        return entailment.to_dict(), _lines(entailment, None)
     triple = reader_of(kb).statement(*conclusion)
-    found = kb.entails([triple], budget=budget)
-    lacks = kb.explain(*triple, budget=budget).render() if found.answer is False else ""
-    return found.to_dict(), _lines(found, lacks)
+    entailment = kb.entails([triple], budget=budget)
+    lacks = kb.explain(*triple, budget=budget).render() if entailment.answer is False else ""
+    return entailment.to_dict(), _lines(entailment, lacks)
 
 
 def _read(name: str) -> list[Any]:
@@ -114,38 +114,42 @@ def _read(name: str) -> list[Any]:
     return [(quad.subject, quad.predicate, quad.object) for quad in quads]
 
 
-def _lines_told(told: dict[str, Any], proof: str | None) -> Iterator[str]:
+def _verdict_lines(entailment: dict[str, Any], proof: str | None) -> Iterator[str]:
     """Yield the lines for what a server answered."""
-    yield _CONTRADICTORY if told["contradictory"] else _WORDS[told["entailed"]]
+    yield _CONTRADICTORY if entailment["contradictory"] else _WORDS[entailment["entailed"]]
     if proof is not None:
         yield proof
     for what in ("missing", "undecided"):
-        for triple in told[what][:_SHOWN]:
+        for triple in entailment[what][:_SHOWN]:
             yield f"{what}: {' '.join(triple)}"
-        if len(told[what]) > _SHOWN:
-            yield f"and {len(told[what]) - _SHOWN} more {what} (--json lists all)"
-    if told["is_spent"]:
-        yield _more(told["budget"])
+        if len(entailment[what]) > _SHOWN:
+            yield f"and {len(entailment[what]) - _SHOWN} more {what} (--json lists all)"
+    if entailment["is_spent"]:
+        yield _more(entailment["budget"])
 
 
 def _more(budget: int) -> str:
     return f"the budget of {budget} steps did not suffice; ask for more with --budget {10 * budget}"
 
 
-def _lines(found: Entailment, single: str | None) -> list[str]:
+def _lines(entailment: Entailment, single: str | None) -> list[str]:
     """Return the lines for an answer; for a single statement, with what it lacks."""
-    if found.contradictory:
+    if entailment.contradictory:
         return [_CONTRADICTORY]
-    lines = [_WORDS[found.answer]]
-    proofs = found.proofs if single is not None else [p for p in found.proofs if not p.is_asserted]
+    lines = [_WORDS[entailment.answer]]
+    proofs = (
+        entailment.proofs
+        if single is not None
+        else [p for p in entailment.proofs if not p.is_asserted]
+    )
     lines += [proof.render() for proof in proofs[:_SHOWN]]
     if len(proofs) > _SHOWN:
         lines.append(f"and {len(proofs) - _SHOWN} more proofs (--json lists all)")
-    for what, triples in (("missing", found.missing), ("undecided", found.undecided)):
-        lines += [f"{what}: {found.words(triple)}" for triple in triples[:_SHOWN]]
+    for what, triples in (("missing", entailment.missing), ("undecided", entailment.undecided)):
+        lines += [f"{what}: {entailment.words(triple)}" for triple in triples[:_SHOWN]]
         if len(triples) > _SHOWN:
             lines.append(f"and {len(triples) - _SHOWN} more {what} (--json lists all)")
     lines += (single or "").splitlines()[1:]
-    if found.is_spent:
-        lines.append(_more(found.budget))
+    if entailment.is_spent:
+        lines.append(_more(entailment.budget))
     return lines

@@ -34,12 +34,12 @@ def _time(
     if text is None:
         return None
     try:
-        found = dt.datetime.fromisoformat(text)
+        time = dt.datetime.fromisoformat(text)
     except ValueError:
         raise click.BadParameter(f"{text!r} is no time of ISO 8601") from None
-    if found.tzinfo is None:
+    if time.tzinfo is None:
         raise click.BadParameter(f"{text!r} has no time zone; write {text}Z")
-    return found
+    return time
 
 
 _since = click.option(
@@ -57,15 +57,17 @@ def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_j
     from rtask.interop.episodes.episode import episodes_of
 
     with open_to_read(data) as kb:
-        found = episodes_of(kb, robot=agent, since=since)
+        recorded = episodes_of(kb, robot=agent, since=since)
     if as_json:
-        print_json([one.to_json() for one in found])
-    for one in [] if as_json else found:
-        judged = {True: "held", False: one.reason or "not held", None: "not judged"}[one.held]
-        placed = ", placed" if one.placed else ""
-        time = one.ended.isoformat(timespec="seconds")
-        click.echo(f"{time}  {one.robot_name:16} {one.thing_name:20} {judged}{placed}")
-    exit_if_empty(found, "no attempts")
+        print_json([episode.to_json() for episode in recorded])
+    for episode in [] if as_json else recorded:
+        judged = {True: "held", False: episode.reason or "not held", None: "not judged"}[
+            episode.held
+        ]
+        placed = ", placed" if episode.placed else ""
+        time = episode.ended.isoformat(timespec="seconds")
+        click.echo(f"{time}  {episode.robot_name:16} {episode.thing_name:20} {judged}{placed}")
+    exit_if_empty(recorded, "no attempts")
 
 
 @episodes.command()
@@ -109,14 +111,14 @@ def export(
     if form in ("mcap", "bag") and out.suffix != f".{form}":
         raise UsageError(f"--format {form}: expected a file that ends in .{form}, got {out}")
     with open_to_read(data) as kb, naming_extras(_EXTRA):
-        found = episodes_of(kb, robot=agent, since=since)
-        if not found:
+        recorded = episodes_of(kb, robot=agent, since=since)
+        if not recorded:
             raise UsageError("no attempt fits; see `rtask episodes list`")
         with Working("writing") as working:
             if form == "lerobot":
-                written = write_lerobot(kb, found, out, rate, hand, working.tell)
+                written = write_lerobot(kb, recorded, out, rate, hand, working.tell)
             else:
-                written = write_episodes(kb, found, out, working.tell)
+                written = write_episodes(kb, recorded, out, working.tell)
     if as_json:
         print_json({"path": str(out), **asdict(written)})
         return
@@ -148,9 +150,9 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
             with Engine(kb) as engine:
                 engine.rebuild_statistics()
     counted = ("episodes", "statements", "blobs")
-    told = {key: value for key, value in asdict(read).items() if key in counted}
+    counts = {key: value for key, value in asdict(read).items() if key in counted}
     if as_json:
-        print_json({"path": str(file), **told})
+        print_json({"path": str(file), **counts})
         return
     click.echo(f"{read.episodes} episodes, {read.statements} statements, {read.blobs} binary data")
 
@@ -184,11 +186,11 @@ def ask(number: int | None, data: Path, server: str | None, as_json: bool) -> No
     if not 1 <= number <= len(files):
         raise UsageError(f"there are questions 1 to {len(files)}, not {number}")
     with open_graph(data, server) as kb:
-        found = kb.select(texts[number - 1]).to_dicts()
+        answers = kb.select(texts[number - 1]).to_dicts()
     if as_json:
-        print_json(found)
+        print_json(answers)
         return
     click.echo(questions[number - 1], err=True)
-    for answer in found:
+    for answer in answers:
         click.echo("\t".join("" if value is None else str(value) for value in answer.values()))
-    exit_if_empty(found)
+    exit_if_empty(answers)

@@ -118,24 +118,24 @@ def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
     """
     with announce_compilation(), Working("checking"), open_to_read(data) as kb:
         report = kb.validate(shapes)
-        found = [*report, *_contradictions(kb)]
-    conforms = not any(one.severity == "Violation" for one in found)
+        findings = [*report, *_contradictions(kb)]
+    conforms = not any(finding.severity == "Violation" for finding in findings)
     if as_json:
         print_json(
             {
                 "conforms": conforms,
-                "results": [asdict(one) for one in found],
+                "results": [asdict(finding) for finding in findings],
                 "shapes": report.shapes,
                 "left_out": report.left_out,
             }
         )
     else:
-        for one in found:
-            where = f" (in {one.graph})" if one.graph else ""
-            click.echo(f"{one.severity:10s} {one}{where}")
+        for finding in findings:
+            where = f" (in {finding.graph})" if finding.graph else ""
+            click.echo(f"{finding.severity:10s} {finding}{where}")
         for shape in report.left_out:
             click.echo(f"not applied: {shape}")
-        click.echo(f"{'all well' if not found else 'checked'}: {_counted(report.shapes)}")
+        click.echo(f"{'all well' if not findings else 'checked'}: {_counted(report.shapes)}")
     if not conforms:
         raise SystemExit(1)
 
@@ -254,25 +254,27 @@ def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json
             click.echo(f"{count} {'put back' if action == 'release' else 'deleted'}")
         return
     with open_to_read(data) as kb:
-        found = [one for one in kb.quarantined() if not records or one.node.value in records]
+        quarantined = [
+            entry for entry in kb.quarantined() if not records or entry.node.value in records
+        ]
     if as_json:
         print_json(
             [
                 {
-                    "record": one.node.value,
+                    "record": entry.node.value,
                     "triple": [
-                        str(one.quad.subject),
-                        str(one.quad.predicate),
-                        str(one.quad.object),
+                        str(entry.quad.subject),
+                        str(entry.quad.predicate),
+                        str(entry.quad.object),
                     ],
-                    "graph": str(one.quad.graph_name),
-                    "reason": one.reason,
-                    "activity": one.activity.value,
+                    "graph": str(entry.quad.graph_name),
+                    "reason": entry.reason,
+                    "activity": entry.activity.value,
                 }
-                for one in found
+                for entry in quarantined
             ]
         )
         return
-    for one in found:
-        click.echo(f"{one.node.value}\n  {one.quad}\n  {one.reason}")
-    click.echo(f"{len(found)} in quarantine")
+    for entry in quarantined:
+        click.echo(f"{entry.node.value}\n  {entry.quad}\n  {entry.reason}")
+    click.echo(f"{len(quarantined)} in quarantine")

@@ -21,7 +21,7 @@ from rtask.cli.things import resolve_object
 
 __all__ = ["objects"]
 
-_KNOWN = """
+_OBJECTS = """
 SELECT ?object (SAMPLE(?called) AS ?name) (SAMPLE(?label) AS ?kind)
   (COALESCE(SAMPLE(?seen), 0) AS ?views) (COALESCE(SAMPLE(?tried), 0) AS ?grasps)
 WHERE {
@@ -59,14 +59,14 @@ def list_(data: Path, server: str | None, as_json: bool) -> None:
     from rtask.rdf.namespaces import PREFIXES
 
     with open_graph(data, server) as kb:
-        found = kb.select(PREFIXES + _KNOWN).to_dicts()
+        rows = kb.select(PREFIXES + _OBJECTS).to_dicts()
     if as_json:
-        print_json(found)
-    for one in [] if as_json else found:
-        kind = f" ({one['kind']})" if one["kind"] else ""
-        counts = f"{one['views']:4d} views  {one['grasps']:4d} grasps"
-        click.echo(f"{counts}  {one['name']}{kind}  {one['object']}")
-    exit_if_empty(found, "no objects yet; `rtask teach` shows one")
+        print_json(rows)
+    for row in [] if as_json else rows:
+        kind = f" ({row['kind']})" if row["kind"] else ""
+        counts = f"{row['views']:4d} views  {row['grasps']:4d} grasps"
+        click.echo(f"{counts}  {row['name']}{kind}  {row['object']}")
+    exit_if_empty(rows, "no objects yet; `rtask teach` shows one")
 
 
 @objects.command()
@@ -84,20 +84,22 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
 
     with open_graph(data, server) as kb:
         name = resolve_object(lambda text: kb.select(text).to_dicts(), name)
-        thing = iri(present_name(kb, name))
-        if not kb.match(thing, RT.objectId):
+        object_iri = iri(present_name(kb, name))
+        if not kb.match(object_iri, RT.objectId):
             raise UnknownTermError(
                 f"no object {name} in the graph; `rtask objects list` shows what there is"
             )
-        models = stored_models(kb, thing)
+        models = stored_models(kb, object_iri)
         shown = {
-            "object": thing.value,
-            "names": sorted({str(python_value(q.object)) for q in kb.match(thing, RT.name)}),
-            "views": sorted(str(q.object)[1:-1] for q in kb.match(thing, RT.hasView)),
-            "grasps": sorted(str(q.object)[1:-1] for q in kb.match(thing, RT.hasGrasp)),
+            "object": object_iri.value,
+            "names": sorted({str(python_value(q.object)) for q in kb.match(object_iri, RT.name)}),
+            "views": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasView)),
+            "grasps": sorted(str(q.object)[1:-1] for q in kb.match(object_iri, RT.hasGrasp)),
             "model": models[0].blob if models else None,
             "views_in_model": len(models[0].views) if models else 0,
-            "formerly": sorted(str(q.subject)[1:-1] for q in kb.match(None, RT.mergedInto, thing)),
+            "formerly": sorted(
+                str(q.subject)[1:-1] for q in kb.match(None, RT.mergedInto, object_iri)
+            ),
         }
     if as_json:
         print_json(shown)
@@ -163,26 +165,26 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
     from rtask.extras import naming_extras
 
     with open_to_read(data) as kb, naming_extras("rtask objects twins"), Working("comparing"):
-        found = find_twins(kb, views)
+        pairs = find_twins(kb, views)
     commits = list[str]()
-    if merges and found:
+    if merges and pairs:
         author = {} if agent is None else {"operator": agent}
         with connection(data, None) as client:
-            for other, kept in merges_of(found):
-                request: dict[str, Any] = {"object": other, "into": kept, **author}
+            for other, survivor in merges_of(pairs):
+                request: dict[str, Any] = {"object": other, "into": survivor, **author}
                 commits.append(
                     str(client.call("curate_object", operation="merge", **request)["commit"])
                 )
     if as_json:
-        print_json({"twins": [asdict(pair) for pair in found], "commits": commits})
+        print_json({"twins": [asdict(pair) for pair in pairs], "commits": commits})
     else:
-        for pair in found:
+        for pair in pairs:
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
-        if not found:
+        if not pairs:
             click.echo("no twins: no object is recognised as another", err=True)
-    if found and not merges:
+    if pairs and not merges:
         raise SystemExit(1)
 
 

@@ -98,17 +98,17 @@ def upgrade(
             else:
                 click.echo(f"undone: +{commit.added} -{commit.removed} statements")
             return
-        found = run(
+        upgraded = run(
             kb, Path(source), migrate=not no_migration, dry_run=dry_run, patches=not no_patches
         )
     if as_json:
-        print_json(found.to_dict())
+        print_json(upgraded.to_dict())
         return
-    for line in found.lines():
+    for line in upgraded.lines():
         click.echo(line)
-    if found.commit is not None:
+    if upgraded.commit is not None:
         click.echo(
-            f"commit {found.commit.seq}; undo: rtask ontology upgrade --undo {found.ontology}"
+            f"commit {upgraded.commit.seq}; undo: rtask ontology upgrade --undo {upgraded.ontology}"
         )
 
 
@@ -126,15 +126,15 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
     from rtask.ontology_docs.unloading import unload as run
 
     with announce_compilation(), open_to_change(data) as kb:
-        found = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
+        unloaded = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
     if as_json:
-        print_json(found.to_dict())
+        print_json(unloaded.to_dict())
         return
-    for importer in found.importers:
+    for importer in unloaded.importers:
         click.echo(f"imported by {importer}")
-    for term, count in found.used.items():
+    for term, count in unloaded.used.items():
         click.echo(f"{count} statements use {term}")
-    click.echo(f"{'would remove' if dry_run else 'removed'} {found.statements} statements")
+    click.echo(f"{'would remove' if dry_run else 'removed'} {unloaded.statements} statements")
 
 
 @ontology.command()
@@ -166,13 +166,13 @@ def path(iri: str, as_json: bool) -> None:
     from rtask.loader.catalogue import OntologyCatalogue
 
     iri = resource(iri, "")
-    found = OntologyCatalogue().find(iri)
-    if found is None:
+    file = OntologyCatalogue().find(iri)
+    if file is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")
     if as_json:
-        print_json({"iri": iri, "path": str(found)})
+        print_json({"iri": iri, "path": str(file)})
     else:
-        click.echo(str(found))
+        click.echo(str(file))
 
 
 @ontology.command()
@@ -282,12 +282,12 @@ def diff(old: str, new: str, as_json: bool) -> None:
     from rtask.ontology_docs.difference import comparable, compare
     from rtask.ontology_docs.source import read_source
 
-    found = compare(*comparable(read_source(old), read_source(new), (old, new)))
+    difference = compare(*comparable(read_source(old), read_source(new), (old, new)))
     if as_json:
-        print_json(found.to_dict())
+        print_json(difference.to_dict())
     else:
-        click.echo("\n".join(found.lines()))
-    if found.is_breaking:
+        click.echo("\n".join(difference.lines()))
+    if difference.is_breaking:
         raise click.exceptions.Exit(_BREAKING)
 
 

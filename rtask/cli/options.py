@@ -75,7 +75,7 @@ def exit_undecided(answer: object) -> None:
         raise click.exceptions.Exit(3)
 
 
-def exit_if_empty(found: object, said: str | None = None) -> None:
+def exit_if_empty(results: object, message: str | None = None) -> None:
     """Exit with code 1 if nothing was found, as ``grep`` does.
 
     Parameters
@@ -83,10 +83,10 @@ def exit_if_empty(found: object, said: str | None = None) -> None:
     said
         What is then printed to standard error.
     """
-    if found:
+    if results:
         return
-    if said:
-        click.echo(said, err=True)
+    if message:
+        click.echo(message, err=True)
     raise click.exceptions.Exit(1)
 
 

@@ -191,12 +191,12 @@ def _list(client: Client, limit: int, as_json: bool) -> None:
         exit_if_empty(rows, "no attempts yet")
         return
     for row in rows:
-        said = "held" if row["success"] else reason_words(row["code"]) or "did not hold"
+        result = "held" if row["success"] else reason_words(row["code"]) or "did not hold"
         counts = {True: "held", False: "failed", None: "nothing"}[row["judged"]]
         counts = "disputed" if row["disputed"] else counts
         time = str(row["time"])[:19]
         click.echo(
-            f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {said:33s}  "
+            f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {result:33s}  "
             f"counts: {counts:8s}  {row['task']}"
         )
     exit_if_empty(rows, "no attempts yet")
@@ -218,18 +218,18 @@ def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> No
     Robots that try the same grasp of the same object with the same kind of hand should find the
     same. Exit code 1 if there are no reports.
     """
-    wanted: dict[str, Any] = {} if name is None else {"contributor": name}
+    request: dict[str, Any] = {} if name is None else {"contributor": name}
     with connection(data, server) as client:
-        found = client.compare_contributors(**wanted)["contributors"]
+        compared = client.compare_contributors(**request)["contributors"]
     if as_json:
-        print_json(found)
+        print_json(compared)
     else:
-        for one in found:
+        for row in compared:
             click.echo(
-                f"{one['finding']:12s} {one['truthful']:5.3f}  {one['attempts']:5d} attempts  "
-                f"{one['text']}"
+                f"{row['finding']:12s} {row['truthful']:5.3f}  {row['attempts']:5d} attempts  "
+                f"{row['text']}"
             )
-    exit_if_empty(found, "no reports of robots yet")
+    exit_if_empty(compared, "no reports of robots yet")
 
 
 @contributors.command()

@@ -54,9 +54,9 @@ class Working:
         self._terminal = sys.stderr.isatty()
         self._share = ""
 
-    def tell(self, done: int, wanted: int) -> None:
+    def tell(self, done: int, total: int) -> None:
         """Take note of how much of the work is done, which is shown from then on."""
-        self._share = f" {done / wanted:.0%}," if wanted else ""
+        self._share = f" {done / total:.0%}," if total else ""
 
     @contextmanager
     def aside(self) -> Iterator[None]:
@@ -140,7 +140,7 @@ def at_work(name: str) -> Iterator[None]:
         if sys.stderr is heard_err:
             sys.stderr = err
 
-    heard_out, heard_err = (cast(TextIO, _Heard(one, first_word)) for one in (out, err))
+    heard_out, heard_err = (cast(TextIO, _Heard(stream, first_word)) for stream in (out, err))
     sys.stdout, sys.stderr = heard_out, heard_err
     try:
         yield

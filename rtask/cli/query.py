@@ -96,10 +96,10 @@ def query(
         raise UsageError("--no-inferred needs a folder; with a server, name the graphs with FROM")
     with open_graph(data, server) as kb, _predefining(asked, base_of(kb)) as whole:
         if form == "table":
-            found = _print_answer(kb, whole, not no_inferred, timeout)
+            answer = _print_answer(kb, whole, not no_inferred, timeout)
         else:
-            found = _write_answer(_pieces(kb, whole, form, not no_inferred, timeout), form)
-    exit_if_empty(found)
+            answer = _write_answer(_pieces(kb, whole, form, not no_inferred, timeout), form)
+    exit_if_empty(answer)
 
 
 @contextmanager
@@ -175,8 +175,8 @@ def _print_answer(kb: Graph, text: str, inferred: bool, timeout_s: float | None)
 
 
 def _print_table(rows: Solutions, base: str) -> None:
-    known = prefixes(base)
-    cells = [[_short(term, known) for term in row] for row in rows]
+    namespaces = prefixes(base)
+    cells = [[_short(term, namespaces) for term in row] for row in rows]
     widths = [
         min(_MAX_WIDTH, max([len(name), *(len(line[at]) for line in cells)]))
         for at, name in enumerate(rows.variables)
@@ -187,14 +187,14 @@ def _print_table(rows: Solutions, base: str) -> None:
     click.echo(f"{len(rows)} row{'' if len(rows) == 1 else 's'}", err=True)
 
 
-def _short(term: object, known: dict[str, str]) -> str:
+def _short(term: object, namespaces: dict[str, str]) -> str:
     from rtask.rdf.terms import Literal, NamedNode, python_value
 
     if isinstance(term, Literal):
         return str(term.value)
     if not isinstance(term, NamedNode):
         return "" if term is None else str(python_value(term))  # type: ignore[arg-type]
-    for name, namespace in known.items():
+    for name, namespace in namespaces.items():
         if term.value.startswith(namespace):
             return f"{name}:{term.value[len(namespace) :]}"
     return term.value
@@ -266,14 +266,14 @@ def search(
 
     with open_graph(data, server) as kb:
         reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(base_of(kb))
-        wanted = None if cls is None else reader.resource(cls)
+        class_iri = None if cls is None else reader.resource(cls)
         if not isinstance(kb, KnowledgeBase):
-            rows = _search_server(kb, " ".join(words), wanted, lang, limit)
+            rows = _search_server(kb, " ".join(words), class_iri, lang, limit)
         else:
-            found = kb.search(" ".join(words), cls=wanted, lang=lang, limit=limit)
+            hits = kb.search(" ".join(words), cls=class_iri, lang=lang, limit=limit)
             rows = [
                 {"iri": h.subject.value, "text": h.text, "language": h.language, "score": h.score}
-                for h in found
+                for h in hits
             ]
     if as_json:
         print_json(rows)

@@ -96,22 +96,22 @@ def _read(files: Iterable[Path]) -> list[Any]:
 
     from rtask.errors import UsageError
 
-    found: dict[Any, None] = {}
+    statements: dict[Any, None] = {}
     for file in files:
         try:
             for quad in parse(path=str(file)):
-                found[quad.subject, quad.predicate, quad.object] = None
+                statements[quad.subject, quad.predicate, quad.object] = None
         except (SyntaxError, ValueError) as error:
             raise UsageError(f"{file}: {error}") from error
-    return list(found)
+    return list(statements)
 
 
 def _asserted(kb: KnowledgeBase, ontologies_only: bool) -> list[Any]:
-    wanted = kb.catalogue.ontologies() if ontologies_only else kb.store.named_graphs()
+    graphs = kb.catalogue.ontologies() if ontologies_only else kb.store.named_graphs()
     return list(
         dict.fromkeys(
             (quad.subject, quad.predicate, quad.object)
-            for graph in wanted
+            for graph in graphs
             if kb.graphs.is_input(graph)
             for quad in kb.store.quads_for_pattern(None, None, None, graph)
         )
@@ -155,12 +155,12 @@ def _dl(triples: list[Any], engine: str, timeout: float) -> dict[str, Any]:
     except (hermit.DLUnavailableError, hermit.DLError) as error:
         raise UnsupportedError(str(error)) from error
     closure = Closure.build(triples, [])
-    known = {
+    hierarchy = {
         (s.value, o.value)
         for s, _, o in closure.match(None, _node(_SUB_CLASS), None)
         if hasattr(s, "value") and hasattr(o, "value")
     }
-    more = hermit.hierarchy(answer) - known
+    more = hermit.hierarchy(answer) - hierarchy
     return {
         "profile": "dl",
         "engine": engine,
@@ -203,14 +203,14 @@ def _empty_classes(closure: Any) -> list[str]:
 def _lines(report: dict[str, Any]) -> Iterable[str]:
     yield f"{report['triples']} triples under OWL 2 {report['profile'].upper()}"
     yield "consistent" if report["consistent"] else "INCONSISTENT"
-    for key, found in report.items():
-        if isinstance(found, dict):
-            found = [f"{count} {what}" for what, count in found.items()]
-        if isinstance(found, list):
-            yield f"{key}: {len(found) or 'none'}"
-            yield from (f"  {line}" for line in found[:_LISTED])
-            if len(found) > _LISTED:
-                yield f"  and {len(found) - _LISTED} more (--json lists all)"
+    for key, counts in report.items():
+        if isinstance(counts, dict):
+            counts = [f"{count} {what}" for what, count in counts.items()]
+        if isinstance(counts, list):
+            yield f"{key}: {len(counts) or 'none'}"
+            yield from (f"  {line}" for line in counts[:_LISTED])
+            if len(counts) > _LISTED:
+                yield f"  and {len(counts) - _LISTED} more (--json lists all)"
 
 
 @click.command()
@@ -237,18 +237,20 @@ def explain(
     the budget did not suffice to decide it.
     """
     parts = (subject, predicate, value)
-    found = _explained_by(server, parts, budget) if server else _explained(data, parts, budget)
+    explanation = (
+        _explained_by(server, parts, budget) if server else _explained(data, parts, budget)
+    )
     if as_json:
-        print_json(found)
+        print_json(explanation)
     else:
-        for name in found["asserted_in"]:
+        for name in explanation["asserted_in"]:
             click.echo(f"asserted in {name}")
-        if found["proof"] is not None:
-            click.echo(found["proof"])
-        if not found["holds"]:
-            click.echo(found["reason"], err=True)
-    exit_undecided(found["holds"])
-    exit_if_empty(found["holds"])
+        if explanation["proof"] is not None:
+            click.echo(explanation["proof"])
+        if not explanation["holds"]:
+            click.echo(explanation["reason"], err=True)
+    exit_undecided(explanation["holds"])
+    exit_if_empty(explanation["holds"])
 
 
 def _explained(data: Path, parts: tuple[str, str, str], budget: int | None) -> dict[str, Any]:
@@ -268,11 +270,11 @@ def _explained_by(server: str, parts: tuple[str, str, str], budget: int | None) 
         return _shortened(client.explain(parts, budget))
 
 
-def _shortened(found: dict[str, Any]) -> dict[str, Any]:
+def _shortened(explanation: dict[str, Any]) -> dict[str, Any]:
     """Return an explanation with its proof as text and as steps, for what nobody asserted."""
-    asserted = bool(found["asserted_in"])
+    asserted = bool(explanation["asserted_in"])
     return {
-        **{name: value for name, value in found.items() if name != "text"},
-        "proof": None if asserted else found["text"],
-        "steps": None if asserted else found["proof"],
+        **{name: value for name, value in explanation.items() if name != "text"},
+        "proof": None if asserted else explanation["text"],
+        "steps": None if asserted else explanation["proof"],
     }

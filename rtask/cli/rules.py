@@ -61,30 +61,30 @@ def add(
     from rtask.errors import UsageError
     from rtask.kb.rules.rule import read_rules
 
-    found: list[Rule] = []
+    parsed: list[Rule] = []
     for source in sources:
         if source == "-":
             if not label:
                 raise UsageError("a rule from standard input needs --label")
-            found.append(rtask.Rule(label, sys.stdin.read()))
+            parsed.append(rtask.Rule(label, sys.stdin.read()))
         else:
-            found += read_rules(Path(source))
+            parsed += read_rules(Path(source))
     if label:
-        if len(found) != 1:
-            raise UsageError(f"--label is for one rule, not {len(found)}")
-        found = [dataclasses.replace(found[0], label=label)]
+        if len(parsed) != 1:
+            raise UsageError(f"--label is for one rule, not {len(parsed)}")
+        parsed = [dataclasses.replace(parsed[0], label=label)]
     if server:
         with _connected(server, agent) as client:
-            new = _new(found, client.rules())
-            made = client.add(found, replace)
+            new = _new(parsed, client.rules())
+            made = client.add(parsed, replace)
             facts = {name: made[name] for name in ("commit", "derived", "changed")}
     else:
         with announce_compilation(), rtask.open(data) as kb:
-            new = _new(found, kb.rules())
-            commit = kb.add_rules(found, agent, replace=replace)
+            new = _new(parsed, kb.rules())
+            commit = kb.add_rules(parsed, agent, replace=replace)
         facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if as_json:
-        print_json({"rules": [rule.label for rule in found], **facts})
+        print_json({"rules": [rule.label for rule in parsed], **facts})
     elif facts["changed"]:
         click.echo(f"{_counted(len(new))} added, {facts['derived']} statements derived")
     else:
@@ -97,13 +97,13 @@ def add(
 @json_option
 def list_rules(data: Path, server: str | None, as_json: bool) -> None:
     """List the rules of the user with author and date."""
-    found = _present(data, server)
+    stored = _present(data, server)
     if as_json:
-        print_json([rule.to_dict() for rule in found])
+        print_json([rule.to_dict() for rule in stored])
     else:
-        for rule in found:
+        for rule in stored:
             click.echo(f"{rule.label:32s} {_origin(rule)}  {rule.comment}".rstrip())
-    exit_if_empty(found, "no rules of a user yet; `rtask rules add` adds one")
+    exit_if_empty(stored, "no rules of a user yet; `rtask rules add` adds one")
 
 
 @rules.command()
@@ -115,9 +115,9 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
     """Show the text of a rule, named by label or IRI."""
     from rtask.kb.rules.rulebook import find
 
-    found = _present(data, server)
-    wanted = find(found, name)
-    rule = next(rule for rule in found if rule.iri == wanted)
+    stored = _present(data, server)
+    rule_iri = find(stored, name)
+    rule = next(rule for rule in stored if rule.iri == rule_iri)
     if as_json:
         print_json(rule.to_dict())
     else:
@@ -164,8 +164,12 @@ def _new(rules: list[Rule], present: list[Rule]) -> list[Rule]:
     """Return the rules that are not there yet, or with another text."""
     from rtask.kb.rules.checking import tidy
 
-    known = {(rule.label, rule.text, rule.comment) for rule in present}
-    return [one for one in map(tidy, rules) if (one.label, one.text, one.comment) not in known]
+    existing = {(rule.label, rule.text, rule.comment) for rule in present}
+    return [
+        candidate
+        for candidate in map(tidy, rules)
+        if (candidate.label, candidate.text, candidate.comment) not in existing
+    ]
 
 
 def _connected(server: str, agent: str | None = None) -> ReasonerClient:

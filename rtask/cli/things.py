@@ -32,12 +32,12 @@ def find_object(select: Select, name: str) -> str | None:
 
     text = literal(name)
     rows = _objects(select, f"FILTER(?name = {text} || STR(?object) = {text})")
-    found = sorted({str(row["object"]) for row in rows})
-    if len(found) > 1:
+    matches = sorted({str(row["object"]) for row in rows})
+    if len(matches) > 1:
         raise UsageError(
-            f"{len(found)} objects are called {name!r}; give the IRI: {', '.join(found)}"
+            f"{len(matches)} objects are called {name!r}; give the IRI: {', '.join(matches)}"
         )
-    return found[0] if found else None
+    return matches[0] if matches else None
 
 
 def resolve_object(select: Select, name: str) -> str:
@@ -56,9 +56,9 @@ def resolve_object(select: Select, name: str) -> str:
     UsageError
         When several objects have it.
     """
-    found = find_object(select, name)
-    if found is not None:
-        return found
+    object_iri = find_object(select, name)
+    if object_iri is not None:
+        return object_iri
     if name[:1] in "<\"'" or name.partition(":")[0] in _PREFIXES:
         return _reader(select, name).resource(name).value
     if ":" in name and not any(c.isspace() for c in name):
@@ -73,8 +73,8 @@ def _reader(select: Select, name: str) -> Reader:
     from rtask.asking.terms import Reader
 
     def named(called: str) -> list[str]:
-        found = find_object(select, called)
-        return [] if found is None else [found]
+        object_iri = find_object(select, called)
+        return [] if object_iri is None else [object_iri]
 
     return Reader(_base(select) if name.startswith("kb:") else "", named)
 

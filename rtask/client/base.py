@@ -31,7 +31,7 @@ __all__ = ["Client"]
 
 _log = logging.getLogger(__name__)
 
-_TOLD = ("insert_object", "report_outcome", "report_refusal")
+_REPORTS = ("insert_object", "report_outcome", "report_refusal")
 
 
 class Client(Calls):
@@ -201,10 +201,10 @@ class Client(Calls):
             The server answered that it will not, and why.
         """
         args = {name: _as_text(value) for name, value in args.items()}
-        if operation not in _TOLD:
-            found = self._call(operation, args, timeout_s)
+        if operation not in _REPORTS:
+            received = self._call(operation, args, timeout_s)
             self._deliver_waiting(timeout_s)
-            return found
+            return received
         args = _with_ids(operation, args)
         if self._outbox is None:
             return self._call(operation, args, timeout_s)
@@ -245,7 +245,7 @@ class Client(Calls):
         try:
             return self.call(operation, **args)
         except RemoteUnavailableError:
-            if self._outbox is None or operation not in _TOLD:
+            if self._outbox is None or operation not in _REPORTS:
                 raise
             return None
 
@@ -336,9 +336,9 @@ def _as_text(value: Any) -> Any:
     if isinstance(value, bytes | bytearray | memoryview):
         return base64.b64encode(value).decode("ascii")
     if isinstance(value, Mapping):
-        return {name: _as_text(one) for name, one in value.items()}
+        return {name: _as_text(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_as_text(one) for one in value]
+        return [_as_text(part) for part in value]
     return value
 
 

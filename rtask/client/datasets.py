@@ -21,8 +21,8 @@ class DatasetClient(HttpClient):
 
     def names(self) -> list[str]:
         """Return the names of the datasets that may be read."""
-        found: list[str] = self._send("GET", "/datasets").json()["datasets"]
-        return found
+        names: list[str] = self._send("GET", "/datasets").json()["datasets"]
+        return names
 
     def create(
         self, name: str, fork_of: str | None = None, private: bool = False, key: str = ""
@@ -43,8 +43,8 @@ class DatasetClient(HttpClient):
 
     def describe(self, name: str) -> dict[str, Any]:
         """Return a version or the head with its files."""
-        found: dict[str, Any] = self._send("GET", _place(name)).json()
-        return found
+        description: dict[str, Any] = self._send("GET", _place(name)).json()
+        return description
 
     def get(self, name: str, path: str) -> bytes:
         """Return the bytes of a file."""
@@ -61,12 +61,12 @@ class DatasetClient(HttpClient):
         What the head holds with the same contents is not sent again. Files travel many at a time;
         each such part is stored wholly or not at all.
         """
-        known = self.describe(f"{name}@head")["files"]
+        stored_files = self.describe(f"{name}@head")["files"]
         part: dict[str, bytes] = {}
         size = sent = 0
         for path, file in files.items():
             data = file.read_bytes()
-            if path in known and known[path][0] == hashlib.sha256(data).hexdigest():
+            if path in stored_files and stored_files[path][0] == hashlib.sha256(data).hexdigest():
                 continue
             sent += 1
             if len(data) > _PART_BYTES:
@@ -92,27 +92,27 @@ class DatasetClient(HttpClient):
     def snapshot(self, name: str, message: str = "") -> dict[str, Any]:
         """Make the head a version and return it."""
         place = f"{_place(name)}/snapshot"
-        found: dict[str, Any] = self._send("POST", place, json={"message": message}).json()
-        return found
+        snapshot: dict[str, Any] = self._send("POST", place, json={"message": message}).json()
+        return snapshot
 
     def prune(self, name: str, paths: list[str], where: Mapping[str, Any]) -> dict[str, Any]:
         """Make a version without some files, and the records with some values; return it."""
         body = {"paths": paths, "where": dict(where)}
-        found: dict[str, Any] = self._send("POST", f"{_place(name)}/prune", json=body).json()
-        return found
+        pruned: dict[str, Any] = self._send("POST", f"{_place(name)}/prune", json=body).json()
+        return pruned
 
     def difference(self, name: str, before: str, after: str) -> dict[str, list[str]]:
         """Return the paths that differ between two versions."""
         place = f"{_place(name)}/diff"
         given = {"from": before, "to": after}
-        found: dict[str, list[str]] = self._send("GET", place, params=given).json()
-        return found
+        differences: dict[str, list[str]] = self._send("GET", place, params=given).json()
+        return differences
 
     def merge(self, name: str, source: str, rules: dict[str, str]) -> dict[str, Any]:
         """Merge a version into the head and return the version that comes of it."""
         body = {"source": source, "rules": rules}
-        found: dict[str, Any] = self._send("POST", f"{_place(name)}/merge", json=body).json()
-        return found
+        merged: dict[str, Any] = self._send("POST", f"{_place(name)}/merge", json=body).json()
+        return merged
 
 
 def _place(name: str) -> str:

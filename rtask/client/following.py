@@ -95,7 +95,7 @@ class FollowedChange:
         )
 
     @classmethod
-    def told(cls, data: dict[str, Any], version: str) -> FollowedChange:
+    def from_event(cls, data: dict[str, Any], version: str) -> FollowedChange:
         """Return a commit as a server told it."""
 
         def statements(rows: Any) -> tuple[Statement, ...]:
@@ -146,7 +146,7 @@ def follow_remote(
                         raise failure_of(answer)
                     data = answer.json()
                 version = id_
-                yield FollowedChange.told(data, id_)
+                yield FollowedChange.from_event(data, id_)
         except httpx.TransportError as error:
             if not patience.wait():
                 raise RemoteUnavailableError(f"/changes: {error}") from error

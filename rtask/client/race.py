@@ -54,7 +54,7 @@ class Attempt(Generic[T]):
         self.error: Exception | None = None
 
     @property
-    def is_wanted(self) -> bool:
+    def is_awaited(self) -> bool:
         """Whether the answer may still count; a long function looks now and then."""
         return self._is_wanted
 
@@ -166,8 +166,8 @@ def _chosen(
     near: Attempt[T], far: Attempt[T], better: Callable[[T], Any] | None
 ) -> Attempt[T] | None:
     """Return the side whose answer counts: a whole one before a partial one."""
-    whole = [one for one in (far, near) if one.is_answered]
-    sides = whole or [one for one in (far, near) if one.best]
+    whole = [side for side in (far, near) if side.is_answered]
+    sides = whole or [side for side in (far, near) if side.best]
     if len(sides) == 2 and better is not None:
-        return max(sides, key=lambda one: better(one.best[0]))
+        return max(sides, key=lambda side: better(side.best[0]))
     return sides[0] if sides else None

@@ -74,8 +74,8 @@ class RacingClient(Client):
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
     ) -> dict[str, Any]:
-        known = self._near.engine.operations.get(operation)
-        if known is None or known.effect == "writes":
+        operation_known = self._near.engine.operations.get(operation)
+        if operation_known is None or operation_known.effect == "writes":
             return self._far._call(operation, args, timeout_s)
         return self._raced(lambda client: client._call(operation, args), _is_nothing)
 
@@ -141,13 +141,13 @@ class RacingClient(Client):
                 return ask(client)
 
         try:
-            found = race(near, far, patience_s=self._patience_s, deadline_s=self._deadline_s)
+            outcome = race(near, far, patience_s=self._patience_s, deadline_s=self._deadline_s)
         except RtaskError as error:
             if isinstance(error.__cause__, CallFailedError):
                 raise error.__cause__ from None
             raise
-        self.last = found
-        return found.value
+        self.last = outcome
+        return outcome.value
 
     @contextmanager
     def _connection(self) -> Iterator[RemoteClient]:
@@ -168,10 +168,10 @@ class RacingClient(Client):
         finally:
             with self._lock:
                 self._out -= 1
-                is_kept = not self._is_closed
-                if is_kept:
+                is_reusable = not self._is_closed
+                if is_reusable:
                     self._idle.append(client)
-            if not is_kept:
+            if not is_reusable:
                 client.close()
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ class ReasonerClient(HttpClient):
 
     def rules(self) -> list[Rule]:
         """Return the rules, sorted by label."""
-        return [Rule.from_dict(one) for one in self._send("GET", _ADDRESS).json()["rules"]]
+        return [Rule.from_dict(rule) for rule in self._send("GET", _ADDRESS).json()["rules"]]
 
     def add(self, rules: Iterable[Rule], replace: bool = False) -> dict[str, Any]:
         """Add rules as one commit.
@@ -31,7 +31,7 @@ class ReasonerClient(HttpClient):
             ``commit``, its number; ``derived``, how many statements followed; ``changed``, whether
             any rule was new.
         """
-        sent = [{"label": one.label, "text": one.text, "comment": one.comment} for one in rules]
+        sent = [{"label": rule.label, "text": rule.text, "comment": rule.comment} for rule in rules]
         body = {"rules": sent, "replace": replace}
         made: dict[str, Any] = self._send("POST", _ADDRESS, json=body).json()
         return made
@@ -72,8 +72,8 @@ class ReasonerClient(HttpClient):
         named: dict[str, Any] = dict(zip("spo", texts, strict=True))
         if budget is not None:
             named["budget"] = budget
-        found: dict[str, Any] = self._send("GET", _EXPLAIN, params=named).json()
-        return found
+        explanation: dict[str, Any] = self._send("GET", _EXPLAIN, params=named).json()
+        return explanation
 
     def entails_statement(
         self, statement: tuple[str, str, str], budget: int | None = None
@@ -82,8 +82,8 @@ class ReasonerClient(HttpClient):
         named: dict[str, Any] = dict(zip("spo", statement, strict=True))
         if budget is not None:
             named["budget"] = budget
-        found: dict[str, Any] = self._send("GET", _ENTAILS, params=named).json()
-        return found
+        entailment: dict[str, Any] = self._send("GET", _ENTAILS, params=named).json()
+        return entailment
 
     def entails(self, triples: Iterable[TripleKey], budget: int | None = None) -> dict[str, Any]:
         """Return whether statements follow, as :meth:`Entailment.to_dict` does.
@@ -98,5 +98,5 @@ class ReasonerClient(HttpClient):
         sent: dict[str, Any] = {"content": lines.encode(), "headers": headers}
         if budget is not None:
             sent["params"] = {"budget": budget}
-        found: dict[str, Any] = self._send("POST", _ENTAILS, **sent).json()
-        return found
+        entailment: dict[str, Any] = self._send("POST", _ENTAILS, **sent).json()
+        return entailment

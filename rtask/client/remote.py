@@ -103,11 +103,11 @@ class RemoteClient(Client):
         }
         answer = self._post("/query", sparql, kind, may_repeat=True)
         try:
-            found: dict[str, Any] = answer.json()
+            fields: dict[str, Any] = answer.json()
         except ValueError as error:
             raise CallFailedError(f"{self.url}/query did not answer with JSON results") from error
         self._deliver_waiting()
-        return found
+        return fields
 
     def update(self, sparql: str) -> None:
         """Carry out a SPARQL update with the token's rights."""
@@ -132,15 +132,15 @@ class RemoteClient(Client):
 
     def services(self) -> list[dict[str, Any]]:
         """Return the services that are offered; see :meth:`Client.services`."""
-        found: list[dict[str, Any]] = self._exchange("GET", "/services", may_repeat=True)[
+        services: list[dict[str, Any]] = self._exchange("GET", "/services", may_repeat=True)[
             "services"
         ]
-        return found
+        return services
 
     def describe_service(self, name: str) -> dict[str, Any]:
         """Return the description of a service; see :meth:`Client.describe_service`."""
-        found: dict[str, Any] = self._exchange("GET", _address(name), may_repeat=True)
-        return found
+        description: dict[str, Any] = self._exchange("GET", _address(name), may_repeat=True)
+        return description
 
     def call_service(
         self,

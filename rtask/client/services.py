@@ -42,7 +42,11 @@ def proxy_of(
         may_repeat = methods[method].get("effect") in ("reads", "records")
         return call(exact, method, given, data, described["timeout_s"], may_repeat)
 
-    return Proxy(exact, [offer_read(own, one) for own, one in methods.items()], carry_out)
+    return Proxy(
+        exact,
+        [offer_read(own, described_method) for own, described_method in methods.items()],
+        carry_out,
+    )
 
 
 def _sent(value: Any, kind: str = "") -> Any:
@@ -50,9 +54,9 @@ def _sent(value: Any, kind: str = "") -> Any:
     if isinstance(value, bytes | bytearray | memoryview):
         return base64.b64encode(value).decode("ascii")
     if isinstance(value, Mapping):
-        return {name: _sent(one) for name, one in value.items()}
+        return {name: _sent(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_sent(one) for one in value]
+        return [_sent(part) for part in value]
     if hasattr(value, "tolist"):
         if kind.startswith(_POSE) and getattr(value, "shape", ()) == (4, 4):
             from grasp.messages import pose_message

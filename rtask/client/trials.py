@@ -70,9 +70,9 @@ class ServerExecutor:
         """
         call = self._caller(task)
 
-        def carry_out(done: Future[Any], one: Range) -> None:
+        def carry_out(done: Future[Any], range_: Range) -> None:
             try:
-                done.set_result(call(one))
+                done.set_result(call(range_))
             except BaseException as error:  # noqa: BLE001 - whoever waits for it hears of it
                 done.set_exception(error)
             finally:
@@ -107,8 +107,8 @@ class ServerExecutor:
             }
             return self._codes("pose", task.trials, grid)
         if isinstance(task, BatchPlan):
-            return lambda one: [
-                self._planned(task, mesh) for mesh in task.meshes[one[0] : one[0] + one[1]]
+            return lambda range_: [
+                self._planned(task, mesh) for mesh in task.meshes[range_[0] : range_[0] + range_[1]]
             ]
         raise UsageError(
             "a server carries out trials of push grasps and plans of meshes, not "
@@ -125,8 +125,8 @@ class ServerExecutor:
     def _codes(self, method: str, trials: Any, more: dict[str, Any]) -> Callable[[Range], Any]:
         shard, grasps = request_of(trials), len(trials.rows)
 
-        def call(one: Range) -> Any:
-            given = {"shard": shard, "first": one[0], "count": one[1], **more}
+        def call(range_: Range) -> Any:
+            given = {"shard": shard, "first": range_[0], "count": range_[1], **more}
             answer = self._call(PUSH_TRIALS, method, given)
             return codes_of(base64.b64decode(answer["codes"]), grasps)
 
@@ -135,8 +135,8 @@ class ServerExecutor:
     def _counts(self, trials: Any) -> Callable[[Range], Any]:
         shard, grasps = request_of(trials), len(trials.rows)
 
-        def call(one: Range) -> Any:
-            given = {"shard": shard, "first": one[0], "count": one[1]}
+        def call(range_: Range) -> Any:
+            given = {"shard": shard, "first": range_[0], "count": range_[1]}
             answer = self._call(PUSH_TRIALS, "count", given)
             return counts_of(base64.b64decode(answer["counts"]), grasps)
 

@@ -77,7 +77,9 @@ class Worker:
         self._on_state = on_state
         self._datasets = ServerDatasets(server, token, cache)
         self._definitions = list(definitions)
-        self._slots = {one.exact: slots or _seats(one) for one in self._definitions}
+        self._slots = {
+            definition.exact: slots or _seats(definition) for definition in self._definitions
+        }
         self._host = ServiceHost(self._definitions, None, self._datasets)
         self._tasks: dict[str, Task] = {}
         self._stopping = threading.Event()
@@ -144,7 +146,7 @@ class Worker:
 
     def _listen(self, socket: Any) -> None:
         waiting = self._advertise(socket)
-        told = time.monotonic()
+        announced_at = time.monotonic()
         leaving = False
         while not (leaving and not self._tasks):
             if self._stopping.is_set() and not leaving:
@@ -154,8 +156,8 @@ class Worker:
                 frame = socket.recv(timeout=0.2)
             except TimeoutError:
                 frame = None
-            if time.monotonic() - told > _ALIVE_S:
-                told = time.monotonic()
+            if time.monotonic() - announced_at > _ALIVE_S:
+                announced_at = time.monotonic()
                 socket.send(json.dumps({"op": "worker_alive"}))
             if frame is None:
                 continue
@@ -167,20 +169,20 @@ class Worker:
                 if task is not None:
                     task.cancel()
             elif message.get("op") == "status":
-                self._told(message, waiting)
+                self._on_message(message, waiting)
 
     def _advertise(self, socket: Any) -> set[str]:
-        for one in self._definitions:
+        for own in self._definitions:
             message = {
-                "op": "advertise_service", "id": one.exact, "service": f"/services/{one.name}",
-                "type": "", "slots": self._slots[one.exact],
+                "op": "advertise_service", "id": own.exact, "service": f"/services/{own.name}",
+                "type": "", "slots": self._slots[own.exact],
                 "compression": "cbor" if self._is_binary else "none",
-                "description": described(one, [one.version], "ready"),
+                "description": described(own, [own.version], "ready"),
             }  # fmt: skip
             socket.send(json.dumps(message))
-        return {one.exact for one in self._definitions}
+        return {own.exact for own in self._definitions}
 
-    def _told(self, message: Mapping[str, Any], waiting: set[str]) -> None:
+    def _on_message(self, message: Mapping[str, Any], waiting: set[str]) -> None:
         """Note what the server says of an advertisement.
 
         Raises
@@ -244,7 +246,9 @@ class Worker:
             written = self._datasets.take_written(task.call.caller)
             if written:
                 resources = {name.partition("@")[0]: own for own, name, _ in task.data}
-                message["written"] = {resources[one]: files for one, files in written.items()}
+                message["written"] = {
+                    resources[own_name]: files for own_name, files in written.items()
+                }
         except RtaskError as error:
             message.update(_failure(error))
         self._say(message)

@@ -31,21 +31,21 @@ class ServerDatasets(Datasets):
     def __init__(self, server: str, token: str | None, cache: Path | None) -> None:
         super().__init__(cache)
         self._client = DatasetClient(server, token)
-        self._known: dict[str, Version] = {}
+        self._versions: dict[str, Version] = {}
         self._written: dict[int, dict[str, dict[str, bytes]]] = {}
         self._writing = threading.Lock()
 
     def find(self, name: str, access: Access | None = None) -> Version:
         """Return a version, as the server tells it; errors as those of the server."""
-        found = self._known.get(name)
-        if found is None:
-            told = self._client.describe(name)
-            dataset, _, number = told["name"].partition("@")
+        version = self._versions.get(name)
+        if version is None:
+            description = self._client.describe(name)
+            dataset, _, number = description["name"].partition("@")
             numbered = int(number) if number.isdecimal() else 0
-            found = Version.from_stored(dataset, numbered, told)
+            version = Version.from_stored(dataset, numbered, description)
             if numbered:  # what has a number never changes
-                self._known[found.name] = found
-        return found
+                self._versions[version.name] = version
+        return version
 
     def view(self, version: Version) -> Path:
         """Return a folder with the files of a version, fetched from the server where missing.

@@ -269,5 +269,5 @@ def graph_name(context: object) -> GraphName | None:
     name = getattr(context, "identifier", context)
     if name is None or str(name) in ("urn:x-rdflib:default", ""):
         return None
-    found = from_rdflib(name)
-    return found if isinstance(found, ox.NamedNode) else None
+    term = from_rdflib(name)
+    return term if isinstance(term, ox.NamedNode) else None

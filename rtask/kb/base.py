@@ -84,7 +84,7 @@ class GraphBase:
         """Whether the side index covers a graph; derived and record-keeping graphs are left out."""
         if self.plain:
             return True
-        return isinstance(graph, NamedNode) and not self.graphs.is_kept_by_commits(graph)
+        return isinstance(graph, NamedNode) and not self.graphs.is_system(graph)
 
     @property
     def base(self) -> str:

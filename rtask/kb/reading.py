@@ -241,7 +241,7 @@ class Reading(Searching):
             None if predicate is None else iri(predicate),
             None if value is None else object_term(value),
         )
-        found = list(self.store.quads_for_pattern(*pattern, where))
+        quads = list(self.store.quads_for_pattern(*pattern, where))
         if where is not None or self.plain:
-            return found
-        return [quad for quad in found if isinstance(quad.graph_name, NamedNode)]
+            return quads
+        return [quad for quad in quads if isinstance(quad.graph_name, NamedNode)]

@@ -46,8 +46,8 @@ class Reasoning(Writing):
     def contradictions(self) -> list[Any]:
         """Return the contradictions in the asserted graphs."""
         with self._writer.exclusive():
-            found: list[Any] = self._reasoner().closure().contradictions()
-        return found
+            contradictions: list[Any] = self._reasoner().closure().contradictions()
+        return contradictions
 
     def causes(self, budget_ms: float = 5_000) -> list[dict[str, Any]]:
         """Return the smallest sets of asserted statements that lead to contradictions.
@@ -135,11 +135,11 @@ class Reasoning(Writing):
         InconsistentError
             What follows contradicts the ontology.
         """
-        found = read_rules(rules)
+        parsed = read_rules(rules)
         rights = self.access(agent, access)
         author = self.graphs.agent_iri(rights.agent, rights.role) if rights.agent else None
         return self._change_rules(
-            lambda change: rulebook.add(change, found, self.graphs, author, replace), rights, note
+            lambda change: rulebook.add(change, parsed, self.graphs, author, replace), rights, note
         )
 
     def remove_rules(
@@ -159,10 +159,10 @@ class Reasoning(Writing):
         ForbiddenError
             The author may not remove rules.
         """
-        wanted = [names] if isinstance(names, str) else list(names)
+        labels = [names] if isinstance(names, str) else list(names)
         rights = self.access(agent, access)
         return self._change_rules(
-            lambda change: rulebook.remove(change, wanted, self.graphs), rights, note
+            lambda change: rulebook.remove(change, labels, self.graphs), rights, note
         )
 
     def _change_rules(

@@ -93,9 +93,9 @@ class Retraction(Writing):
 
 def _asserting(kb: Writing, holders: list[NamedNode]) -> NamedNode:
     """Return the graph to name in an error, preferably one that asserts the statement."""
-    return next((g for g in holders if not kb.graphs.is_kept_by_commits(g)), holders[0])
+    return next((g for g in holders if not kb.graphs.is_system(g)), holders[0])
 
 
 def _key(subject: Subject | str, predicate: NamedNode | str, value: Value) -> TripleKey:
-    kept: Term = stored(object_term(value))
-    return (subject_term(subject), iri(predicate), kept)
+    term: Term = stored(object_term(value))
+    return (subject_term(subject), iri(predicate), term)

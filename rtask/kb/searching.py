@@ -43,23 +43,23 @@ class Searching(GraphBase):
         -------
         One hit for each subject: its best text.
         """
-        wanted = None if cls is None else iri(cls)
-        found: dict[NamedNode, TextHit] = {}
+        class_iri = None if cls is None else iri(cls)
+        best: dict[NamedNode, TextHit] = {}
         self._look()
         with self.index.reading() as db:
             hits = self.texts.search(db, text, lang)
             fitting = (
                 hit
                 for hit in hits
-                if hit.subject not in found
+                if hit.subject not in best
                 and (among is None or hit.subject.value in among)
-                and self._is_a(hit.subject, wanted)
+                and self._is_a(hit.subject, class_iri)
             )
             for hit in fitting:
-                found[hit.subject] = hit
-                if len(found) >= limit:
+                best[hit.subject] = hit
+                if len(best) >= limit:
                     break
-        return list(found.values())
+        return list(best.values())
 
     def _is_a(self, subject: NamedNode, cls: NamedNode | None) -> bool:
         if cls is None:

@@ -76,7 +76,7 @@ class Watching(GraphBase):
         EpochChangedError
             ``since`` refers to a numbering from before a backup was restored.
         """
-        wanted = Filter(
+        filter_ = Filter(
             None if subject is None else subject_term(subject),
             None if predicate is None else iri(predicate),
             None if value is None else stored(object_term(value)),
@@ -84,7 +84,7 @@ class Watching(GraphBase):
             None if cls is None else iri(cls),
             inferred,
         )
-        return self.feed.subscribe(wanted, since=since, once=once, size=size, on_ready=on_ready)
+        return self.feed.subscribe(filter_, since=since, once=once, size=size, on_ready=on_ready)
 
     def history(
         self,

@@ -65,8 +65,8 @@ def _is_stale(kb: GraphCore, path: Path) -> bool:
 
 
 def _stored_version(kb: GraphCore, name: NamedNode) -> tuple[int, ...]:
-    found = kb.match(name, _VERSION, None, name)
-    return _numbers(str(python_value(found[0].object))) if found else ()
+    quads = kb.match(name, _VERSION, None, name)
+    return _numbers(str(python_value(quads[0].object))) if quads else ()
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -32,14 +32,14 @@ _EXTENSIONS = {ext for form in FORMATS for ext in form.extensions} | {"owl", "xm
 
 def loadable_files(folder: Path) -> list[Path]:
     """Return the loadable files below a folder, sorted, without hidden ones."""
-    found = []
+    files = []
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
         if path.is_file() and not hidden and path.name != _OASIS_FILE:
             extension = Document(path.name, path).extension
             if extension in _EXTENSIONS:
-                found.append(path)
-    return found
+                files.append(path)
+    return files
 
 
 class OntologyCatalogue:
@@ -71,9 +71,9 @@ class OntologyCatalogue:
         """
         for place in self.searched(beside):
             entries = self._entries(place)
-            found = entries.get(iri) or entries.get(iri.rstrip("#/")) or []
-            if found:
-                return _choose(found, iri, beside)
+            paths = entries.get(iri) or entries.get(iri.rstrip("#/")) or []
+            if paths:
+                return _choose(paths, iri, beside)
         return None
 
     def searched(self, beside: Path | None = None) -> list[Path]:
@@ -112,11 +112,11 @@ def _scan(folder: Path) -> dict[str, list[Path]]:
     return entries
 
 
-def _choose(found: list[Path], iri: str, beside: Path | None) -> Path:
+def _choose(paths: list[Path], iri: str, beside: Path | None) -> Path:
     """Choose among files of the same name, which hold one ontology in several syntaxes."""
-    alike = [path for path in found if beside is not None and path.suffix == beside.suffix]
-    chosen = (alike or found)[0]
-    for other in found:
+    alike = [path for path in paths if beside is not None and path.suffix == beside.suffix]
+    chosen = (alike or paths)[0]
+    for other in paths:
         if other.stem != chosen.stem and not _same(chosen, other):
             raise DataError(
                 f"{chosen} and {other} both claim to be {iri} but differ; remove one of them"
@@ -124,8 +124,8 @@ def _choose(found: list[Path], iri: str, beside: Path | None) -> Path:
     return chosen
 
 
-def _same(one: Path, other: Path) -> bool:
-    digests = [hashlib.sha256(path.read_bytes()).digest() for path in (one, other)]
+def _same(first: Path, other: Path) -> bool:
+    digests = [hashlib.sha256(path.read_bytes()).digest() for path in (first, other)]
     return digests[0] == digests[1]
 
 

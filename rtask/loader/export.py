@@ -70,21 +70,21 @@ def _format(target: Path | str | IO[bytes], format: RdfFormat | str | None) -> R
         if not isinstance(target, str | Path):
             raise UsageError("the format is required when writing to a stream; pass format=")
         format = Path(target).suffix.lstrip(".") or "trig"
-    found = find_format(format).rdf
-    if found is None:
+    rdf_format = find_format(format).rdf
+    if rdf_format is None:
         raise UsageError(f"{format} can be read but not written; use turtle or rdfxml")
-    return found
+    return rdf_format
 
 
 def _chosen(
     kb: GraphCore, graphs: Iterable[NamedNode | str] | None, inferred: bool
 ) -> list[GraphName]:
-    known = [*kb.store.named_graphs(), *([DefaultGraph()] if kb.plain else [])]
+    all_graphs = [*kb.store.named_graphs(), *([DefaultGraph()] if kb.plain else [])]
     if graphs is None:
-        return [g for g in known if inferred or g != kb.graphs.inferred]
+        return [g for g in all_graphs if inferred or g != kb.graphs.inferred]
     chosen: list[GraphName] = []
     for graph in map(iri, graphs):
-        if graph not in known:
+        if graph not in all_graphs:
             raise UnknownTermError(f"there is no graph {graph}; `rtask stats` lists all graphs")
         chosen.append(graph)
     return chosen

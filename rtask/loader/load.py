@@ -39,7 +39,7 @@ __all__ = ["FileReport", "LoadReport", "load"]
 
 _log = logging.getLogger(__name__)
 _MISSING = ("error", "warn", "ignore")
-_KEPT_SOURCE_BYTES = 64 << 20
+_MAX_SOURCE_BYTES = 64 << 20
 _UNLIMITED = 1 << 62
 _CAUSE_MS = 10_000.0
 
@@ -163,17 +163,17 @@ class _Loader:
                 "statements as bytes, text.encode(), with their format"
             )
         if isinstance(source, str) and ":" in source and not Path(source).exists():
-            found = self.catalogue.find(source)
-            if found is None:
+            paths = self.catalogue.find(source)
+            if paths is None:
                 raise DataError(
                     f"{source} is neither a file nor a known ontology; {self._places()}"
                 )
-            return [Document.of(found)]
+            return [Document.of(paths)]
         if isinstance(source, str | Path) and Path(source).is_dir():
-            found_files = [Document.of(path) for path in loadable_files(Path(source))]
-            if not found_files:
+            files = [Document.of(path) for path in loadable_files(Path(source))]
+            if not files:
                 raise DataError(f"{source} contains no file in a known format")
-            return sorted(found_files, key=lambda document: peek(document).iri is None)
+            return sorted(files, key=lambda document: peek(document).iri is None)
         return [Document.of(source)]
 
     def _places(self, beside: Path | None = None) -> str:
@@ -317,12 +317,12 @@ class _Loader:
     def _import(self, name: NamedNode, importer: Document) -> None:
         if self.kb.catalogue.is_ontology(name):
             return
-        found = self.catalogue.find(name.value, importer.path)
-        if found is not None:
+        paths = self.catalogue.find(name.value, importer.path)
+        if paths is not None:
             nested = _Loader(self.kb, _for_imports(self.options), self.catalogue)
             nested.report, nested._done = self.report, self._done
             nested.terms = self.terms
-            nested.load(Document.of(found))
+            nested.load(Document.of(paths))
             return
         self.report.missing_imports.append(name.value)
         message = f"{importer.name} imports {name.value}; {self._places(importer.path)}"
@@ -399,7 +399,7 @@ class _Loader:
     def _keeps_source(self, item: Item) -> bool:
         if self.kb.plain or self.options.dry_run or not item.loose:
             return False
-        return item.document.size <= _KEPT_SOURCE_BYTES and isinstance(item.graph, NamedNode)
+        return item.document.size <= _MAX_SOURCE_BYTES and isinstance(item.graph, NamedNode)
 
 
 def _mending(header: Header) -> str:

@@ -80,7 +80,7 @@ def _lines(fault: Fault) -> list[str]:
     start = f"{fault.subject} {fault.predicate}"
     if fault.members:
         return [f"{start} ( {' '.join(sorted(map(str, fault.members)))} )"]
-    return [f"{start} {one}" for one in sorted(map(str, fault.objects))]
+    return [f"{start} {object_text}" for object_text in sorted(map(str, fault.objects))]
 
 
 @lru_cache(maxsize=1)
@@ -136,15 +136,15 @@ def mend(
     for patch in patches():
         if name is None or patch.ontology != name.value:
             continue
-        found = {quad for fault in patch.faults for quad in _found(fault, quads)}
-        (applied if found else stale).append(patch)
-        wrong |= found
+        faulty = {quad for fault in patch.faults for quad in _faulty_quads(fault, quads)}
+        (applied if faulty else stale).append(patch)
+        wrong |= faulty
     if not wrong:
         return list(quads), applied, stale
     return [quad for quad in quads if quad not in wrong], applied, stale
 
 
-def _found(fault: Fault, quads: Iterable[Quad]) -> set[Quad]:
+def _faulty_quads(fault: Fault, quads: Iterable[Quad]) -> set[Quad]:
     """Return the statements of a fault that a document has, lists with all their nodes."""
     stated = [q for q in quads if q.subject == fault.subject and q.predicate == fault.predicate]
     if not fault.members:
@@ -153,12 +153,12 @@ def _found(fault: Fault, quads: Iterable[Quad]) -> set[Quad]:
     for quad in quads:
         if isinstance(quad.subject, BlankNode):
             about.setdefault(quad.subject, []).append(quad)
-    found: set[Quad] = set()
+    quads_found: set[Quad] = set()
     for quad in stated:
         cells, members = _list(quad.object, about)
         if members == fault.members:
-            found |= {quad, *cells}
-    return found
+            quads_found |= {quad, *cells}
+    return quads_found
 
 
 def _list(head: object, about: dict[object, list[Quad]]) -> tuple[list[Quad], set[object]]:

@@ -30,16 +30,16 @@ def read_annotations(view: View, instance: Model, about: Property) -> list[Annot
         f"SELECT ?o ?r ?p ?v WHERE {{ ?r rdf:reifies <<( {NamedNode(instance.iri)}"
         f" {short(about.iri)} ?o )>> ; ?p ?v FILTER(?p != rdf:reifies) }}"
     )
-    found: dict[tuple[str, str], Annotation] = {}
+    annotations: dict[tuple[str, str], Annotation] = {}
     for value, reifier, predicate, noted in view.select(text):
         assert isinstance(predicate, NamedNode)
-        known = type(instance).__by_iri__.get(predicate.value)
+        field = type(instance).__by_iri__.get(predicate.value)
         shown = str(getattr(reifier, "value", reifier))
-        made = found.setdefault((str(value), shown), Annotation(_plain(value), shown, {}))
+        made = annotations.setdefault((str(value), shown), Annotation(_plain(value), shown, {}))
         made.notes.setdefault(  # type: ignore[attr-defined]
-            known.name if known else predicate.value, []
+            field.name if field else predicate.value, []
         ).append(_plain(noted))
-    return [found[key] for key in sorted(found)]
+    return [annotations[key] for key in sorted(annotations)]
 
 
 def _plain(term: Term | None) -> object:
@@ -73,8 +73,8 @@ class Note:
                 f"{about.describe()} of {instance!r} has {len(items)} values; say which"
             )
         item = items[0] if value is None else about.item(value, instance)
-        said = [(field_of(instance, key), noted) for key, noted in notes.items()]
-        return cls(instance, about, item, tuple((f, f.item(v, instance)) for f, v in said))
+        values_noted = [(field_of(instance, key), noted) for key, noted in notes.items()]
+        return cls(instance, about, item, tuple((f, f.item(v, instance)) for f, v in values_noted))
 
     def write(self, base: str, tx: Writes, home: NamedNode | None) -> None:
         """Write a reifier for the statement, minted below an IRI, with the notes on it."""

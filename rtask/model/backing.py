@@ -128,13 +128,13 @@ class Local:
     def derives(self) -> bool:
         """Whether there are derived statements: now, or when the graph was written."""
         kb = self._kb
-        found = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
-        return kb.reasons or next(iter(found), None) is not None
+        inferred = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
+        return kb.reasons or next(iter(inferred), None) is not None
 
     def about(self, subject: NamedNode, most: int) -> Iterable[tuple[str, Term]]:
         """Yield predicates and values of a subject from the store."""
-        found = self._kb.store.quads_for_pattern(subject, None, None, DEFAULT)
-        return ((quad.predicate.value, quad.object) for quad in islice(found, most))
+        quads = self._kb.store.quads_for_pattern(subject, None, None, DEFAULT)
+        return ((quad.predicate.value, quad.object) for quad in islice(quads, most))
 
     def on_touched(self, listener: Callable[[Touched], None]) -> Callable[[], None]:
         """Call ``listener`` in the writer's thread, after each commit."""

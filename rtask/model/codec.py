@@ -94,12 +94,12 @@ def encode(value: object, datatype: str) -> Literal:
         RDFS_LITERAL,
     ):
         return Literal(str(value), language=value.language)
-    wanted = python_type(datatype)
-    if wanted is object and isinstance(value, LangString):
+    expected = python_type(datatype)
+    if expected is object and isinstance(value, LangString):
         return Literal(str(value), language=value.language)
-    if wanted is object:
+    if expected is object:
         return literal(value)
-    return _ENCODERS[wanted](value, datatype)
+    return _ENCODERS[expected](value, datatype)
 
 
 def _integer(value: object, datatype: str) -> Literal:
@@ -188,14 +188,14 @@ def decode(term: Term) -> object:
         return term
     if term.language is not None:
         return LangString(term.value, term.language)
-    wanted = python_type(term.datatype.value)
+    expected = python_type(term.datatype.value)
     try:
-        if wanted is bool:
+        if expected is bool:
             return {"true": True, "1": True, "false": False, "0": False}[term.value]
-        if wanted is dt.datetime:
+        if expected is dt.datetime:
             return dt.datetime.fromisoformat(term.value)
-        if wanted is dt.date:
+        if expected is dt.date:
             return dt.date.fromisoformat(term.value)
-        return term if wanted is object else wanted(term.value)
+        return term if expected is object else expected(term.value)
     except (ValueError, KeyError, decimal.InvalidOperation):
         return term

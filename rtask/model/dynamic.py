@@ -51,10 +51,10 @@ class Vocabulary:
         raise AttributeError(f"the ontology has no class {name!r}{hint}")
 
     def __getitem__(self, name: str | NamedNode) -> type[Model]:
-        found = self.registry.find(iri(name).value)
-        if found is None:
+        model = self.registry.find(iri(name).value)
+        if model is None:
             raise UnknownTermError(f"the ontology has no class {iri(name)}")
-        return found
+        return model
 
     def __iter__(self) -> Iterator[type[Model]]:
         return iter(self.registry)
@@ -104,7 +104,7 @@ def load_model(kb: Statements, name: str | NamedNode) -> Vocabulary:
     if not triples:
         raise UnknownTermError(f"no ontology {iri(name)} is loaded; kb.load() it first")
     registry = built_in.REGISTRY
-    schema = read_schema(triples, primary=_namespace(iri(name).value), is_known=registry.find)
+    schema = read_schema(triples, primary=_namespace(iri(name).value), find_model=registry.find)
     vocabulary = build(schema, registry)
     vocabularies_of(kb)[iri(name).value] = vocabulary.registry
     return vocabulary
@@ -120,10 +120,14 @@ def build(schema: Schema, parent: Registry | None = None) -> Vocabulary:
     made: dict[str, type[Model]] = {}
     added: dict[type[Model], list[PropertySpec]] = {}
     for spec in schema.classes.values():
-        known = parent.find(spec.iri) if parent is not None else None
-        if known is not None:  # what the ontology adds to it is inherited by its own classes below
-            made[spec.iri] = known
-            added[known] = [prop for prop in spec.properties if prop.iri not in known.__by_iri__]
+        inherited = parent.find(spec.iri) if parent is not None else None
+        if (
+            inherited is not None
+        ):  # what the ontology adds to it is inherited by its own classes below
+            made[spec.iri] = inherited
+            added[inherited] = [
+                prop for prop in spec.properties if prop.iri not in inherited.__by_iri__
+            ]
         else:
             bases = [made[base] for base in spec.parents] or [Model]
             made[spec.iri] = _make_class(spec, bases, added, registry)

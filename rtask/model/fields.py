@@ -48,20 +48,20 @@ class Field(Property):
         return made
 
     def _link(self, value: object, subject: Model | None) -> Item:
-        wanted = self.target() or Model
+        target = self.target() or Model
         if isinstance(value, Model):
             # an object of a broader class may still turn out to be of the expected one
-            if not (isinstance(value, wanted) or issubclass(wanted, type(value))):
-                raise self.refuse(value, f"a {wanted.__name__}", subject)
+            if not (isinstance(value, target) or issubclass(target, type(value))):
+                raise self.refuse(value, f"a {target.__name__}", subject)
             name = value.__state__.iri
         elif isinstance(value, NamedNode):
             name = value.value
         else:
-            raise self.refuse(value, f"a {wanted.__name__} or its NamedNode", subject)
+            raise self.refuse(value, f"a {target.__name__} or its NamedNode", subject)
         if self.limits.one_of and name not in self.limits.one_of:
             near = difflib.get_close_matches(str(name), self.limits.one_of, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
-            raise self.refuse(value, f"one of the list of {wanted.__name__}{hint}", subject)
+            raise self.refuse(value, f"one of the list of {target.__name__}{hint}", subject)
         return value
 
     # Reading and changing
@@ -91,8 +91,8 @@ class Field(Property):
         if session is None:
             return list(items)
         names = [item.value for item in items if isinstance(item, NamedNode)]
-        found = session.reader.references(names, self.target() or Model, instance)
-        return [found[item.value] if isinstance(item, NamedNode) else item for item in items]
+        referenced = session.reader.references(names, self.target() or Model, instance)
+        return [referenced[item.value] if isinstance(item, NamedNode) else item for item in items]
 
     def plain(self, instance: Model) -> Any:
         """Return the value, or the list of several, with objects as their IRIs."""
@@ -107,13 +107,13 @@ class Field(Property):
         if self.single and len(items) > 1:
             raise self.refuse(values, "one value", instance)
         if self.inverse is not None:
-            kept = {key(item) for item in items}
+            new_keys = {key(item) for item in items}
             for old in self.items(instance):
-                if key(old) not in kept:
+                if key(old) not in new_keys:
                     self._couple(instance, old, add=False)
-            known = {key(item) for item in self.items(instance)}
+            old_keys = {key(item) for item in self.items(instance)}
             for item in items:
-                if key(item) not in known:
+                if key(item) not in old_keys:
                     self._couple(instance, item, add=True)
         if self.stored:
             pending = self._change(instance)
@@ -222,8 +222,8 @@ class One(Field, Generic[T]):
     def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
         if instance is None:
             return Path(owner, (self,))
-        found = self.python(instance, self.items(instance)[:1])
-        return found[0] if found else None
+        values = self.python(instance, self.items(instance)[:1])
+        return values[0] if values else None
 
     def __set__(self, instance: Model, value: T | None) -> None:
         self.put(instance, () if value is None else (value,))
@@ -260,8 +260,8 @@ class Link(Field, Generic[M]):
     def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
         if instance is None:
             return Path(owner, (self,))
-        found = self.python(instance, self.items(instance)[:1])
-        return found[0] if found else None
+        values = self.python(instance, self.items(instance)[:1])
+        return values[0] if values else None
 
     def __set__(self, instance: Model, value: M | NamedNode | None) -> None:
         self.put(instance, () if value is None else (value,))
@@ -302,10 +302,10 @@ class Values(Collection[T]):
 
     def __contains__(self, value: object) -> bool:
         try:
-            wanted = key(self._field.item(value))
+            member = key(self._field.item(value))
         except FieldError:
             return False
-        return wanted in map(key, self._field.items(self._instance))
+        return member in map(key, self._field.items(self._instance))
 
     def add(self, value: T | NamedNode) -> None:
         """Add a value if absent."""

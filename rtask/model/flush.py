@@ -183,14 +183,14 @@ def own_cells(
     statements: Statements, head: Term, home: GraphName
 ) -> list[tuple[Subject, NamedNode, Term]]:
     """Return the statements of an RDF list that one graph holds."""
-    found: list[tuple[Subject, NamedNode, Term]] = []
+    cells: list[tuple[Subject, NamedNode, Term]] = []
     seen: set[Term] = set()
     while isinstance(head, NamedNode | BlankNode) and head not in seen:
         seen.add(head)
         quads = [q for q in statements.match(head, graph=home) if q.predicate in (_FIRST, _REST)]
-        found += [(quad.subject, quad.predicate, quad.object) for quad in quads]
+        cells += [(quad.subject, quad.predicate, quad.object) for quad in quads]
         head = next((quad.object for quad in quads if quad.predicate == _REST), _NIL)
-    return found
+    return cells
 
 
 def named(graph: GraphName) -> NamedNode | None:

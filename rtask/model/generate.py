@@ -134,7 +134,7 @@ def generate_for(modules: Iterable[OntologySource]) -> str:
     primary = min(named, default="")
     triples = [triple for module in modules for triple in module.triples]
     space = primary if primary.endswith(("#", "/")) else f"{primary}#"
-    schema = read_schema(triples, primary=space, is_known=REGISTRY.find)
+    schema = read_schema(triples, primary=space, find_model=REGISTRY.find)
     title = ", ".join(sorted(named)) or ", ".join(module.name for module in modules)
     origin = f"Typed classes for {title}; generated, do not edit.\n\n``rtask model generate``.\n"
     return generate(schema, origin.replace("\\", "/").replace('"', "'"), REGISTRY)
@@ -156,28 +156,30 @@ class _Writer:
         self._schema = schema
         self._parent = parent
         self.prefixes: dict[str, str] = {}
-        self.own = [spec for spec in schema.classes.values() if self._known(spec.iri) is None]
+        self.own = [spec for spec in schema.classes.values() if self._model_of(spec.iri) is None]
         specs = [prop for spec in schema.classes.values() for prop in spec.properties]
         self._names = {prop.iri: prop.name for prop in specs}
 
-    def _known(self, iri: str) -> type[Model] | None:
+    def _model_of(self, iri: str) -> type[Model] | None:
         return self._parent.find(iri) if self._parent is not None else None
 
     def _class(self, iri: str) -> str:
         """Return the name of a class in the module."""
-        known = self._known(iri)
-        return f"RTASK.{known.__name__}" if known else self._schema.classes[iri].name
+        model = self._model_of(iri)
+        return f"RTASK.{model.__name__}" if model else self._schema.classes[iri].name
 
     def fields(self, spec: ClassSpec) -> list[PropertySpec]:
         """Return the fields that a class adds, and what the ontology adds to RTASK's above it."""
-        known = [model for iri in spec.parents if (model := self._known(iri)) is not None]
-        above = {model for base in known for model in base.__mro__}
-        found = {prop.iri: prop for prop in spec.properties}
+        parents = [model for iri in spec.parents if (model := self._model_of(iri)) is not None]
+        above = {model for base in parents for model in base.__mro__}
+        properties = {prop.iri: prop for prop in spec.properties}
         for other in self._schema.classes.values():
-            if self._known(other.iri) in above:
-                found |= {prop.iri: prop for prop in other.properties}
-        inherited = {iri for model in known for iri in model.__by_iri__}
-        return sorted((p for p in found.values() if p.iri not in inherited), key=lambda p: p.name)
+            if self._model_of(other.iri) in above:
+                properties |= {prop.iri: prop for prop in other.properties}
+        inherited = {iri for model in parents for iri in model.__by_iri__}
+        return sorted(
+            (p for p in properties.values() if p.iri not in inherited), key=lambda p: p.name
+        )
 
     def iri(self, iri: str) -> str:
         """Return an expression for an IRI."""

@@ -118,8 +118,8 @@ class Annotation:
     @property
     def confidence(self) -> float | None:
         """The confidence in the statement, in [0, 1], if it is stated."""
-        found = self.notes.get("confidence", ())
-        return found[0] if found else None
+        values = self.notes.get("confidence", ())
+        return values[0] if values else None
 
 
 @dataclass
@@ -257,15 +257,15 @@ class Model(metaclass=ModelType):
         Other objects appear as their IRIs, several values as a list; fields without a value are
         left out. Fields stored with other objects (inverses) are included if they have been read.
         """
-        state, wanted = self.__state__, eager(type(self))
-        found: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
+        state, eager_iris = self.__state__, eager(type(self))
+        document: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
         for name, about in sorted(type(self).__fields__.items()):
             here = state.new or about.iri in state.pending or state.knows(about.iri)
-            if here or about.iri in wanted:
+            if here or about.iri in eager_iris:
                 value = about.plain(self)
                 if value not in (None, []):
-                    found[name] = value
-        return found
+                    document[name] = value
+        return document
 
     def to_json(self, **options: Any) -> str:
         """Return :meth:`to_dict` as JSON text.
@@ -412,10 +412,10 @@ def field_of(instance: Model, name: str) -> Property:
     UsageError
         If its class has no such field.
     """
-    found = type(instance).__fields__.get(name)
-    if found is None:
+    field = type(instance).__fields__.get(name)
+    if field is None:
         raise UsageError(f"{type(instance).__name__} has no field {name!r}")
-    return found
+    return field
 
 
 def eager(model: type[Model], more: Sequence[Property] = ()) -> frozenset[str]:
@@ -462,9 +462,9 @@ def required(model: type[Model]) -> set[str]:
 
 def family(model: type[Model]) -> set[type[Model]]:
     """Return a class with all its subclasses."""
-    found, open_ = {model}, [model]
+    models, open_ = {model}, [model]
     while open_:
-        below = set(open_.pop().__subclasses__()) - found
-        found |= below
+        below = set(open_.pop().__subclasses__()) - models
+        models |= below
         open_ += below
-    return found
+    return models

@@ -73,10 +73,10 @@ class Ordered(Field, Generic[T]):
         items = list(items)
         session = instance.__state__.session
         names = [item.value for item in items if isinstance(item, NamedNode)]
-        found = session.reader.references(names, self.root(), instance) if session else {}
+        referenced = session.reader.references(names, self.root(), instance) if session else {}
         plain = iter(super().python(instance, [i for i in items if not _is_object(i)]))
         return [
-            found.get(item.value, item)
+            referenced.get(item.value, item)
             if isinstance(item, NamedNode)
             else item
             if isinstance(item, Model)

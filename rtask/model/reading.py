@@ -106,8 +106,8 @@ class Reader:
 
     def reference(self, name: str, model: type[Model], source: Model) -> Model:
         """Return the object of an IRI, which may not have been read yet."""
-        known = self._identities.find(name)
-        return known or self._blank(model, name, source.__state__.origin)
+        existing = self._identities.find(name)
+        return existing or self._blank(model, name, source.__state__.origin)
 
     def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
         """Return the objects of several IRIs that one object refers to.
@@ -115,12 +115,14 @@ class Reader:
         They are read with one query, unless ``source`` is one of many results: then only
         prefetched objects are available.
         """
-        found = {name: self.reference(name, model, source) for name in names}
+        referenced = {name: self.reference(name, model, source) for name in names}
         if source.__state__.origin is None or self._lazy == "allow":
-            unread = [n for n, o in found.items() if not (o.__state__.is_read or o.__state__.new)]
+            unread = [
+                n for n, o in referenced.items() if not (o.__state__.is_read or o.__state__.new)
+            ]
             for name, facts in (self._facts(unread, model) if unread else {}).items():
                 self.materialise(name, model, facts, eager(model), None)
-        return found
+        return referenced
 
     def _blank(self, model: type[M], name: str, origin: str | None) -> M:
         made = model()
@@ -146,16 +148,16 @@ class Reader:
         fetched
             The properties that were requested; those that are absent from ``facts`` have no value.
         """
-        known = self._identities.find(name)
+        instance = self._identities.find(name)
         kinds = tuple(facts.get(RDF_TYPE, ()))
-        if known is None:
-            known = self._blank(self._best(asked, kinds), name, origin)
+        if instance is None:
+            instance = self._blank(self._best(asked, kinds), name, origin)
         else:
-            wider = type(known) if issubclass(type(known), asked) else asked
+            wider = type(instance) if issubclass(type(instance), asked) else asked
             best = self._best(wider, kinds)
-            if best is not type(known):
-                object.__setattr__(known, "__class__", best)
-        state, fields = known.__state__, type(known).__by_iri__
+            if best is not type(instance):
+                object.__setattr__(instance, "__class__", best)
+        state, fields = instance.__state__, type(instance).__by_iri__
         if state.loaded:
             state.loaded.update(facts)
         else:
@@ -165,7 +167,7 @@ class Reader:
                 state.loaded[predicate] = self._own_first(name, predicate, values)
         state.note(fetched)
         state.origin = origin
-        return known
+        return instance
 
     def _best(self, asked: type[Model], kinds: tuple[Term, ...]) -> type[Model]:
         """Return the most specific known class of an individual of these types."""
@@ -212,8 +214,8 @@ class Reader:
         if not self._view.inferred and not field.stored and field.inverse:
             back = f"{here} ?o {short(field.inverse)} ?s BIND({short(field.iri)} AS ?p)"
             pattern = f"{{ {pattern} }} UNION {{ {back} }}"
-        found = self._gather([name], pattern)[name]
-        self.materialise(name, type(instance), found, fetched, state.origin)
+        gathered = self._gather([name], pattern)[name]
+        self.materialise(name, type(instance), gathered, fetched, state.origin)
 
     def _refuse_loops(self, instance: Model, field: Property) -> None:
         state = instance.__state__
@@ -232,12 +234,12 @@ class Reader:
         """Return the members of an RDF list; of a malformed list, those before the defect."""
         self._refuse_loops(instance, field)
         cells = self._cells(str(instance.__state__.iri), field)
-        found, seen = list[Term](), set[Term]()
+        members, seen = list[Term](), set[Term]()
         while head in cells and head not in seen:
             seen.add(head)
             first, head = cells[head]
-            found.append(first)
-        return tuple(found)
+            members.append(first)
+        return tuple(members)
 
     def _cells(self, name: str, field: Property) -> dict[Term, tuple[Term, Term]]:
         """Return the cells of the lists that a field has: first and rest of each."""

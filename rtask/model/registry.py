@@ -30,8 +30,8 @@ class ClassRegistry(Generic[K]):
 
     def find(self, iri: str) -> type[K] | None:
         """Return the class of an IRI, if there is one."""
-        found = self.models.get(iri)
-        return found or (self.parent.find(iri) if self.parent else None)
+        model = self.models.get(iri)
+        return model or (self.parent.find(iri) if self.parent else None)
 
     def __iter__(self) -> Iterator[type[K]]:
         if self.parent:
@@ -68,9 +68,11 @@ class ClassRegistry(Generic[K]):
     def _find_most_specific(
         self, types: Iterable[str], asked: type[K], vocabularies: list[ClassRegistry[K]]
     ) -> type[K]:
-        found = (vocabulary.find(name) for name in types for vocabulary in vocabularies)
-        known = {model for model in found if model} | {asked}
-        lowest = [m for m in known if not any(o is not m and issubclass(o, m) for o in known)]
+        models = (vocabulary.find(name) for name in types for vocabulary in vocabularies)
+        candidates = {model for model in models if model} | {asked}
+        lowest = [
+            m for m in candidates if not any(o is not m and issubclass(o, m) for o in candidates)
+        ]
         if len(lowest) == 1:
             return lowest[0]
         bases = tuple(sorted(lowest, key=rank))

@@ -90,8 +90,8 @@ class _Graph:
 
     def named(self, *kinds: str) -> set[str]:
         """Return the IRIs of the things of these types."""
-        found = (s for kind in kinds for s in self.subjects(_TYPE, NamedNode(kind)))
-        return {s.value for s in found if isinstance(s, NamedNode)}
+        subjects = (s for kind in kinds for s in self.subjects(_TYPE, NamedNode(kind)))
+        return {s.value for s in subjects if isinstance(s, NamedNode)}
 
     def iris(self, subject: str, predicate: str) -> list[str]:
         """Return the IRIs that a thing has for a property."""
@@ -115,7 +115,7 @@ def read_schema(
     triples: Triples,
     shapes: Triples = (),
     primary: str = "",
-    is_known: Callable[[str], object] = lambda iri: None,
+    find_model: Callable[[str], object] = lambda iri: None,
 ) -> Schema:
     """Read classes and properties.
 
@@ -134,7 +134,7 @@ def read_schema(
     triples = list(triples)
     graph, constraints = _Graph(triples), _Graph(shapes)
     iris = _public(graph.named(OWL + "Class", RDFS + "Class")) | {THING}
-    iris |= {o.value for _, _, o in triples if isinstance(o, NamedNode) and is_known(o.value)}
+    iris |= {o.value for _, _, o in triples if isinstance(o, NamedNode) and find_model(o.value)}
     above = _hierarchy(graph, iris)
     names = _names(iris, primary, _class_name)
     classes = {
@@ -159,12 +159,12 @@ def _hierarchy(graph: _Graph, iris: set[str]) -> dict[str, list[str]]:
     above: dict[str, set[str]] = {iri: set() for iri in iris}
 
     def ancestors(iri: str) -> set[str]:
-        found, open_ = set[str](), [iri]
+        ancestors_, open_ = set[str](), [iri]
         while open_:
-            fresh = above[open_.pop()] - found
-            found |= fresh
+            fresh = above[open_.pop()] - ancestors_
+            ancestors_ |= fresh
             open_ += fresh
-        return found
+        return ancestors_
 
     for iri in sorted(iris - {THING}):
         stated = set(graph.iris(iri, RDFS + "subClassOf"))
@@ -208,12 +208,12 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
         inverse[iri] for iri in graph.named(OWL + "InverseFunctionalProperty") if iri in inverse
     }
     names = _names(links | plain, primary, _field_name)
-    found = {}
+    specs = {}
     for iri in sorted(links | plain):
         is_list = RDF + "List" in graph.iris(iri, RDFS + "range")
         is_link = iri in links and not is_list
         units = graph.iris(iri, RT + "unit")
-        found[iri] = PropertySpec(
+        specs[iri] = PropertySpec(
             iri,
             names[iri],
             is_link,
@@ -227,7 +227,7 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
             unit=_local(units[0]) if units else None,
             comment=_COMMENTS.get(iri) or graph.text(iri, RDFS + "comment"),
         )
-    return found
+    return specs
 
 
 def _inverses(graph: _Graph, links: set[str]) -> tuple[dict[str, str], set[str]]:
@@ -244,10 +244,10 @@ def _inverses(graph: _Graph, links: set[str]) -> tuple[dict[str, str], set[str]]
 
 def _lineage(graph: _Graph, iri: str) -> list[str]:
     """Return a property and its superproperties, nearest first; their domains and ranges apply."""
-    found = [iri]
-    for name in found:
-        found += [p for p in graph.iris(name, RDFS + "subPropertyOf") if p not in found]
-    return found
+    line = [iri]
+    for name in line:
+        line += [p for p in graph.iris(name, RDFS + "subPropertyOf") if p not in line]
+    return line
 
 
 def _range(graph: _Graph, iri: str, is_link: bool, classes: set[str]) -> str:

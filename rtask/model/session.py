@@ -165,22 +165,22 @@ class Session:
         UnknownTermError
             If the graph states nothing about it, or it belongs to another class.
         """
-        found = self.find(model, name)
-        if found is None:
+        instance = self.find(model, name)
+        if instance is None:
             raise UnknownTermError(f"the graph knows no {model.__name__} {iri(name)}")
-        return found
+        return instance
 
     def find(self, model: type[M], name: str | NamedNode) -> M | None:
         """Return the object of an IRI, or ``None`` if the graph states nothing about it."""
         text = iri(name).value
-        known = self.identities.find(text)
-        if known is not None and known.__state__.deleted:
+        instance = self.identities.find(text)
+        if instance is not None and instance.__state__.deleted:
             return None
-        if known is None or not (known.__state__.is_read or known.__state__.new):
+        if instance is None or not (instance.__state__.is_read or instance.__state__.new):
             return self.reader.fetch(model, text)
-        if not isinstance(known, model):
-            raise UnknownTermError(f"{text} is a {type(known).__name__}, not a {model.__name__}")
-        return known
+        if not isinstance(instance, model):
+            raise UnknownTermError(f"{text} is a {type(instance).__name__}, not a {model.__name__}")
+        return instance
 
     def known(self, name: str) -> Model | None:
         """Return the object of an IRI if this session has one; nothing is read."""
@@ -375,11 +375,11 @@ class Session:
 
 def _weak_listener(identities: IdentityMap) -> Callable[[Touched], None]:
     """Return a listener that does not keep the session alive: the map refers to what changed."""
-    known = weakref.ref(identities)
+    identities_ref = weakref.ref(identities)
 
     def hear(touched: Touched) -> None:
-        found = known()
-        if found is not None:
-            found.hear(touched)
+        identities_alive = identities_ref()
+        if identities_alive is not None:
+            identities_alive.hear(touched)
 
     return hear

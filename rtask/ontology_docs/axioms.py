@@ -115,12 +115,12 @@ class _Reader:
             yield self._axiom("", _TYPE, subject)
 
     def _members(self, head: Term) -> list[Term]:
-        found, seen = list[Term](), set[Term]()
+        members, seen = list[Term](), set[Term]()
         while isinstance(head, BlankNode) and head not in seen:
             seen.add(head)
-            found += self._of[head][_FIRST][:1]
+            members += self._of[head][_FIRST][:1]
             head = next(iter(self._of[head][_REST]), NamedNode(_NIL))
-        return found
+        return members
 
     def _text(self, term: Term, mentions: set[str], above: tuple[Term, ...]) -> str:
         """Return a term as text, and note the IRIs in it; ``above`` guards against cycles."""
@@ -137,8 +137,8 @@ class _Reader:
         values = self._of[node]
 
         def first(name: str) -> str | None:
-            found = values.get(_OWL + name)
-            return self._text(found[0], mentions, above) if found else None
+            values_here = values.get(_OWL + name)
+            return self._text(values_here[0], mentions, above) if values_here else None
 
         def items(head: Term) -> list[str]:
             return [self._text(member, mentions, above) for member in self._members(head)]
@@ -176,13 +176,15 @@ class _Reader:
         return f"({where} Self)" if first("hasSelf") else f"({where} ?)"
 
     def _facets(self, values: dict[str, list[Term]]) -> list[str]:
-        found = []
+        facets = []
         for restriction in self._members(values[_OWL + "withRestrictions"][0]):
             if isinstance(restriction, BlankNode):
                 for name, limits in self._of[restriction].items():
                     sign = _FACETS.get(name.removeprefix(XSD), name.removeprefix(XSD))
-                    found += [f"{sign} {literal_text(x)}" for x in limits if isinstance(x, Literal)]
-        return sorted(found)
+                    facets += [
+                        f"{sign} {literal_text(x)}" for x in limits if isinstance(x, Literal)
+                    ]
+        return sorted(facets)
 
     def _brackets(
         self, values: dict[str, list[Term]], mentions: set[str], above: tuple[Term, ...]

@@ -189,9 +189,9 @@ def _end(vocabulary: Vocabulary, term: Term, side: str) -> str:
     other = {"domain": "range", "range": "domain"}[side]
     if stated := term.values(_RDFS + side):
         return stated[0]
-    said = _OWL + "inverseOf"
+    inverse = _OWL + "inverseOf"
     users = vocabulary.used_by(term.iri)
-    inverses = [*term.named(said), *(a.subject for a in users if a.predicate == said)]
+    inverses = [*term.named(inverse), *(a.subject for a in users if a.predicate == inverse)]
     for iri in inverses:
         if iri in vocabulary.terms and (stated := vocabulary.terms[iri].values(_RDFS + other)):
             return stated[0]

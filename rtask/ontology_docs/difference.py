@@ -94,20 +94,20 @@ class Difference:
 
     def lines(self) -> list[str]:
         """Return the difference for people to read."""
-        found = [
+        lines = [
             f"  module {iri}: {a or '-'} -> {b or '-'}" for iri, (a, b) in self.versions.items()
         ]
-        found += [f"- term {prefixed(iri)}  (breaking)" for iri in self.removed]
-        found += [f"~ term {prefixed(iri)} is deprecated" for iri in self.deprecated]
-        found += [
+        lines += [f"- term {prefixed(iri)}  (breaking)" for iri in self.removed]
+        lines += [f"~ term {prefixed(iri)} is deprecated" for iri in self.deprecated]
+        lines += [
             f"~ term {prefixed(old)} is replaced by {prefixed(new)}"
             for old, new in self.renamed.items()
         ]
-        found += [f"+ term {prefixed(iri)}" for iri in self.added]
+        lines += [f"+ term {prefixed(iri)}" for iri in self.added]
         for change in self.changes:
             mark = "  (breaking)" if change.level == "major" else ""
-            found.append(f"{change.sign} {change.axiom}{mark}")
-        return [*found, f"level: {self.level}"]
+            lines.append(f"{change.sign} {change.axiom}{mark}")
+        return [*lines, f"level: {self.level}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the difference as JSON-able values."""
@@ -139,13 +139,13 @@ def compare(old: Iterable[Module], new: Iterable[Module]) -> Difference:
     old, new = list(old), list(new)
     before, after = Vocabulary(old), Vocabulary(new)
     gone = before.terms.keys() - after.terms.keys()
-    known = before.terms.keys() & after.terms.keys()
-    fallen = [iri for iri in known if after.terms[iri].deprecated > before.terms[iri].deprecated]
+    shared = before.terms.keys() & after.terms.keys()
+    fallen = [iri for iri in shared if after.terms[iri].deprecated > before.terms[iri].deprecated]
     return Difference(
         added=sorted(after.terms.keys() - before.terms.keys()),
         removed=sorted(gone),
         deprecated=sorted(fallen),
-        changes=_changes(before, after, known),
+        changes=_changes(before, after, shared),
         versions=_versions(before.modules, after.modules),
         renamed=_renamed(old, new, before),
     )
@@ -153,9 +153,13 @@ def compare(old: Iterable[Module], new: Iterable[Module]) -> Difference:
 
 def _renamed(old: list[Module], new: list[Module], before: Vocabulary) -> dict[str, str]:
     """Return the terms whose replacement only the newer version states."""
-    known = renames(old)
-    found = renames(new)
-    return {a: b for a, b in sorted(found.items()) if a in before.terms and known.get(a) != b}
+    renames_before = renames(old)
+    renames_after = renames(new)
+    return {
+        a: b
+        for a, b in sorted(renames_after.items())
+        if a in before.terms and renames_before.get(a) != b
+    }
 
 
 def comparable(
@@ -175,12 +179,12 @@ def comparable(
         return old, new
     ours = {module.iri for module in bundled()}
 
-    def kept(name: str, modules: list[Module]) -> list[Module]:
+    def selected(name: str, modules: list[Module]) -> list[Module]:
         if name == BUNDLED:
             return modules[: len(ontology.modules())]
         return [m for m in modules if m.iri in ours or m.iri.startswith(ontology.ONTOLOGY)]
 
-    return kept(names[0], old), kept(names[1], new)
+    return selected(names[0], old), selected(names[1], new)
 
 
 def _versions(old: list[Module], new: list[Module]) -> dict[str, tuple[str, str]]:
@@ -193,20 +197,22 @@ def _versions(old: list[Module], new: list[Module]) -> dict[str, tuple[str, str]
     }
 
 
-def _changes(before: Vocabulary, after: Vocabulary, known: set[str]) -> list[Change]:
+def _changes(before: Vocabulary, after: Vocabulary, shared: set[str]) -> list[Change]:
     old = {axiom for axioms in before.axioms.values() for axiom in axioms}
     new = {axiom for axioms in after.axioms.values() for axiom in axioms}
     headers = {module.iri for module in (*before.modules, *after.modules)}
-    found = [Change(axiom, "-", _lost(axiom)) for axiom in old - new if _concerns(axiom, known)]
-    found += [
-        Change(axiom, "+", _gained(axiom, before)) for axiom in new - old if _concerns(axiom, known)
+    changes = [Change(axiom, "-", _lost(axiom)) for axiom in old - new if _concerns(axiom, shared)]
+    changes += [
+        Change(axiom, "+", _gained(axiom, before))
+        for axiom in new - old
+        if _concerns(axiom, shared)
     ]
-    return sorted(c for c in found if c.axiom.subject not in headers)
+    return sorted(c for c in changes if c.axiom.subject not in headers)
 
 
-def _concerns(axiom: Axiom, known: set[str]) -> bool:
+def _concerns(axiom: Axiom, shared: set[str]) -> bool:
     """Whether an axiom is about terms that both versions have."""
-    return axiom.subject in known if axiom.subject else bool(known & {*axiom.mentions})
+    return axiom.subject in shared if axiom.subject else bool(shared & {*axiom.mentions})
 
 
 def _lost(axiom: Axiom) -> str:

@@ -26,7 +26,7 @@ _SECTIONS = {
     "individual": "Individuals",
     "shape": "Shapes",
 }
-_SAID = {
+_WORDINGS = {
     _RDFS + "subClassOf": "is a",
     _RDFS + "subPropertyOf": "below",
     _RDFS + "domain": "domain",
@@ -148,7 +148,7 @@ class _Writer:
 
     def _term(self, term: Term) -> str:
         name = escape(term.label or term.name)
-        rows = [(_said(axiom), self._value(axiom)) for axiom in term.axioms if _tells(axiom)]
+        rows = [(_wording(axiom), self._value(axiom)) for axiom in term.axioms if _tells(axiom)]
         rows.append(("unit", self._linked(term.unit)))
         rows.append(
             ("directly below", ", ".join(map(self._link, self._vocabulary.below(term.iri))))
@@ -173,8 +173,8 @@ class _Writer:
         exact = [axiom for axiom in users if axiom.text == term.name]
         rows = []
         for side, text in (("domain", "has the properties"), ("range", "is the value of")):
-            found = sorted({a.subject for a in exact if a.predicate == _RDFS + side})
-            rows.append((text, ", ".join(map(self._link, found))))
+            subjects = sorted({a.subject for a in exact if a.predicate == _RDFS + side})
+            rows.append((text, ", ".join(map(self._link, subjects))))
         shapes = {a.subject for a in users if self._is_shape(a.subject)}
         rows.append(("checked by", ", ".join(map(self._link, sorted(shapes)))))
         inside = {a.subject for a in users if a.text != term.name and not self._is_shape(a.subject)}
@@ -197,18 +197,18 @@ class _Writer:
     def _linked(self, text: str) -> str:
         """Return a text in which names are links."""
         parts, at = [], 0
-        for found in _NAME.finditer(text):
-            parts.append(escape(text[at : found.start()]))
-            iri = self._iris.get(found.group())
-            parts.append(self._link(iri) if iri else escape(found.group()))
-            at = found.end()
+        for name in _NAME.finditer(text):
+            parts.append(escape(text[at : name.start()]))
+            iri = self._iris.get(name.group())
+            parts.append(self._link(iri) if iri else escape(name.group()))
+            at = name.end()
         return "".join([*parts, escape(text[at:])])
 
 
 def _imports(module: Module) -> list[str]:
     stated = [o for _, p, o in module.triples if p.value == _OWL + "imports"]
-    found = {term.value for term in stated if isinstance(term, NamedNode)}
-    return sorted(found)
+    imported = {term.value for term in stated if isinstance(term, NamedNode)}
+    return sorted(imported)
 
 
 def _tells(axiom: Axiom) -> bool:
@@ -218,8 +218,8 @@ def _tells(axiom: Axiom) -> bool:
     return not (axiom.predicate == _RDF + "type" and axiom.text in kinds)
 
 
-def _said(axiom: Axiom) -> str:
-    return _SAID.get(axiom.predicate) or prefixed(axiom.predicate)
+def _wording(axiom: Axiom) -> str:
+    return _WORDINGS.get(axiom.predicate) or prefixed(axiom.predicate)
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:

@@ -26,11 +26,11 @@ def renames(new: Iterable[Module]) -> dict[str, str]:
     """
     triples = [triple for module in new for triple in module.triples]
     deprecated = {s for s, p, o in triples if p.value == _DEPRECATED and _is_true(o)}
-    found: dict[str, set[str]] = {}
+    renamed: dict[str, set[str]] = {}
     for old, other in _pairs(triples, deprecated):
         if old != other:
-            found.setdefault(old.value, set()).add(other.value)
-    direct = {old: next(iter(others)) for old, others in found.items() if len(others) == 1}
+            renamed.setdefault(old.value, set()).add(other.value)
+    direct = {old: next(iter(others)) for old, others in renamed.items() if len(others) == 1}
     return {old: end for old in direct if (end := _end(old, direct)) is not None}
 
 

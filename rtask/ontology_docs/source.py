@@ -54,13 +54,13 @@ class Module:
 
     def header(self, predicate: str) -> str:
         """Return a text of the ontology's header, empty if there is none."""
-        found = (
+        labels = (
             o.value
             for s, p, o in self.triples
             if s == NamedNode(self.iri or "urn:none") and p.value == predicate
             if isinstance(o, Literal | NamedNode)
         )
-        return min(found, default="")
+        return min(labels, default="")
 
     @property
     def title(self) -> str:
@@ -80,10 +80,10 @@ class Module:
 
 def module_of(name: str, triples: Iterable[tuple[Subject, NamedNode, Term]]) -> Module:
     """Return the ontology that statements make up, under a name of the caller's choice."""
-    kept = tuple((s, p, stored(o)) for s, p, o in triples)
-    headers = [s for s, p, o in kept if p == _TYPE and o == _HEADER]
+    stored_triples = tuple((s, p, stored(o)) for s, p, o in triples)
+    headers = [s for s, p, o in stored_triples if p == _TYPE and o == _HEADER]
     iris = [s.value for s in headers if isinstance(s, NamedNode)]
-    return Module(name, min(iris, default=""), kept)
+    return Module(name, min(iris, default=""), stored_triples)
 
 
 def _read(path: Path, name: str) -> Module:

@@ -33,7 +33,7 @@ KINDS = {
 }
 """Kinds of terms, by the class of their declaration."""
 
-_TOLD = {_RDFS + name for name in ("label", "comment", "isDefinedBy")} | {_RT + "unit"}
+_ANNOTATIONS = {_RDFS + name for name in ("label", "comment", "isDefinedBy")} | {_RT + "unit"}
 
 
 @dataclass
@@ -112,9 +112,9 @@ class Vocabulary:
         for axiom in self.axioms[module.name]:
             if axiom.predicate == _TYPE and axiom.subject:
                 kinds[axiom.subject] += [KINDS[m] for m in axiom.mentions if m in KINDS]
-        for iri, found in kinds.items():
-            if found and iri not in self.terms:
-                ordered = sorted(set(found), key=[*KINDS.values()].index)
+        for iri, kinds_of_term in kinds.items():
+            if kinds_of_term and iri not in self.terms:
+                ordered = sorted(set(kinds_of_term), key=[*KINDS.values()].index)
                 self.terms[iri] = Term(iri, tuple(ordered), module.name)
 
     def _attach(self, axiom: Axiom) -> None:
@@ -123,7 +123,7 @@ class Vocabulary:
             for iri in axiom.mentions:
                 if iri in self.terms:
                     self.terms[iri].axioms.append(axiom)
-        elif term is not None and axiom.predicate in _TOLD:
+        elif term is not None and axiom.predicate in _ANNOTATIONS:
             name = axiom.predicate.removeprefix(_RDFS).removeprefix(_RT)
             if name == "unit":
                 term.unit = axiom.text
@@ -152,8 +152,8 @@ class Vocabulary:
         same = [term for term in self.terms.values() if local_name(term.iri) == name]
         if same:
             return min(same, key=lambda term: (not term.iri.startswith(_RT), term.iri))
-        names = {local_name(known): known for known in self.terms}
-        names |= {prefixed(known): known for known in self.terms}
+        names = {local_name(term_iri): term_iri for term_iri in self.terms}
+        names |= {prefixed(term_iri): term_iri for term_iri in self.terms}
         near = difflib.get_close_matches(name, [*names, *(m.name for m in self.modules)], 1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise UnknownTermError(f"no term or module {name!r}{hint}", did_you_mean=near)
@@ -176,13 +176,13 @@ class Vocabulary:
 
     @cached_property
     def _mentions(self) -> dict[str, list[Axiom]]:
-        found: dict[str, list[Axiom]] = defaultdict(list)
+        by_term: dict[str, list[Axiom]] = defaultdict(list)
         for axioms in self.axioms.values():
             for axiom in axioms:
                 for iri in axiom.mentions if axiom.subject else ():
                     if iri != axiom.subject and axiom.predicate != _RDFS + "isDefinedBy":
-                        found[iri].append(axiom)
-        return found
+                        by_term[iri].append(axiom)
+        return by_term
 
     def below(self, iri: str) -> list[str]:
         """Return the direct subclasses or sub-properties of a term."""
@@ -207,15 +207,15 @@ class Vocabulary:
             iri = str(getattr(term, "value", term))
             return f":{iri.removeprefix(base)}" if iri.startswith(base) else prefixed(iri)
 
-        found: dict[str, list[str]] = defaultdict(list)
+        samples: dict[str, list[str]] = defaultdict(list)
         for quad in ox.parse(path=str(ontology.path("examples/sample.trig"))):
             about = "a" if quad.predicate.value == _TYPE else short(quad.predicate)
             line = f"{short(quad.subject)} {about} {short(quad.object)} ."
             is_type = quad.predicate.value == _TYPE
-            found[quad.object.value if is_type else quad.predicate.value].append(line)
+            samples[quad.object.value if is_type else quad.predicate.value].append(line)
             if isinstance(quad.object, ox.NamedNode) and not is_type:
-                found[quad.object.value].append(line)
-        return found
+                samples[quad.object.value].append(line)
+        return samples
 
     def __len__(self) -> int:
         return len(self.terms)

@@ -94,19 +94,19 @@ def unload(
         and quad.graph_name not in (graph, kb.graphs.inferred)
     )
     stored = stored_module(kb, graph)
-    found = Unloaded(
+    unloaded = Unloaded(
         name, len(stored.triples), uses(kb, own_terms(stored), graph), tuple(importers)
     )
     if dry_run:
-        return found
-    if not force and (importers or found.used):
-        reasons = [f"<{one}> imports it" for one in importers[:3]]
-        reasons += [f"{n} statements use {prefixed(t)}" for t, n in list(found.used.items())[:3]]
+        return unloaded
+    if not force and (importers or unloaded.used):
+        reasons = [f"<{importer}> imports it" for importer in importers[:3]]
+        reasons += [f"{n} statements use {prefixed(t)}" for t, n in list(unloaded.used.items())[:3]]
         raise ConflictError(
             f"<{name}> is in use: {'; '.join(reasons)}; "
             "force=True (--force) unloads it all the same",
             importers=importers,
-            used=found.used,
+            used=unloaded.used,
         )
     commit = kb.update(f"DROP GRAPH {graph}", note=f"unload <{name}>", access=access or kb.access())
-    return Unloaded(**{**vars(found), "commit": commit})
+    return Unloaded(**{**vars(unloaded), "commit": commit})

@@ -74,15 +74,17 @@ class Upgrade:
 
     def lines(self) -> list[str]:
         """Return the result for people to read."""
-        said = self.difference.lines()
+        lines = self.difference.lines()
         for old, new in sorted(self.renamed.items()):
             count = self.rewritten.get(old, 0)
-            said.append(f"renamed {prefixed(old)} -> {prefixed(new)}: {count} statements")
+            lines.append(f"renamed {prefixed(old)} -> {prefixed(new)}: {count} statements")
         for term, count in sorted(self.left.items()):
-            said.append(f"left: {count} statements use {prefixed(term)}, which has no replacement")
-        said += [f"mended by the patch {name}" for name in self.patches]
-        said += [f"rule {label!r} mentions a term that changed; look at it" for label in self.rules]
-        return said
+            lines.append(f"left: {count} statements use {prefixed(term)}, which has no replacement")
+        lines += [f"mended by the patch {name}" for name in self.patches]
+        lines += [
+            f"rule {label!r} mentions a term that changed; look at it" for label in self.rules
+        ]
+        return lines
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as JSON-able values."""
@@ -154,7 +156,7 @@ def upgrade(
     moved = list(_rewritten(kb, renamed, name))
     left = uses(kb, set(difference.removed) - set(renamed), name)
     changed = {*renamed, *difference.removed}
-    found = Upgrade(
+    upgraded = Upgrade(
         name.value,
         difference,
         renamed,
@@ -164,7 +166,7 @@ def upgrade(
         tuple(patch.name for patch in applied),
     )
     if dry_run:
-        return found
+        return upgraded
     note = _NOTE.format(iri=name.value, old=old.version or "-", new=new.version or "-")
     request = Request(
         kb.access(access=access),
@@ -181,7 +183,7 @@ def upgrade(
         for _, before, after in moved:
             tx.remove_quads([before])
             tx.add_quads([after])
-    return Upgrade(**{**vars(found), "commit": tx.commit})
+    return Upgrade(**{**vars(upgraded), "commit": tx.commit})
 
 
 def undo_upgrade(kb: GraphCore, name: str, *, access: Access | None = None) -> Commit:

@@ -33,8 +33,8 @@ def require_loaded(kb: GraphCore, name: NamedNode) -> None:
         With the nearest one that is.
     """
     if not kb.catalogue.is_ontology(name):
-        known = [graph.value for graph in kb.catalogue.ontologies()]
-        raise UnknownTermError(f"the ontology {name} is not loaded{nearest(name.value, known)}")
+        loaded = [graph.value for graph in kb.catalogue.ontologies()]
+        raise UnknownTermError(f"the ontology {name} is not loaded{nearest(name.value, loaded)}")
 
 
 def refuse_bundled(name: NamedNode) -> None:
@@ -84,12 +84,12 @@ def mentions(kb: GraphCore, terms: Iterable[str], graph: NamedNode) -> Iterator[
     find = kb.store.quads_for_pattern
     for term in terms:
         node = iri(term)
-        for found in (
+        for quads in (
             find(node, None, None, graph),
             find(None, node, None, graph),
             find(None, None, node, graph),
         ):
-            for quad in found:
+            for quad in quads:
                 yield term, quad
 
 

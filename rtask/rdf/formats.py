@@ -93,9 +93,9 @@ def find_format(name: str | RdfFormat) -> Format:
     """
     rdf = name if isinstance(name, RdfFormat) else None
     if rdf is None:
-        found = _BY_NAME.get(str(name).lower().lstrip("."))
-        if found is not None:
-            return found
+        format_ = _BY_NAME.get(str(name).lower().lstrip("."))
+        if format_ is not None:
+            return format_
         rdf = RdfFormat.from_media_type(str(name).partition(";")[0].strip())
     for form in FORMATS:
         if form.rdf is not None and form.rdf == rdf:
@@ -126,9 +126,9 @@ def detect(document: Document) -> Format:
     UsageError
         If neither identifies the format.
     """
-    found = _BY_NAME.get(document.extension)
-    if found is not None:
-        return found
+    format_ = _BY_NAME.get(document.extension)
+    if format_ is not None:
+        return format_
     guessed = sniff(document.head())
     if guessed is None:
         raise UsageError(
@@ -202,9 +202,9 @@ def _owl_to_rdf_xml(text: str, syntax: Literal["owx", "ofn", "omn"], name: str) 
 
 
 def _owl_error(message: str, text: str, name: str) -> ParseError:
-    found = _OWL_LINE_AND_COLUMN.search(message)
-    if found:
-        line, column = int(found[1]), int(found[2])
+    matched = _OWL_LINE_AND_COLUMN.search(message)
+    if matched:
+        line, column = int(matched[1]), int(matched[2])
         near = _OWL_LINE_TEXT.search(message)
         reason = f"cannot read {near[1].strip()[:60]!r}" if near else "cannot read this"
     else:
@@ -237,13 +237,13 @@ def _locate(message: str, document: Document) -> tuple[int, int] | tuple[None, N
 
     The first place; RDF/XML (and a prefix or IRI that is wrong is mostly wrong at once).
     """
-    found = _QUOTED.search(message)
-    if found is None:
+    matched = _QUOTED.search(message)
+    if matched is None:
         return None, None
-    wanted = (found["text"] or found["prefix"]).encode()
+    term = (matched["text"] or matched["prefix"]).encode()
     with document.open() as stream:
         for number, line in enumerate(stream, 1):
-            at = line.find(wanted)
+            at = line.find(term)
             if at >= 0:
                 return number, len(line[:at].decode("utf-8", "replace")) + 1
     return None, None

@@ -59,14 +59,14 @@ def check_json_iris(data: bytes, name: str) -> None:
     keys = {b"@id", *(m[1] for pattern in (_ALIAS, _COERCED) for m in pattern.finditer(data))}
     keys.discard(b"@type")
     named = b"|".join(re.escape(key) for key in sorted(keys))
-    for found in re.finditer(rb'"(?:' + named + rb')"\s*:\s*' + _STRING, data):
+    for matched in re.finditer(rb'"(?:' + named + rb')"\s*:\s*' + _STRING, data):
         try:
-            text = json.loads(b'"' + found[1] + b'"')
+            text = json.loads(b'"' + matched[1] + b'"')
         except ValueError:
             continue  # the parser reports the error
         if bad := _NO_IRI.search(text):
-            line = data.count(b"\n", 0, found.start(1)) + 1
-            column = found.start(1) - data.rfind(b"\n", 0, found.start(1))
+            line = data.count(b"\n", 0, matched.start(1)) + 1
+            column = matched.start(1) - data.rfind(b"\n", 0, matched.start(1))
             raise ParseError(
                 f"{name}:{line}:{column}: {text!r} is not an IRI: write {bad[0]!r} as "
                 f"%{ord(bad[0]):02X}",
@@ -81,12 +81,12 @@ def undefined_json_terms(data: bytes) -> list[str]:
     JSON-LD 1.1 API, 5.1.2 (expansion), step 13.4. The list is empty where only a full processor
     could decide: remote contexts, term-scoped contexts and documents that are not JSON.
     """
-    found: set[str] = set()
+    undefined: set[str] = set()
     try:
-        _find_undefined(json.loads(data), _Context(), found)
+        _find_undefined(json.loads(data), _Context(), undefined)
     except (ValueError, _CannotTell):
         return []
-    return sorted(found)
+    return sorted(undefined)
 
 
 class _CannotTell(Exception):
@@ -103,8 +103,8 @@ class _Context:
     def joined(self, local: Any) -> _Context:
         if isinstance(local, list):
             joined = self
-            for one in local:
-                joined = joined.joined(one)
+            for context in local:
+                joined = joined.joined(context)
             return joined
         if local is None:
             return _Context()
@@ -126,10 +126,10 @@ class _Context:
         return _Context(frozenset(terms), frozenset(maps), frozenset(opaque), has_vocabulary)
 
 
-def _find_undefined(value: Any, context: _Context, found: set[str]) -> None:
+def _find_undefined(value: Any, context: _Context, undefined: set[str]) -> None:
     if isinstance(value, list):
         for item in value:
-            _find_undefined(item, context, found)
+            _find_undefined(item, context, undefined)
     if not isinstance(value, dict):
         return
     if "@context" in value:
@@ -139,18 +139,18 @@ def _find_undefined(value: Any, context: _Context, found: set[str]) -> None:
             continue
         defined = key.startswith("@") or ":" in key or key in context.terms
         if not defined and not context.has_vocabulary:
-            found.add(key)
+            undefined.add(key)
         elif key in context.maps and isinstance(inner, dict):
-            _find_undefined(list(inner.values()), context, found)
+            _find_undefined(list(inner.values()), context, undefined)
         else:
-            _find_undefined(inner, context, found)
+            _find_undefined(inner, context, undefined)
 
 
 def check_triple_term_depth(data: bytes, name: str) -> None:
     """Refuse triple terms nested deeper than 256."""
     if data.count(b"<<") > MAX_DEPTH:
-        found = (m[0] for m in _TURTLE.finditer(data))
-        _check_depth((t for t in found if b"<<" in t[:2] or b">>" in t[-2:]), b"<", b">)", name)
+        tokens = (m[0] for m in _TURTLE.finditer(data))
+        _check_depth((t for t in tokens if b"<<" in t[:2] or b">>" in t[-2:]), b"<", b">)", name)
 
 
 def _check_depth(tokens: Iterator[bytes], openers: bytes, closers: bytes, name: str) -> None:

@@ -174,9 +174,9 @@ def written(term: Term) -> str:
 def _stored_literal(value: Literal) -> Literal:
     scratch = Store()
     scratch.add(Quad(RDF_TYPE, RDF_TYPE, value))
-    kept = next(iter(scratch)).object
-    assert isinstance(kept, Literal)
-    return kept
+    literal_stored = next(iter(scratch)).object
+    assert isinstance(literal_stored, Literal)
+    return literal_stored
 
 
 def stored(term: Term) -> Term:
@@ -201,11 +201,11 @@ def stored_quad(quad: Quad) -> Quad:
     subject, obj = quad.subject, quad.object
     if isinstance(obj, NamedNode | BlankNode) and not isinstance(subject, Triple):
         return quad
-    kept_subject, kept_object = stored(subject), stored(obj)
-    if kept_object is obj and kept_subject is subject:
+    exact_subject, exact_object = stored(subject), stored(obj)
+    if exact_object is obj and exact_subject is subject:
         return quad
-    assert isinstance(kept_subject, NamedNode | BlankNode | Triple)
-    return Quad(kept_subject, quad.predicate, kept_object, quad.graph_name)
+    assert isinstance(exact_subject, NamedNode | BlankNode | Triple)
+    return Quad(exact_subject, quad.predicate, exact_object, quad.graph_name)
 
 
 def triple_key(quad: Quad) -> TripleKey:
@@ -239,7 +239,11 @@ def moment(value: dt.datetime | str | float | None) -> dt.datetime:
     try:
         if isinstance(value, int | float):
             return dt.datetime.fromtimestamp(value, dt.UTC)
-        found = dt.datetime.fromisoformat(value) if isinstance(value, str) else value
-        return found.astimezone(dt.UTC) if found.tzinfo else found.replace(tzinfo=dt.UTC)
+        moment_given = dt.datetime.fromisoformat(value) if isinstance(value, str) else value
+        return (
+            moment_given.astimezone(dt.UTC)
+            if moment_given.tzinfo
+            else moment_given.replace(tzinfo=dt.UTC)
+        )
     except (ValueError, OverflowError, OSError) as error:  # OSError: seconds out of range
         raise UsageError(f"{value!r} is not a time; expected e.g. 2026-01-02T03:04:05Z") from error

@@ -107,15 +107,15 @@ class Commits:
         if not number.isdecimal():
             return
         with self._lock:
-            known_epoch, _, known = self._version.rpartition(":")
-            if known_epoch == epoch and int(number) <= int(known):
+            last_epoch, _, last_number = self._version.rpartition(":")
+            if last_epoch == epoch and int(number) <= int(last_number):
                 return
             self._version = version
-            listeners = list(self._listeners.values()) if known_epoch else []
+            listeners = list(self._listeners.values()) if last_epoch else []
         if not listeners:
             return
-        counted_anew = epoch != known_epoch
-        touched = None if counted_anew else self._subjects(int(known) + 1, int(number))
+        counted_anew = epoch != last_epoch
+        touched = None if counted_anew else self._subjects(int(last_number) + 1, int(number))
         for listener in listeners:
             listener(touched)
 
@@ -135,15 +135,15 @@ class Commits:
     def _subjects(self, first: int, last: int) -> Touched:
         if last - first >= _MOST:
             return None
-        found: set[str] = set()
+        subjects: set[str] = set()
         for seq in range(first, last + 1):
             record = self.record(seq)
             if record is None:
                 return None
             derived = record["inferred"]
             for rows in (record["added"], record["removed"], derived["added"], derived["removed"]):
-                found.update(row[0][1:-1] for row in rows if row[0].startswith("<"))
-        return found
+                subjects.update(row[0][1:-1] for row in rows if row[0].startswith("<"))
+        return subjects
 
 
 def _is_from(version: str, other: str) -> bool:

@@ -132,10 +132,10 @@ class Dialect:
             return f"<<( {' '.join(parts)} )>>"
         if not isinstance(term, Literal):
             return written(term)
-        kept: Literal = self.kept(term)
-        if self._is_encoded(kept):
-            return str(Literal(f"{_AS}{kept.datatype.value} {kept.value}"))
-        return written(kept)
+        canonical: Literal = self.canonical(term)
+        if self._is_encoded(canonical):
+            return str(Literal(f"{_AS}{canonical.datatype.value} {canonical.value}"))
+        return written(canonical)
 
     def _is_encoded(self, term: Literal) -> bool:
         datatype = term.datatype.value
@@ -145,7 +145,7 @@ class Dialect:
             return "." not in term.value or len(term.value.strip("-0.")) > _DIGITS
         return datatype in self.abilities.encoded
 
-    def kept(self, term: Any) -> Any:
+    def canonical(self, term: Any) -> Any:
         """Return a term as the server will return it; only doubles may differ."""
         if self.abilities.exact_numbers or not isinstance(term, Literal):
             return term
@@ -157,9 +157,9 @@ class Dialect:
             return term
         return stored(Literal(repr(rounded), datatype=term.datatype))
 
-    def kept_quad(self, quad: Quad) -> Quad:
+    def canonical_quad(self, quad: Quad) -> Quad:
         """Return a quad as the server will return it."""
-        value = self.kept(quad.object)
+        value = self.canonical(quad.object)
         if value is quad.object:
             return quad
         return Quad(quad.subject, quad.predicate, value, quad.graph_name)
@@ -234,9 +234,9 @@ class Dialect:
         elif _is_encoding(value["value"], value.get("datatype", _STRING), value.get("xml:lang")):
             value["datatype"], _, value["value"] = value["value"][len(_AS) :].partition(" ")
         elif "datatype" in value and not self.abilities.canonical:
-            kept = stored(Literal(value["value"], datatype=NamedNode(value["datatype"])))
-            assert isinstance(kept, Literal)
-            value["value"], value["datatype"] = kept.value, kept.datatype.value
+            canonical = stored(Literal(value["value"], datatype=NamedNode(value["datatype"])))
+            assert isinstance(canonical, Literal)
+            value["value"], value["datatype"] = canonical.value, canonical.datatype.value
 
     def _read(self, term: Any) -> Any:
         if isinstance(term, NamedNode):

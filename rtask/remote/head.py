@@ -174,10 +174,10 @@ class HeadGraph:
     def _new(self, new: Head, record: str | None) -> str:
         commit = self._commit(new.seq)
         text = self.pattern(str(new))
-        said = f'{commit} {_TOKEN} "{new.token}" .'
+        record_lines = f'{commit} {_TOKEN} "{new.token}" .'
         if record is not None and len(record) <= _MAX_RECORD:
-            said += f" {commit} {_RECORD} {Literal(record)} ."
-        return f"{text} GRAPH {self._name} {{ {said} }}"
+            record_lines += f" {commit} {_RECORD} {Literal(record)} ."
+        return f"{text} GRAPH {self._name} {{ {record_lines} }}"
 
     def _moving(self, old: Head, new: Head, record: str | None, staged: _Staged) -> str:
         deleted, inserted, branches = staged.parts()
@@ -214,13 +214,13 @@ class HeadGraph:
         return Head.of(terms[0]) if len(terms) == 1 else self.read()
 
     @staticmethod
-    def _require(old: Head, found: Head) -> None:
-        if found != old:
+    def _require(old: Head, actual: Head) -> None:
+        if actual != old:
             raise VersionConflictError(
-                f"somebody else committed: expected version {old.seq}, found {found.seq}; "
+                f"somebody else committed: expected version {old.seq}, found {actual.seq}; "
                 "read again and retry",
                 expected=old.seq,
-                found=found.seq,
+                found=actual.seq,
             )
 
     def _send_claimed(self, text: str, old: Head, new: Head) -> None:
@@ -237,13 +237,13 @@ class HeadGraph:
             if failure is None and self._claim.age_s < _SURE_S:
                 return
             try:
-                found, token = self._after(new)
+                actual, token = self._after(new)
             except (RemoteUnavailableError, QueryTimeout) as error:
                 failure = failure or error
             else:
                 if token == new.token:
                     return
-                self._require(old, found)
+                self._require(old, actual)
                 if isinstance(failure, CallFailedError):
                     raise failure
             if time.monotonic() >= end:

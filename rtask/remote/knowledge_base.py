@@ -158,8 +158,8 @@ class RemoteKnowledgeBase(Graph):
             "o": None if value is None else object_term(value),
             "g": None if graph is None else iri(graph),
         }
-        known = {name: term for name, term in given.items() if term is not None}
-        rows = self.select("SELECT ?s ?p ?o ?g { GRAPH ?g { ?s ?p ?o } }", bindings=known)
+        bound = {name: term for name, term in given.items() if term is not None}
+        rows = self.select("SELECT ?s ?p ?o ?g { GRAPH ?g { ?s ?p ?o } }", bindings=bound)
         return [Quad(*row) for row in rows]
 
     def update(

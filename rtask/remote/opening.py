@@ -87,21 +87,21 @@ def open_on_server(
 
 
 def _open(endpoints: Endpoints, place: Place, mode: str, base: str | None) -> Files:
-    kept = _find(endpoints, base)
-    if kept is None:
+    base_found = _find(endpoints, base)
+    if base_found is None:
         if mode == "r":
             raise StoreFormatError(f"{endpoints} holds no knowledge base; open it for writing once")
-        kept = _create(endpoints, base)
+        base_found = _create(endpoints, base)
     elif mode == "new":
         raise StoreFormatError(f"{endpoints} is already a knowledge base; open it with mode='rw'")
     elif mode == "rw":
-        _require_same_default_graph(endpoints, kept)
+        _require_same_default_graph(endpoints, base_found)
     folder = place.folder or default_folder(place.address)
     address = without_password(place.address)
-    settings = replace(kept.settings, store=address)
+    settings = replace(base_found.settings, store=address)
     settings.require(folder, base, plain=False)
     _note(folder, settings)
-    dialect = Dialect(settings.base, kept.abilities)
+    dialect = Dialect(settings.base, base_found.abilities)
     graphs = Graphs(settings.base)
     head = HeadGraph(endpoints, dialect).read()
     if mode != "r":
@@ -113,7 +113,7 @@ def _open(endpoints: Endpoints, place: Place, mode: str, base: str | None) -> Fi
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _RemoteBase:
     """Settings and abilities that the server keeps beside a knowledge base's graphs."""
 
     settings: Settings
@@ -124,7 +124,7 @@ class _Kept:
         return json.dumps({"settings": asdict(self.settings), "abilities": abilities})
 
     @classmethod
-    def of(cls, text: str) -> _Kept:
+    def of(cls, text: str) -> _RemoteBase:
         record: dict[str, Any] = json.loads(text)
         abilities = record["abilities"]
         abilities["encoded"] = frozenset(abilities["encoded"])
@@ -135,40 +135,40 @@ def _name(base: str) -> str:
     return f"<{base}graph/store>"
 
 
-def _find(endpoints: Endpoints, base: str | None) -> _Kept | None:
+def _find(endpoints: Endpoints, base: str | None) -> _RemoteBase | None:
     rows = endpoints.rows(f"SELECT ?v {{ GRAPH ?g {{ ?g {_SETTINGS} ?v }} }}")
-    found = [_Kept.of(text.value) for (text,) in rows]
+    bases_found = [_RemoteBase.of(text.value) for (text,) in rows]
     if base is not None:
-        return next((kept for kept in found if kept.settings.base == base), None) or (
-            found[0] if found else None
-        )
-    if len(found) > 1:
-        bases = ", ".join(sorted(kept.settings.base for kept in found))
+        return next(
+            (candidate for candidate in bases_found if candidate.settings.base == base), None
+        ) or (bases_found[0] if bases_found else None)
+    if len(bases_found) > 1:
+        bases = ", ".join(sorted(candidate.settings.base for candidate in bases_found))
         raise StoreFormatError(f"{endpoints} holds several knowledge bases; name one base: {bases}")
-    return found[0] if found else None
+    return bases_found[0] if bases_found else None
 
 
-def _create(endpoints: Endpoints, base: str | None) -> _Kept:
-    kept = _Kept(Settings.new(base), probe(endpoints))
-    name = _name(kept.settings.base)
+def _create(endpoints: Endpoints, base: str | None) -> _RemoteBase:
+    remote_base = _RemoteBase(Settings.new(base), probe(endpoints))
+    name = _name(remote_base.settings.base)
     head = Head(0, secrets.token_hex(6))
     endpoints.update(
-        f"INSERT DATA {{ GRAPH {name} {{ {name} {_SETTINGS} {Literal(kept.text())} . "
+        f"INSERT DATA {{ GRAPH {name} {{ {name} {_SETTINGS} {Literal(remote_base.text())} . "
         f"{name} <urn:rtask:store:head> {head} }} }}"
     )
-    found = _find(endpoints, base)
-    if found is None:
+    existing = _find(endpoints, base)
+    if existing is None:
         raise StoreError(
             f"{endpoints} took the settings of a knowledge base and does not show them"
         )
-    return found
+    return existing
 
 
-def _require_same_default_graph(endpoints: Endpoints, kept: _Kept) -> None:
+def _require_same_default_graph(endpoints: Endpoints, remote_base: _RemoteBase) -> None:
     """Refuse a server whose default graph has begun or ceased to show the named graphs."""
-    name = _name(kept.settings.base)
+    name = _name(remote_base.settings.base)
     shows = endpoints.ask(f"ASK {{ {name} {_SETTINGS} ?v }}")
-    if shows and kept.abilities.default_graph:
+    if shows and remote_base.abilities.default_graph:
         raise StoreFormatError(
             f"{endpoints}: the default graph shows the named graphs, and did not when the "
             "knowledge base was made; start the server with its former settings"

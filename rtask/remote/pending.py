@@ -23,11 +23,11 @@ class PendingChange(Overlay):
 
     def add(self, quad: Quad) -> None:
         """Add a quad if absent, and create its graph."""
-        self._log.append((True, self._dialect.kept_quad(quad)))
+        self._log.append((True, self._dialect.canonical_quad(quad)))
 
     def remove(self, quad: Quad) -> None:
         """Remove a quad if present."""
-        self._log.append((False, self._dialect.kept_quad(quad)))
+        self._log.append((False, self._dialect.canonical_quad(quad)))
 
     def _resolve(self) -> None:
         log, self._log = self._log, []

@@ -110,19 +110,19 @@ def _default_graph(endpoints: Endpoints, graph: str) -> bool:
         endpoints.update(f"INSERT DATA {{ {own} }}")
     except RtaskError:
         return False
-    found = endpoints.ask(f"ASK {{ {own} }}")
+    answer = endpoints.ask(f"ASK {{ {own} }}")
     endpoints.update(f"DELETE DATA {{ {own} }}")
-    return found
+    return answer
 
 
 def _triple_terms(endpoints: Endpoints, graph: str) -> bool:
     text = f"{graph} <urn:rtask:probe:term> <<( {graph} {_P} {graph} )>>"
     try:
         endpoints.update(f"INSERT DATA {{ GRAPH {graph} {{ {text} }} }}")
-        found = endpoints.rows(f"SELECT ?o {{ GRAPH {graph} {{ ?s <urn:rtask:probe:term> ?o }} }}")
+        rows = endpoints.rows(f"SELECT ?o {{ GRAPH {graph} {{ ?s <urn:rtask:probe:term> ?o }} }}")
     except RtaskError:
         return False
-    return len(found) == 1 and isinstance(found[0][0], Triple)
+    return len(rows) == 1 and isinstance(rows[0][0], Triple)
 
 
 def _changed(endpoints: Endpoints, graph: str) -> frozenset[str]:
@@ -133,15 +133,15 @@ def _changed(endpoints: Endpoints, graph: str) -> frozenset[str]:
         for text in texts
     ]
     samples += [stored(Literal("text", datatype=NamedNode(name))) for name in _OTHERS]
-    kept = _kept(endpoints, graph, samples)
-    if kept is None:  # one of them breaks the request
-        kept = set()
+    stored_terms = _stored_terms(endpoints, graph, samples)
+    if stored_terms is None:  # one of them breaks the request
+        stored_terms = set()
         for sample in samples:
-            kept |= _kept(endpoints, graph, [sample]) or set()
+            stored_terms |= _stored_terms(endpoints, graph, [sample]) or set()
     return frozenset(
         sample.datatype.value
         for sample in samples
-        if sample not in kept and isinstance(sample, Literal)
+        if sample not in stored_terms and isinstance(sample, Literal)
     )
 
 
@@ -152,11 +152,11 @@ def _is_canonical(endpoints: Endpoints, graph: str) -> bool:
     values = " , ".join(map(str, given))
     endpoints.update(f"INSERT DATA {{ GRAPH {graph} {{ {graph} {predicate} {values} }} }}")
     answer = endpoints.query(f"SELECT ?o {{ GRAPH {graph} {{ {graph} {predicate} ?o }} }}")
-    found = parse_query_results(answer, format=QueryResultsFormat.JSON)
-    return isinstance(found, QuerySolutions) and {row[0] for row in found} == set(given)
+    solutions = parse_query_results(answer, format=QueryResultsFormat.JSON)
+    return isinstance(solutions, QuerySolutions) and {row[0] for row in solutions} == set(given)
 
 
-def _kept(endpoints: Endpoints, graph: str, samples: Iterable[Term]) -> set[object] | None:
+def _stored_terms(endpoints: Endpoints, graph: str, samples: Iterable[Term]) -> set[object] | None:
     """Store some literals; return those that come back, ``None`` if they are refused.
 
     They are inserted as commits insert theirs, because some servers treat that differently from

@@ -37,7 +37,7 @@ from rtask.sparql.syntax import check_query
 __all__ = ["RemoteStore"]
 
 _SUBJECTS = 500
-_MAX_KNOWN = 20_000
+_MAX_CACHED = 20_000
 _MAX_COPIED = 200_000
 
 
@@ -181,22 +181,22 @@ class RemoteStore(GraphStore):
             if heads != [self.head]:
                 self.on_moved()
                 return self._fetch(subjects)
-        found: dict[Subject, dict[Quad, None]] = {subject: {} for subject in subjects}
+        quads_of: dict[Subject, dict[Quad, None]] = {subject: {} for subject in subjects}
         for s, p, o, g, text in rows:
             if s is not None and g in self._named():
-                found[s][Quad(s, p, self._dialect.exact_object(o, text), g)] = None
+                quads_of[s][Quad(s, p, self._dialect.exact_object(o, text), g)] = None
         if generation == self._generation and heads == [self.head]:  # no commit in between
-            if len(self._known) > _MAX_KNOWN:
+            if len(self._known) > _MAX_CACHED:
                 self._known = {}
-            self._known.update(found)
-        return found
+            self._known.update(quads_of)
+        return quads_of
 
     def _about(self, subject: Subject) -> Iterable[Quad]:
         """Return the statements about a subject, asking for them if they are not known."""
         if self._is_changing:
             self._pin()
-        known = self._known.get(subject)
-        return self._fetch([subject])[subject] if known is None else known
+        cached = self._known.get(subject)
+        return self._fetch([subject])[subject] if cached is None else cached
 
     # Reading
 
@@ -212,12 +212,12 @@ class RemoteStore(GraphStore):
         return self._graphs
 
     def __contains__(self, quad: Quad) -> bool:
-        known = self._about(quad.subject)
-        quad = self._dialect.kept_quad(stored_quad(quad))
+        quads = self._about(quad.subject)
+        quad = self._dialect.canonical_quad(stored_quad(quad))
         if isinstance(quad.graph_name, DefaultGraph):
             key = triple_key(quad)
-            return any(Graphs.is_joined(k.graph_name) and triple_key(k) == key for k in known)
-        return quad in known
+            return any(Graphs.is_joined(k.graph_name) and triple_key(k) == key for k in quads)
+        return quad in quads
 
     def __len__(self) -> int:
         """Return the number of statements of the named graphs, counted in each that holds them."""
@@ -232,17 +232,17 @@ class RemoteStore(GraphStore):
         graph: GraphName | None = None,
     ) -> Iterator[Quad]:
         """Yield the quads that match; those of every named graph if none is given."""
-        wanted = None if value is None else self._dialect.kept(stored(value))
+        canonical_value = None if value is None else self._dialect.canonical(stored(value))
         if subject is not None and graph != DEFAULT:
-            known = self._about(subject)
+            quads = self._about(subject)
         else:
             if self._is_changing:
                 self._pin()
-            known = self._matching(subject, predicate, wanted, graph)
-        for quad in list(known):
+            quads = self._matching(subject, predicate, canonical_value, graph)
+        for quad in list(quads):
             if (
                 (predicate is None or quad.predicate == predicate)
-                and (wanted is None or quad.object == wanted)
+                and (canonical_value is None or quad.object == canonical_value)
                 and (graph is None or quad.graph_name == graph)
             ):
                 yield quad
@@ -267,14 +267,14 @@ class RemoteStore(GraphStore):
         if value is None:
             names.append("t")
             body += f" {self._dialect.exactly}"
-        found = []
+        quads = []
         for row in self._rows(f"SELECT {' '.join('?' + n for n in names)} {{ {body} }}"):
             bound = {**given, **dict(zip(names, row, strict=True))}
             if value is None:
                 bound["o"] = self._dialect.exact_object(bound["o"], bound["t"])
             if graph is not None or bound["g"] in self._named():
-                found.append(Quad(bound["s"], bound["p"], bound["o"], bound["g"]))
-        return found
+                quads.append(Quad(bound["s"], bound["p"], bound["o"], bound["g"]))
+        return quads
 
     def _ask(self, body: str) -> bool:
         return self._endpoints.ask(f"ASK {{ {body} }}")

@@ -51,7 +51,7 @@ class Sync:
     def take_in(self) -> None:
         """Renew what this process knows; called with the writer's lock."""
         committer, store = self._writer.committer, self._store
-        before, known = committer.last_seq, store.head
+        before, latest = committer.last_seq, store.head
         store.forget()
         store.head = store.read_head()
         try:
@@ -61,7 +61,7 @@ class Sync:
             if committer.inference is not None:
                 committer.inference.take_in(self._changed(records, before))
         except BaseException:
-            store.head = known  # so that the next look takes in the same commits
+            store.head = latest  # so that the next look takes in the same commits
             raise
         committer.last_seq = store.head.seq
         committer.last_time = last_time

@@ -128,10 +128,10 @@ def read_benchmark(file: Path) -> Benchmark:
         given = tomllib.loads(file.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise UsageError(f"{file}: {error}") from None
-    known = {one.name for one in dataclasses.fields(Benchmark)}
+    names = {field.name for field in dataclasses.fields(Benchmark)}
     for name in given:
-        if name not in known:
-            raise UsageError(f"{file}: unknown field {name!r}{nearest(name, sorted(known))}")
+        if name not in names:
+            raise UsageError(f"{file}: unknown field {name!r}{nearest(name, sorted(names))}")
     texts = {name: _text(file, given, name) for name in ("method", "resource", "results", "cases")}
     lists = {name: _texts(file, given, name) for name in ("services", "datasets", "measures")}
     for name in ("method", "services", "cases"):
@@ -176,7 +176,7 @@ def run_benchmark(
         Is told how many calls have ended, and how many there are.
     """
     todo = list(_order(benchmark))
-    found = []
+    runs = []
     for number, (repeat, case, dataset, service) in enumerate(todo, 1):
         data = {benchmark.resource: dataset} if dataset else {}
         error, measures, began = "", {}, time.perf_counter()
@@ -187,10 +187,10 @@ def run_benchmark(
             measures = {name: _measure(answer, name) for name in benchmark.measures}
         except RtaskError as raised:
             took, error = time.perf_counter() - began, str(raised)
-        found.append(Run(service, dataset, case, repeat, 1e3 * took, error, measures))
+        runs.append(Run(service, dataset, case, repeat, 1e3 * took, error, measures))
         if progress is not None:
             progress(number, len(todo))
-    return found
+    return runs
 
 
 def summarise(runs: Sequence[Run]) -> list[Row]:
@@ -231,11 +231,11 @@ def _interval(
         return value, value, value
     from scipy.stats import bootstrap
 
-    found = bootstrap(
+    interval = bootstrap(
         (np.asarray(values, dtype=np.float64),), statistic, n_resamples=_DRAWS,
         method="percentile", rng=np.random.default_rng(0),
     ).confidence_interval  # fmt: skip
-    return value, float(found.low), float(found.high)
+    return value, float(interval.low), float(interval.high)
 
 
 def _measure(answer: Mapping[str, Any], name: str) -> float:
@@ -256,7 +256,7 @@ def _text(file: Path, given: Mapping[str, Any], name: str) -> str:
 
 def _texts(file: Path, given: Mapping[str, Any], name: str) -> tuple[str, ...]:
     value = given.get(name, [])
-    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+    if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
         raise UsageError(f"{file}: {name}: expected a list of texts")
     return tuple(value)
 

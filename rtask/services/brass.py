@@ -100,8 +100,8 @@ class Service(own.Service):
 
     def __init__(self, data_resources: Mapping[str, Resource] | None = None) -> None:
         bound: dict[str, Any] = {
-            name: _BrassFiles(one) if isinstance(one, Files) else one
-            for name, one in (data_resources or {}).items()
+            name: _BrassFiles(resource) if isinstance(resource, Files) else resource
+            for name, resource in (data_resources or {}).items()
         }
         super().__init__(bound)
 
@@ -146,8 +146,8 @@ def _type(given: Any) -> Any:
 
 
 def _mark(function: Any) -> Mark:
-    found: Mark = getattr(function, own.MARK, Mark(inputs={}))
-    return found
+    mark: Mark = getattr(function, own.MARK, Mark(inputs={}))
+    return mark
 
 
 def _marked(function: F, mark: Mark) -> F:

@@ -135,7 +135,7 @@ class Definition:
     @property
     def is_writing(self) -> bool:
         """Whether it may write to its data resources, so that it has one worker."""
-        return any(one.writable for one in self.resources.values())
+        return any(need.writable for need in self.resources.values())
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -182,9 +182,9 @@ def define(service: type[Service]) -> Definition:
         raise UsageError(
             f"{_place(service)}: {service.__name__} has no method; mark them with @method"
         )
-    needs = {n: one for n, one in own_attributes(service) if isinstance(one, ResourceNeed)}
+    needs = {n: need for n, need in own_attributes(service) if isinstance(need, ResourceNeed)}
     is_apart = service.executor in ("processes", "ray")
-    if is_apart and any(one.type == "graph" for one in needs.values()):
+    if is_apart and any(need.type == "graph" for need in needs.values()):
         raise UsageError(
             f"{_place(service)}: {service.name}: the graph is in this process; use threads"
         )
@@ -204,14 +204,14 @@ def _model(name: str, base: type[M], summary: str, fields: dict[str, Any]) -> ty
 class _Where:
     """The place of a mistake; looked up only when there is one, because that takes long."""
 
-    thing: Any
+    declared: Any
     name: str
 
     def of(self, part: str) -> _Where:
         return replace(self, name=f"{self.name}: {part}")
 
     def error(self, words: str) -> UsageError:
-        return UsageError(f"{_place(self.thing)}: {self.name}: {words}")
+        return UsageError(f"{_place(self.declared)}: {self.name}: {words}")
 
 
 def _method(service: type[Service], name: str, mark: Mark) -> Method:
@@ -262,8 +262,8 @@ def _effect(service: type[Service], mark: Mark, takes_call: bool, where: _Where)
         if mark.effect not in EFFECTS:
             raise where.error(f"effect {mark.effect!r}; expected one of {', '.join(EFFECTS)}")
         return mark.effect
-    needs = (one for _, one in own_attributes(service) if isinstance(one, ResourceNeed))
-    if mark.scope != "read" or takes_call or any(one.writable for one in needs):
+    needs = (need for _, need in own_attributes(service) if isinstance(need, ResourceNeed))
+    if mark.scope != "read" or takes_call or any(need.writable for need in needs):
         raise where.error(
             "it could write; say what it does: @method(effect='reads'), 'records' or 'writes'"
         )
@@ -297,13 +297,13 @@ def _sent(annotation: Any, where: _Where) -> Any:
         return _PLAIN[annotation]
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is Annotated:
-        if any(isinstance(one, Carried) for one in arguments):
+        if any(isinstance(argument, Carried) for argument in arguments):
             return annotation
         return Annotated[(_sent(arguments[0], where), *arguments[1:])]
     if origin is list:
         return list[_sent(arguments[0], where)]  # type: ignore[misc]  # made while running
     if origin in (types.UnionType, typing.Union):
-        kinds = [one for one in arguments if one is not type(None)]
+        kinds = [argument for argument in arguments if argument is not type(None)]
         if len(kinds) == 1:
             return _sent(kinds[0], where) | None
     if origin in (Literal, dict) or annotation is dict:
@@ -323,9 +323,9 @@ def _hints(function: Any, where: _Where) -> dict[str, Any]:
         raise where.error(f"{error}; annotations are read when a service loads") from None
 
 
-def _words(thing: Any) -> tuple[str, str]:
+def _words(declared: Any) -> tuple[str, str]:
     """Return the first line of a docstring, and its rest up to the list of parameters."""
-    text = inspect.cleandoc(thing.__doc__ or "")
+    text = inspect.cleandoc(declared.__doc__ or "")
     first, _, rest = text.partition("\n")
     return first.rstrip("."), re.split(r"\n\w[\w ]*\n-{3,}\n", "\n" + rest)[0].strip()
 
@@ -348,15 +348,17 @@ def _meanings(text: str) -> dict[str, str]:
     """
     _, _, rest = ("\n" + text).partition("\nParameters\n----------\n")
     section = re.split(r"\n\w[\w ]*\n-{3,}\n", rest)[0]
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     names: list[str] = []
     for line in section.splitlines():
         if line and not line[0].isspace():
-            names = [one.strip() for one in line.partition(" : ")[0].split(",")]
+            names = [name_.strip() for name_ in line.partition(" : ")[0].split(",")]
         elif line.strip():
             for name in names:
-                found[name] = f"{found[name]} {line.strip()}" if name in found else line.strip()
-    return {name: words.rstrip(".") for name, words in found.items()}
+                meanings[name] = (
+                    f"{meanings[name]} {line.strip()}" if name in meanings else line.strip()
+                )
+    return {name: words.rstrip(".") for name, words in meanings.items()}
 
 
 def _source(service: type[Service]) -> str:
@@ -365,10 +367,10 @@ def _source(service: type[Service]) -> str:
     return f"{file or service.__module__}:{service.__qualname__}"
 
 
-def _place(thing: Any) -> str:
+def _place(declared: Any) -> str:
     """Return file and line of a class or a function, as far as they are known."""
     try:
-        file, (_, line) = inspect.getsourcefile(thing), inspect.getsourcelines(thing)
+        file, (_, line) = inspect.getsourcefile(declared), inspect.getsourcelines(declared)
     except (OSError, TypeError):
-        return getattr(thing, "__module__", "service")
+        return getattr(declared, "__module__", "service")
     return f"{file}:{line}"

@@ -60,12 +60,14 @@ def described(
             }
             for name, need in definition.resources.items()
         },
-        "methods": {name: _method(definition, one) for name, one in definition.methods.items()},
+        "methods": {
+            name: _method(definition, method) for name, method in definition.methods.items()
+        },
     }
 
 
 def _method(definition: Definition, method: Method) -> JsonObject:
-    found = schemas(method)
+    schemas_of_method = schemas(method)
     return {
         "summary": method.summary,
         "description": method.description,
@@ -74,8 +76,8 @@ def _method(definition: Definition, method: Method) -> JsonObject:
         "only_reads": method.effect == "reads",
         "output": method.output or None,
         "output_type": _output_type(method),
-        "request": _whole(found, method.request.__name__),
-        "answer": _whole(found, method.answer.__name__),
+        "request": _whole(schemas_of_method, method.request.__name__),
+        "answer": _whole(schemas_of_method, method.answer.__name__),
         "href": f"/services/{definition.exact}/{method.name}",
         "ros_service": ros_service(definition.name, method.name),
         "ros_type": ros_type(definition, method),
@@ -89,7 +91,7 @@ def request_schema(method: Method) -> JsonObject:
 
 def schemas(method: Method) -> JsonObject:
     """Return the schemas of request and answer with all their parts, as OpenAPI components."""
-    return components({one.__name__: one for one in (method.request, method.answer)})
+    return components({model.__name__: model for model in (method.request, method.answer)})
 
 
 def ros_service(service: str, method: str) -> str:
@@ -113,9 +115,9 @@ def _output_type(method: Method) -> str | None:
     return next(str(member) for member in members if member.name == sent)
 
 
-def _whole(found: JsonObject, name: str) -> JsonObject:
+def _whole(schemas_of_type: JsonObject, name: str) -> JsonObject:
     """Return one schema with the parts that it refers to."""
-    text = json.dumps(found).replace(_REF, "#/$defs/")
+    text = json.dumps(schemas_of_type).replace(_REF, "#/$defs/")
     every = json.loads(text)
     whole: JsonObject = every.pop(name)
     needed, todo = {}, [whole]

@@ -99,8 +99,8 @@ class ServiceHost:
         self._closing: list[threading.Thread] = []
         self._dropped = 0
         self._closed = False
-        for one in services:
-            self.registry.add(one if isinstance(one, Definition) else define(one))
+        for service in services:
+            self.registry.add(service if isinstance(service, Definition) else define(service))
 
     def call(
         self,
@@ -146,27 +146,27 @@ class ServiceHost:
 
     def prepare(self, asked: Invocation) -> Task:
         """Check a call and return it, to be started later; errors as :meth:`call`."""
-        definition, found = self.find(asked.service, asked.method)
+        definition, entry = self.find(asked.service, asked.method)
         access, parent = asked.access or Access(), asked.parent
-        if found.scope not in SCOPES[access.role]:
-            raise ForbiddenError(f"needs scope {found.scope}; the role {access.role} lacks it")
-        request = read(found.request, dict(asked.args))
+        if entry.scope not in SCOPES[access.role]:
+            raise ForbiddenError(f"needs scope {entry.scope}; the role {access.role} lacks it")
+        request = read(entry.request, dict(asked.args))
         mapped = self._mapped(definition, asked.data or {}, access)
-        wanted_s = asked.timeout_s
-        seconds = definition.timeout_s if wanted_s is None else min(wanted_s, MAX_JOB_S)
+        asked_s = asked.timeout_s
+        seconds = definition.timeout_s if asked_s is None else min(asked_s, MAX_JOB_S)
         chain = (*parent.chain, definition.name) if parent else (definition.name,)
         if parent is not None:
             seconds = min(seconds, parent.left_s)
             if definition.name in parent.chain:
                 raise UsageError(f"a circle of calls: {' -> '.join(chain)}")
-            if strongest(found.effect, parent.effect) != parent.effect:
+            if strongest(entry.effect, parent.effect) != parent.effect:
                 raise UsageError(
-                    f"{definition.exact} {found.effect} by its method {found.name}, but is called "
+                    f"{definition.exact} {entry.effect} by its method {entry.name}, but is called "
                     f"by a method that declares effect={parent.effect!r}"
                 )
-        call = Call(access, seconds, chain, self, found.effect)
-        may_repeat = found.effect != "writes"
-        task = Task(found, request, call, definition.exact, mapped, may_repeat=may_repeat)
+        call = Call(access, seconds, chain, self, entry.effect)
+        may_repeat = entry.effect != "writes"
+        task = Task(entry, request, call, definition.exact, mapped, may_repeat=may_repeat)
         if parent is not None:
             parent.on_cancel(task.cancel)
         return task
@@ -206,11 +206,11 @@ class ServiceHost:
             Either does not exist; the nearest name is named.
         """
         definition = self.registry.find(service)
-        found = definition.methods.get(method)
-        if found is None:
+        method_found = definition.methods.get(method)
+        if method_found is None:
             hint = nearest(method, list(definition.methods))
             raise UnknownTermError(f"{definition.exact} has no method {method!r}{hint}")
-        return definition, found
+        return definition, method_found
 
     def connect(
         self,
@@ -226,8 +226,13 @@ class ServiceHost:
         """Return the services that are offered, as JSON."""
         versions = self.registry.versions
         return [
-            listed(one, versions(one.name), self.state(one), self.problem(one))
-            for one in self.registry
+            listed(
+                definition,
+                versions(definition.name),
+                self.state(definition),
+                self.problem(definition),
+            )
+            for definition in self.registry
         ]
 
     def description(self, service: str) -> dict[str, Any]:
@@ -238,9 +243,9 @@ class ServiceHost:
         UnknownTermError
             No such service.
         """
-        found = self.registry.find(service)
-        versions = self.registry.versions(found.name)
-        return described(found, versions, self.state(found), self.problem(found))
+        definition = self.registry.find(service)
+        versions = self.registry.versions(definition.name)
+        return described(definition, versions, self.state(definition), self.problem(definition))
 
     def state(self, definition: Definition) -> str:
         """Return the state of a service.
@@ -315,7 +320,7 @@ class ServiceHost:
             asked = Invocation(definition.exact, method, args, access, data, None, parent)
             return self.submit(asked).result()
 
-        offers = [offer_of(one) for one in definition.methods.values()]
+        offers = [offer_of(declared_method) for declared_method in definition.methods.values()]
         return Proxy(definition.exact, offers, carry_out)
 
     def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
@@ -339,12 +344,16 @@ class ServiceHost:
         """
         if not isinstance(data, Mapping) or not all(isinstance(d, str) for d in data.values()):
             raise UsageError("data resources: expected names of datasets by names of resources")
-        wanted = {n: one for n, one in definition.resources.items() if one.type != "graph"}
+        mapped = {
+            n: declared_need
+            for n, declared_need in definition.resources.items()
+            if declared_need.type != "graph"
+        }
         for name in data:
-            if name not in wanted:
-                hint = nearest(name, list(wanted)) or f"; it has {', '.join(wanted) or 'none'}"
+            if name not in mapped:
+                hint = nearest(name, list(mapped)) or f"; it has {', '.join(mapped) or 'none'}"
                 raise UsageError(f"{definition.exact} has no data resource {name!r}{hint}")
-        for name, need in wanted.items():
+        for name, need in mapped.items():
             if name not in data and need.default is None:
                 raise MissingDataError(
                     f"{definition.exact} needs a dataset for {name!r}: "
@@ -352,17 +361,17 @@ class ServiceHost:
                     resource=name,
                 )
         bound = []
-        for name, need in sorted(wanted.items()):
+        for name, need in sorted(mapped.items()):
             try:
-                found = self.datasets.find(data.get(name) or str(need.default), access)
+                version = self.datasets.find(data.get(name) or str(need.default), access)
             except UnknownTermError as error:
                 raise MissingDataError(f"{name}: {error}", resource=name) from None
             if need.writable:
-                bound.append((name, f"{found.dataset}@head", ""))
+                bound.append((name, f"{version.dataset}@head", ""))
             else:
                 # The head has no number of its own; its contents tell one state from another.
-                bound.append((name, found.name, found.digest))
-        if self._kb is None and len(wanted) < len(definition.resources):
+                bound.append((name, version.name, version.digest))
+        if self._kb is None and len(mapped) < len(definition.resources):
             raise MissingDataError(f"{definition.exact} needs a graph, and there is none here")
         return tuple(bound)
 
@@ -406,7 +415,7 @@ class ServiceHost:
 
                 def heads() -> list[str]:
                     written_to = [dataset for _, dataset, digest in mapped if not digest]
-                    return [self.datasets.find(one).digest for one in written_to]
+                    return [self.datasets.find(path).digest for path in written_to]
 
                 def start() -> Runner:
                     seat = self.outward.seat(definition)

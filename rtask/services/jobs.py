@@ -161,8 +161,8 @@ class Jobs:
         """
         with self._lock:
             self._forget()
-            own = [one for one in self._jobs.values() if one.owner == owner]
-            unended = sum(one.state not in ENDED for one in own)
+            own = [other for other in self._jobs.values() if other.owner == owner]
+            unended = sum(other.state not in ENDED for other in own)
             if len(self._jobs) >= MAX_JOBS or unended >= MAX_OWN_JOBS:
                 raise QueueFullError(
                     f"{unended} of your jobs have not ended; at most {MAX_OWN_JOBS}, and "
@@ -224,7 +224,7 @@ def _size(value: Any) -> int:
     if isinstance(value, str | bytes):
         return len(value)
     if isinstance(value, dict):
-        return sum(len(key) + _size(one) for key, one in value.items())
+        return sum(len(key) + _size(part) for key, part in value.items())
     if isinstance(value, list | tuple):
         return sum(map(_size, value))
     return 8

@@ -73,16 +73,16 @@ class Ledger:
         if self._file is None:
             return
         noted = dict(self._known)
-        for one in definitions:
-            if one.version.startswith("0."):
+        for served in definitions:
+            if served.version.startswith("0."):
                 continue
-            digests = {"contract": _digest(contract_of(one)), "code": _digest(_code_of(one))}
-            before = noted.setdefault(one.exact, digests)
+            digests = {"contract": _digest(contract_of(served)), "code": _digest(_code_of(served))}
+            before = noted.setdefault(served.exact, digests)
             what = [name for name, digest in digests.items() if before.get(name) != digest]
             if what:
                 changed = "requests or answers" if "contract" in what else "code"
                 raise UsageError(
-                    f"{one.exact} was served before with other {changed}; give this one a new "
+                    f"{served.exact} was served before with other {changed}; give this one a new "
                     "version (below 1.0.0 while it still changes), or remove its line from "
                     f"{self._file}"
                 )
@@ -101,28 +101,34 @@ def _code_of(definition: Definition) -> str:
     Comments and spaces count for nothing; code whose source is not there is empty.
     """
     module, _, name = definition.source.rpartition(":")
-    found = _module_of(module)
-    if found is None:
+    code_module = _module_of(module)
+    if code_module is None:
         return ""
     try:
-        text = inspect.getsource(found)
+        text = inspect.getsource(code_module)
     except (OSError, TypeError):
         return ""
     parts = []
     for node in ast.parse(text).body:
-        is_other = isinstance(node, ast.ClassDef) and node.name != name and _is_service(found, node)
+        is_other = (
+            isinstance(node, ast.ClassDef) and node.name != name and _is_service(code_module, node)
+        )
         if not is_other:
             named = (*getattr(node, "decorator_list", ()), node)
-            parts += [_bare(ast.get_source_segment(text, one) or "") for one in named]
+            parts += [_bare(ast.get_source_segment(text, named_node) or "") for named_node in named]
     return "\n".join(parts)
 
 
 def _module_of(source: str) -> ModuleType | None:
-    found = sys.modules.get(source)
-    if found is not None:
-        return found
-    files = (one for one in list(sys.modules.values()) if isinstance(one, ModuleType))
-    return next((one for one in files if vars(one).get("__rtask_file__") == source), None)
+    module = sys.modules.get(source)
+    if module is not None:
+        return module
+    files = (
+        candidate for candidate in list(sys.modules.values()) if isinstance(candidate, ModuleType)
+    )
+    return next(
+        (candidate for candidate in files if vars(candidate).get("__rtask_file__") == source), None
+    )
 
 
 def _is_service(module: ModuleType, node: ast.ClassDef) -> bool:
@@ -135,14 +141,14 @@ def _is_service(module: ModuleType, node: ast.ClassDef) -> bool:
 def _bare(text: str) -> str:
     tokens = tokenize.generate_tokens(StringIO(text).readline)
     return " ".join(
-        _LAYOUT.get(one.type, one.string) for one in tokens if one.type not in _MEANINGLESS
+        _LAYOUT.get(token.type, token.string) for token in tokens if token.type not in _MEANINGLESS
     )
 
 
-def _write(file: Path, known: dict[str, dict[str, str]]) -> None:
+def _write(file: Path, ledger: dict[str, dict[str, str]]) -> None:
     draft = file.with_suffix(".tmp")
     with draft.open("w", encoding="utf-8") as out:
-        json.dump(known, out, indent=1, sort_keys=True)
+        json.dump(ledger, out, indent=1, sort_keys=True)
         out.flush()
         os.fsync(out.fileno())
     draft.replace(file)

@@ -99,11 +99,11 @@ class SavedPipelines:
         stored = {"owner": access.agent, **stored}
         definition = self._definition(stored)
         with self._lock:
-            known = self._stored.get(definition.exact)
-            if known is not None and _contents(known) == _contents(stored):
-                return known
+            existing = self._stored.get(definition.exact)
+            if existing is not None and _contents(existing) == _contents(stored):
+                return existing
             self._check_owner(name, access)
-            if known is not None:
+            if existing is not None:
                 raise ConflictError(f"{definition.exact} is saved already; give this a new version")
             if len(self._stored) >= MAX_SAVED:
                 raise ConflictError(f"there are {MAX_SAVED} saved pipelines; remove one")
@@ -148,11 +148,11 @@ class SavedPipelines:
 
     def _versions(self, name: str) -> list[Stored]:
         every = self._stored.values()
-        return [one for one in every if one["description"]["name"] == name]
+        return [entry for entry in every if entry["description"]["name"] == name]
 
     def _check_owner(self, name: str, access: Access) -> None:
         """Refuse callers that would change a pipeline of somebody else."""
-        owners = {one["owner"] for one in self._versions(name)}
+        owners = {entry["owner"] for entry in self._versions(name)}
         if access.role not in ("admin", "anonymous") and owners - {access.agent}:
             owner = next(iter(owners)) or "the server"
             raise ForbiddenError(f"the pipeline {name} belongs to {owner}; save yours by another")

@@ -250,9 +250,9 @@ class Pool:
                 if self._closed:
                     return None
                 self._idle += 1
-                told = self._changed.wait(self.sizes.idle_s)
+                is_notified = self._changed.wait(self.sizes.idle_s)
                 self._idle -= 1
-                if (not told and not self._waiting) or runner.is_spent:
+                if (not is_notified and not self._waiting) or runner.is_spent:
                     return None
 
     def _carry_out(self, runner: Runner, task: Task) -> bool:

@@ -74,8 +74,8 @@ class Proxy:
         self, name: str, offers: list[Offer], caller: Callable[[str, dict[str, Any]], Any]
     ) -> None:
         self.service = name
-        self._names = [one.name for one in offers]
-        methods = {one.name: _bound(one, caller) for one in offers}
+        self._names = [offer.name for offer in offers]
+        methods = {offer.name: _bound(offer, caller) for offer in offers}
         self.submit = _Methods(self._unknown, {n: self._later(f) for n, f in methods.items()})
         self.map = _Methods(self._unknown, {n: _for_many(f) for n, f in methods.items()})
         vars(self).update(methods)
@@ -122,11 +122,11 @@ class _Methods:
 
 def _for_many(function: Callable[..., Any]) -> Callable[..., list[Any]]:
     def carry_out(requests: Iterable[Any], *, parallel: int = _PARALLEL) -> list[Any]:
-        def one(request: Any) -> Any:
+        def carry_out_single(request: Any) -> Any:
             return function(**request) if isinstance(request, Mapping) else function(request)
 
         with ThreadPoolExecutor(parallel) as threads:
-            return list(threads.map(one, requests))
+            return list(threads.map(carry_out_single, requests))
 
     carry_out.__name__ = carry_out.__qualname__ = function.__name__
     carry_out.__doc__ = function.__doc__
@@ -185,7 +185,7 @@ def _doc(summary: str, description: str) -> str:
 
 def _signature(parameters: list[tuple[str, bool, Any, Any]]) -> inspect.Signature:
     # Python wants what may be left out at the end.
-    ordered = sorted(parameters, key=lambda one: not one[1])
+    ordered = sorted(parameters, key=lambda parameter: not parameter[1])
     return inspect.Signature(
         [
             inspect.Parameter(

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 GROUP = "rtask.services"
 """Entry points of installed packages: modules whose services are served."""
 
-_WANTED = re.compile(r"([0-9]{1,9}\.){0,2}([0-9]{1,9}|\*)")
+_VERSION_RANGE = re.compile(r"([0-9]{1,9}\.){0,2}([0-9]{1,9}|\*)")
 
 
 class Registry:
@@ -88,7 +88,9 @@ class Registry:
         """Remove one version of a service."""
         gone = _numbers(version)
         # A new one, because calls in other threads may be reading the old one.
-        left = {key: one for key, one in self._services.get(name, {}).items() if key != gone}
+        left = {
+            key: service for key, service in self._services.get(name, {}).items() if key != gone
+        }
         if left:
             self._services[name] = left
         else:
@@ -104,19 +106,19 @@ class Registry:
         UsageError
             The version is neither ``1.2.3`` nor ``1.2.*`` nor ``1.*``.
         """
-        plain, wanted = split_name(name)
+        plain, requested = split_name(name)
         versions = self._services.get(plain)
         if not versions:
             near = difflib.get_close_matches(plain, list(self._services), n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise UnknownTermError(f"no service {plain}{hint}")
-        if wanted and not _WANTED.fullmatch(wanted):
-            raise UsageError(f"version {wanted[:40]!r} of {plain}; expected 1.2.3, 1.2.* or 1.*")
-        start = _numbers(wanted.removesuffix("*").rstrip(".")) if wanted else ()
+        if requested and not _VERSION_RANGE.fullmatch(requested):
+            raise UsageError(f"version {requested[:40]!r} of {plain}; expected 1.2.3, 1.2.* or 1.*")
+        start = _numbers(requested.removesuffix("*").rstrip(".")) if requested else ()
         fitting = [key for key in list(versions) if key[: len(start)] == start]
         if not fitting:
-            known = ", ".join(self.versions(plain))
-            raise UnknownTermError(f"{plain} has no version {wanted}; there are {known}")
+            available = ", ".join(self.versions(plain))
+            raise UnknownTermError(f"{plain} has no version {requested}; there are {available}")
         return versions[max(fitting)]
 
     def versions(self, name: str) -> list[str]:

@@ -44,18 +44,18 @@ class Files:
         MissingDataError
             The dataset has no such file.
         """
-        found = (self.folder / name.lstrip("/")).resolve()
-        if not found.is_relative_to(self.folder.resolve()) or not found.exists():
+        path = (self.folder / name.lstrip("/")).resolve()
+        if not path.is_relative_to(self.folder.resolve()) or not path.exists():
             raise MissingDataError(f"{self.name} has no file {name}; it has {self._names()}")
-        return found
+        return path
 
     def read(self, name: str) -> bytes:
         """Return the contents of a file."""
         return self.path(name).read_bytes()
 
     def _names(self) -> str:
-        files = [one for one in self.folder.rglob("*") if one.is_file()]
-        names = sorted(f"/{one.relative_to(self.folder)}" for one in files)
+        files = [file for file in self.folder.rglob("*") if file.is_file()]
+        names = sorted(f"/{file.relative_to(self.folder)}" for file in files)
         return ", ".join(names[:10]) or "none"
 
 

@@ -146,13 +146,13 @@ class Service:
 
     def make_ready(self) -> None:
         """Run the methods marked with :func:`startup`."""
-        for one in marked(type(self), _STARTUP):
-            getattr(self, one)()
+        for name in marked(type(self), _STARTUP):
+            getattr(self, name)()
 
     def end(self) -> None:
         """Run the methods marked with :func:`shutdown`."""
-        for one in marked(type(self), _SHUTDOWN):
-            getattr(self, one)()
+        for name in marked(type(self), _SHUTDOWN):
+            getattr(self, name)()
 
 
 @overload
@@ -189,9 +189,9 @@ def method(
         reaches other services. Other methods compute their answers, and read.
     """
 
-    def mark(one: F) -> F:
-        setattr(one, MARK, Mark(output, scope, effect))
-        return one
+    def mark(function: F) -> F:
+        setattr(function, MARK, Mark(output, scope, effect))
+        return function
 
     return mark if function is None else mark(function)
 
@@ -210,11 +210,11 @@ def shutdown(function: F) -> F:
 
 def marked(service: type, mark: str = MARK) -> dict[str, Any]:
     """Return the methods of a class that carry a mark, by name, base classes first."""
-    found = {}
+    marked_methods = {}
     for name, value in own_attributes(service):
         if callable(value) and hasattr(value, mark):
-            found[name] = getattr(value, mark)
-    return found
+            marked_methods[name] = getattr(value, mark)
+    return marked_methods
 
 
 def own_attributes(service: type) -> Iterator[tuple[str, Any]]:

@@ -45,31 +45,31 @@ def changed(before: Mapping[str, bytes], after: Mapping[str, bytes]) -> list[str
 
 
 def _digest(value: Any) -> bytes:
-    found = hashlib.blake2b(digest_size=16)
-    _add(value, found, _DEPTH, set())
-    return found.digest()
+    digest = hashlib.blake2b(digest_size=16)
+    _add(value, digest, _DEPTH, set())
+    return digest.digest()
 
 
-def _add(value: Any, found: Any, depth: int, seen: set[int]) -> None:
-    found.update(type(value).__name__.encode())
+def _add(value: Any, digest: Any, depth: int, seen: set[int]) -> None:
+    digest.update(type(value).__name__.encode())
     if isinstance(value, _PLAIN):
-        found.update(repr(value).encode())
+        digest.update(repr(value).encode())
     elif hasattr(value, "state_digest") and not isinstance(value, type):
-        found.update(value.state_digest())
+        digest.update(value.state_digest())
     elif depth == 0 or id(value) in seen or isinstance(value, _SHARED):
-        found.update(str(id(value)).encode())
+        digest.update(str(id(value)).encode())
     elif isinstance(value, np.ndarray):
-        found.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(f"{value.dtype}{value.shape}".encode())
         if value.dtype.hasobject:
-            _add(value.tolist(), found, depth - 1, seen)
+            _add(value.tolist(), digest, depth - 1, seen)
         else:
-            found.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
+            digest.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
     else:
         seen.add(id(value))
-        _add_parts(value, found, depth - 1, seen)
+        _add_parts(value, digest, depth - 1, seen)
 
 
-def _add_parts(value: Any, found: Any, depth: int, seen: set[int]) -> None:
+def _add_parts(value: Any, digest: Any, depth: int, seen: set[int]) -> None:
     if isinstance(value, Mapping):
         parts = [part for item in value.items() for part in item]
     elif isinstance(value, list | tuple):
@@ -79,6 +79,6 @@ def _add_parts(value: Any, found: Any, depth: int, seen: set[int]) -> None:
     else:
         parts = [part for item in getattr(value, "__dict__", {}).items() for part in item]
         if not parts:
-            found.update(str(id(value)).encode())
+            digest.update(str(id(value)).encode())
     for part in parts:
-        _add(part, found, depth, seen)
+        _add(part, digest, depth, seen)

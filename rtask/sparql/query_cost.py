@@ -90,8 +90,12 @@ def _is_quick(text: str) -> bool:
         return False
     if any(token.kind == "mark" and token.text != "*" for token in around):
         return False
-    found = [*block.required, *block.optional]
-    return 0 < len(found) <= MAX_PATTERNS and _are_anchored(block.required) and _are_anchored(found)
+    patterns = [*block.required, *block.optional]
+    return (
+        0 < len(patterns) <= MAX_PATTERNS
+        and _are_anchored(block.required)
+        and _are_anchored(patterns)
+    )
 
 
 class _Block:
@@ -216,10 +220,10 @@ def _are_anchored(patterns: list[_Pattern]) -> bool:
             value.kind not in ("variable", "blank") and not is_type
         )
         others = []
-        for known, known_anchored in groups:
-            if known & names:
-                names, anchored = names | known, anchored or known_anchored
+        for group_names, group_anchored in groups:
+            if group_names & names:
+                names, anchored = names | group_names, anchored or group_anchored
             else:
-                others.append((known, known_anchored))
+                others.append((group_names, group_anchored))
         groups = [*others, (names, anchored)]
     return all(anchored for _, anchored in groups)

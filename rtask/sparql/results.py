@@ -52,8 +52,8 @@ class Row:
         try:
             return self._terms[self._positions[key.lstrip("?$")]]
         except KeyError:
-            known = ", ".join(self._positions)
-            raise UsageError(f"no variable {key!r} in this result; it has {known}") from None
+            variables = ", ".join(self._positions)
+            raise UsageError(f"no variable {key!r} in this result; it has {variables}") from None
 
     def __iter__(self) -> Iterator[Term | None]:
         return iter(self._terms)

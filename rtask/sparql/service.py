@@ -141,10 +141,10 @@ def _read(text: str, prologue: str, tokens: list[Token]) -> _Block:
             raise _refusal(text, tokens[at + 2 :], "expected ';'")
         iri = resolve(name.text, prologue, None).value if name.kind in ("iri", "name") else ""
         local = iri.removeprefix(ontology.NS)
-        wanted = {"matches": "string", "score": "variable", "text": "variable", "limit": "number"}
-        wanted |= {"lang": "string"}
-        if wanted.get(local) != value.kind:
-            raise _refusal(text, [name], f"expected one of {', '.join(wanted)} with its value")
+        kinds = {"matches": "string", "score": "variable", "text": "variable", "limit": "number"}
+        kinds |= {"lang": "string"}
+        if kinds.get(local) != value.kind:
+            raise _refusal(text, [name], f"expected one of {', '.join(kinds)} with its value")
         given[local] = value
     if "matches" not in given:
         raise _refusal(text, tokens, "rt:matches is missing")
@@ -183,8 +183,8 @@ def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
     if block.subject.kind == "variable":
         variables.append("subject")
     elif block.subject.kind in ("iri", "name"):
-        wanted = resolve(block.subject.text, prologue, None)
-        hits = [hit for hit in hits if hit.subject == wanted]
+        subject = resolve(block.subject.text, prologue, None)
+        hits = [hit for hit in hits if hit.subject == subject]
     else:
         raise _refusal(text, [block.subject], "the subject is a variable or an IRI")
     variables += [name for name in ("score", "text") if name in given]
@@ -196,9 +196,9 @@ def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
 
 
 def _term(hit: Hit, what: str) -> Term:
-    found: dict[str, Term] = {
+    terms: dict[str, Term] = {
         "subject": hit.subject,
         "score": Literal(hit.score),
         "text": Literal(hit.text, language=hit.language) if hit.language else Literal(hit.text),
     }
-    return found[what]
+    return terms[what]

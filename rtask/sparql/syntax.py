@@ -51,11 +51,11 @@ def syntax_error(
         message, token = fault
         line, column = line_and_column(text, token.start)
     else:
-        found = _POSITION.search(str(error))
-        if found is None or int(found[1]) <= skipped_lines:
+        position = _POSITION.search(str(error))
+        if position is None or int(position[1]) <= skipped_lines:
             return QuerySyntaxError(f"{what}: {error}")
-        line, column = int(found[1]) - skipped_lines, int(found[2])
-        message = _CHARACTERS.sub("a name", found[3])
+        line, column = int(position[1]) - skipped_lines, int(position[2])
+        message = _CHARACTERS.sub("a name", position[3])
     return QuerySyntaxError(f"{what} {line}:{column}: {message}", line=line, column=column)
 
 

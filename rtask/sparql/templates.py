@@ -100,19 +100,19 @@ def _variable(term: object) -> str | None:
 
 def variables(template: Iterable[Quad]) -> list[str]:
     """Return the names of all variables of a template, sorted."""
-    found: set[str] = set()
+    names: set[str] = set()
 
     def visit(term: object) -> None:
         if isinstance(term, Triple):
             for part in (term.subject, term.predicate, term.object):
                 visit(part)
         elif (name := _variable(term)) is not None:
-            found.add(name)
+            names.add(name)
 
     for quad in template:
         for term in (quad.subject, quad.predicate, quad.object, quad.graph_name):
             visit(term)
-    return sorted(found)
+    return sorted(names)
 
 
 def constant_graphs(template: Iterable[Quad], home: GraphName) -> set[GraphName]:

@@ -63,17 +63,17 @@ def scan(text: str) -> Iterator[Token]:
     """
     position, match = 0, _TOKEN.match
     while position < len(text):
-        found = match(text, position)
-        if found is None:
+        token = match(text, position)
+        if token is None:
             line, column = line_and_column(text, position)
             near = text[position : position + 20]
             raise QuerySyntaxError(
                 f"{line}:{column}: cannot read {near!r}", line=line, column=column
             )
-        if found.lastgroup != "space":
-            assert found.lastgroup is not None
-            yield Token(found.lastgroup, found.group(), position, found.end())
-        position = found.end()
+        if token.lastgroup != "space":
+            assert token.lastgroup is not None
+            yield Token(token.lastgroup, token.group(), position, token.end())
+        position = token.end()
 
 
 @lru_cache(maxsize=16)

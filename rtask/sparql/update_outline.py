@@ -125,16 +125,16 @@ class _Reader:
         self.declared: list[tuple[int, int]] = []
 
     def operations(self) -> list[Operation]:
-        found = []
+        operations = []
         self._read_prologue()
         while self.tokens[self.at].kind != "end":
-            found.append(self._operation())
+            operations.append(self._operation())
             if not self._take_mark(";"):
                 break
             self._read_prologue()
         if self.tokens[self.at].kind != "end":
             self._fail("';' or the end")
-        return found
+        return operations
 
     def _read_prologue(self) -> None:
         while self.tokens[self.at].is_word("PREFIX", "BASE", "VERSION"):
@@ -244,7 +244,7 @@ class _Reader:
     def _fail(self, expected: str) -> str:
         token = self.tokens[self.at]
         line, column = line_and_column(self.text, token.start)
-        found = repr(token.text) if token.text else "the end"
+        actual = repr(token.text) if token.text else "the end"
         raise QuerySyntaxError(
-            f"{line}:{column}: expected {expected}, found {found}", line=line, column=column
+            f"{line}:{column}: expected {expected}, found {actual}", line=line, column=column
         )

@@ -73,7 +73,7 @@ def _unwrapped(kind: Kind) -> Kind:
     if origin is list:
         return _unwrapped(replace(kind, type=arguments[0], is_list=True))
     if origin in (types.UnionType, typing.Union) and type(None) in arguments:
-        present = [one for one in arguments if one is not type(None)]
+        present = [member for member in arguments if member is not type(None)]
         if len(present) == 1:
             return _unwrapped(replace(kind, type=present[0], is_nullable=True))
     return kind
@@ -104,10 +104,10 @@ def absence(field: FieldInfo) -> str:
 
 def parts_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
     """Return the messages in a message by their names, the inner ones first, without itself."""
-    found: dict[str, type[BaseModel]] = {}
+    parts: dict[str, type[BaseModel]] = {}
     for field in model.model_fields.values():
         part = kind_of(field).message
-        if part is not None and part.__name__ not in found:
-            found.update(parts_of(part))
-            found[part.__name__] = part
-    return found
+        if part is not None and part.__name__ not in parts:
+            parts.update(parts_of(part))
+            parts[part.__name__] = part
+    return parts

@@ -82,15 +82,15 @@ def kind_at(root: Kind, path: str) -> Kind | None:
     >>> kind_at(Kind(Cups), "heights.0").type, kind_at(Kind(Cups), "heights.first")
     (<class 'float'>, None)
     """
-    found: Kind | None = root
+    kind: Kind | None = root
     for part in path.split(".") if path else ():
-        if found is None:
+        if kind is None:
             return None
-        if found.is_list:
-            found = entry_of(found) if part.isdecimal() else None
+        if kind.is_list:
+            kind = entry_of(kind) if part.isdecimal() else None
         else:
-            found = dict(_members(found.message)).get(part) if found.message else None
-    return found
+            kind = dict(_members(kind.message)).get(part) if kind.message else None
+    return kind
 
 
 def places_in(root: Kind, path: str, depth: int = MAX_DEPTH) -> Iterator[tuple[str, Kind]]:
@@ -146,10 +146,10 @@ def _takes_message(source: Kind, target: Kind) -> bool:
     if source.message is target.message:
         return True
     offered = dict(_members(source.message))
-    wanted = target.message.model_fields
-    return set(offered) <= set(wanted) and all(
+    fields = target.message.model_fields
+    return set(offered) <= set(fields) and all(
         name in offered and _fits(offered[name], kind_of(field))
-        for name, field in wanted.items()
+        for name, field in fields.items()
         if field.is_required() or name in offered
     )
 
@@ -174,13 +174,13 @@ def _plain(kind: Any) -> Any:
 
 
 def _unit(kind: Kind) -> str:
-    named = (one.symbol if isinstance(one, Unit) else one.unit
-             for one in kind.metadata if isinstance(one, Unit | ArrayOf))  # fmt: skip
+    named = (marker.symbol if isinstance(marker, Unit) else marker.unit
+             for marker in kind.metadata if isinstance(marker, Unit | ArrayOf))  # fmt: skip
     return next((unit for unit in named if unit), "")
 
 
 def _columns(kind: Kind) -> int | None:
-    return next((one.columns for one in kind.metadata if isinstance(one, ArrayOf)), None)
+    return next((marker.columns for marker in kind.metadata if isinstance(marker, ArrayOf)), None)
 
 
 def _media(kind: Kind) -> str:

@@ -87,12 +87,12 @@ def controls_of(
     [('height', 'number', ''), ('owner', 'text', 'nobody')]
     """
     given = list(given)
-    found: list[Control] = []
+    controls: list[Control] = []
     for name, field in model.model_fields.items():
         kind, place = kind_of(field), path + name
         part = kind.message
         if part is None:
-            found.append(_control(place, name, field, kind))
+            controls.append(_control(place, name, field, kind))
             continue
         assert issubclass(part, Message)
         places = [place]
@@ -106,14 +106,14 @@ def controls_of(
                 parts=controls_of(part, given, more, f"{at}."),
                 adds_to=place if kind.is_list and at == places[-1] else "",
             )  # fmt: skip
-            found.append(group)
-    return tuple(found)
+            controls.append(group)
+    return tuple(controls)
 
 
 def _control(place: str, label: str, field: FieldInfo, kind: Kind) -> Control:
-    bounds = {type(one): one for one in kind.metadata if isinstance(one, Ge | Le)}
+    bounds = {type(marker): marker for marker in kind.metadata if isinstance(marker, Ge | Le)}
     low, high = bounds.get(Ge), bounds.get(Le)
-    unit = next((one.symbol for one in kind.metadata if isinstance(one, Unit)), "")
+    unit = next((marker.symbol for marker in kind.metadata if isinstance(marker, Unit)), "")
     return Control(
         place, label, _sort(kind), _summary(field), absence(field), field.is_required(), unit,
         minimum=float(str(low.ge)) if isinstance(low, Ge) else None,
@@ -125,7 +125,7 @@ def _control(place: str, label: str, field: FieldInfo, kind: Kind) -> Control:
 
 def _choices(kind: Kind) -> tuple[str, ...]:
     if typing.get_origin(kind.type) is Literal:
-        return tuple(str(one) for one in typing.get_args(kind.type))
+        return tuple(str(choice) for choice in typing.get_args(kind.type))
     return ("true", "false") if kind.type is bool else ()
 
 
@@ -140,7 +140,7 @@ def _sort(kind: Kind) -> Sort:
         return "choice"
     if kind.type is str:
         return "lines" if kind.is_list else "text"
-    if any(isinstance(one, ArrayOf) for one in kind.metadata):
+    if any(isinstance(marker, ArrayOf) for marker in kind.metadata):
         return "json"
     sent = carried(kind)
     return "text" if sent is not None and sent.ros == "string" else "json"
@@ -184,7 +184,7 @@ def read_form(
             if filled:
                 request[name] = filled if kind.is_list else filled[0]
             continue
-        values = [one for one in (text.strip() for text in given.get(place, ())) if one]
+        values = [value for value in (text.strip() for text in given.get(place, ())) if value]
         if files.get(place):
             request[name] = files[place]
         elif values:
@@ -228,7 +228,7 @@ def filled_form(model: type[BaseModel], request: Mapping[str, Any], path: str = 
     >>> filled_form(Cup, {"height": 0.1, "marks": ["a", "b"]})
     {'height': '0.1', 'marks': 'a\\nb'}
     """
-    found: Filled = {}
+    filled: Filled = {}
     for name, field in model.model_fields.items():
         kind, place, value = kind_of(field), path + name, request.get(name)
         if value is None or kind.type is bytes:
@@ -238,18 +238,18 @@ def filled_form(model: type[BaseModel], request: Mapping[str, Any], path: str = 
             for k, part in enumerate(parts):
                 at = f"{place}.{k}." if kind.is_list else f"{place}."
                 if isinstance(part, Mapping):
-                    found |= filled_form(kind.message, part, at)
+                    filled |= filled_form(kind.message, part, at)
         elif isinstance(value, str):
-            found[place] = value
+            filled[place] = value
         elif _sort(kind) == "lines" and isinstance(value, list):
-            found[place] = "\n".join(map(str, value))
+            filled[place] = "\n".join(map(str, value))
         else:
-            found[place] = json.dumps(value, ensure_ascii=False)
-    return found
+            filled[place] = json.dumps(value, ensure_ascii=False)
+    return filled
 
 
 def _entries(place: str, names: Iterable[str]) -> list[str]:
     """Return the paths of the groups of a list, in order."""
     rest = (name[len(place) + 1 :].partition(".")[0] for name in names if name.startswith(place))
-    numbers = sorted({int(one) for one in rest if one.isdecimal() and len(one) < 4})
+    numbers = sorted({int(index) for index in rest if index.isdecimal() and len(index) < 4})
     return [f"{place}.{number}" for number in numbers]

@@ -74,7 +74,7 @@ class Message(BaseModel):
             for own, field in fields.items()
             for name in (
                 own,
-                *(one.name for one in kind_of(field).metadata if isinstance(one, Also)),
+                *(marker.name for marker in kind_of(field).metadata if isinstance(marker, Also)),
             )
         }
         cls._optional = frozenset(n for n, field in fields.items() if not field.is_required())
@@ -249,16 +249,16 @@ def read(model: type[M], message: Any, where: str = "") -> M:
     try:
         return model.model_validate(message)
     except ValidationError as error:
-        found = error.errors(include_url=False)
+        errors = error.errors(include_url=False)
     # A misspelt name explains more than the field that is missing because of it.
-    unknown = (one for one in found if one["type"] == "extra_forbidden")
-    first = min(unknown, key=lambda one: len(one["loc"]), default=found[0])
+    unknown = (error_ for error_ in errors if error_["type"] == "extra_forbidden")
+    first = min(unknown, key=lambda error_: len(error_["loc"]), default=errors[0])
     path = where + _path(first["loc"])
     raise UsageError(_words(model, first, path), field=path)
 
 
 def _path(places: tuple[int | str, ...]) -> str:
-    parts = (f"[{one}]" if isinstance(one, int) else f".{one}" for one in places)
+    parts = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in places)
     return "".join(parts).removeprefix(".")
 
 
@@ -283,8 +283,8 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
         length = len(value) if isinstance(value, list | tuple) else context["actual_length"]
         return f"{path}: length {length} is {side} {context[name]}"
     if kind == "literal_error" and isinstance(value, str):
-        known = [str(one) for one in _choices(model, places)]
-        hint = nearest(value, known) or f"; one of {', '.join(known)}"
+        choices = [str(choice) for choice in _choices(model, places)]
+        hint = nearest(value, choices) or f"; one of {', '.join(choices)}"
         return f"{path}: unknown value {value!r}{hint}"
     if kind == "model_type":
         return f"{path or 'the request'}: expected an object with fields"

@@ -53,19 +53,19 @@ def components(models: Mapping[str, type[BaseModel]]) -> JsonObject:
     >>> components({"CupRequest": Cup})["CupRequest"]["properties"]
     {'height': {'default': 0.1, 'type': 'number', 'x-ros-type': 'float64[]', 'x-absent': '0.1'}}
     """
-    wanted = list(dict.fromkeys(models.values()))
-    found = models_json_schema(
-        [(model, "validation") for model in wanted],
+    distinct = list(dict.fromkeys(models.values()))
+    schemas = models_json_schema(
+        [(model, "validation") for model in distinct],
         ref_template=_REF + "{model}",
         schema_generator=_Untitled,
     )[1].get("$defs", {})
     names = {model.__name__: name for name, model in models.items()}
-    if len(names) < len(wanted) or "__" in "".join(found):
-        raise ValueError(f"two messages have one name, among {', '.join(sorted(found))}")
-    parts = {name: part for model in wanted for name, part in parts_of(model).items()}
-    classes = {**parts, **{model.__name__: model for model in wanted}}
+    if len(names) < len(distinct) or "__" in "".join(schemas):
+        raise ValueError(f"two messages have one name, among {', '.join(sorted(schemas))}")
+    parts = {name: part for model in distinct for name, part in parts_of(model).items()}
+    classes = {**parts, **{model.__name__: model for model in distinct}}
     described = {}
-    for name, schema in found.items():
+    for name, schema in schemas.items():
         clean = described[names.get(name, name)] = _schema(schema, names)
         _add_absence(clean, names.get(name, name), classes[name])
     return dict(sorted(described.items()))
@@ -90,11 +90,11 @@ def _schema(schema: JsonObject, names: Mapping[str, str]) -> JsonObject:
         if key in ("title", "description") or (key == "default" and value is None):
             continue
         if key == "properties":
-            clean[key] = {name: _schema(one, names) for name, one in value.items()}
+            clean[key] = {name: _schema(part, names) for name, part in value.items()}
         elif key in ("items", "additionalProperties") and isinstance(value, dict):
             clean[key] = _schema(value, names)
         elif key == "anyOf":
-            clean[key] = [_schema(one, names) for one in value]
+            clean[key] = [_schema(part, names) for part in value]
         elif key == "$ref":
             name = value.removeprefix(_REF)
             clean[key] = _REF + names.get(name, name)
@@ -107,5 +107,5 @@ def _schema(schema: JsonObject, names: Mapping[str, str]) -> JsonObject:
 
 
 def _unit(schema: JsonObject) -> str:
-    found = (one["x-unit"] for one in (schema, *schema.get("anyOf", ())) if "x-unit" in one)
-    return next(found, "")
+    units = (part["x-unit"] for part in (schema, *schema.get("anyOf", ())) if "x-unit" in part)
+    return next(units, "")

@@ -68,20 +68,20 @@ def ros_types(name: str, model: type[BaseModel]) -> dict[str, list[Member]]:
     >>> ros_types("rtask/Cup", Cup)
     {'rtask/Cup': [Member(name='heights', type='float64', length=0)]}
     """
-    found: dict[str, list[Member]] = {}
-    _add(name, model, found)
-    return found
+    members: dict[str, list[Member]] = {}
+    _add(name, model, members)
+    return members
 
 
-def _add(name: str, model: type[BaseModel], found: dict[str, list[Member]]) -> None:
-    members = found[name] = []
+def _add(name: str, model: type[BaseModel], types: dict[str, list[Member]]) -> None:
+    members = types[name] = []
     for own, field in model.model_fields.items():
         kind = kind_of(field)
         of, is_list = ("", kind.is_list) if kind.message else _carried(kind)
         if kind.message is not None:
             of = _held(name, own, kind.message)
-            if of not in found:
-                _add(of, kind.message, found)
+            if of not in types:
+                _add(of, kind.message, types)
         if issubclass(model, Message) and own in model.at_most_one:
             is_list = True
         members.append(Member(wire_name(own, field), of, LIST if is_list else SCALAR))
@@ -96,8 +96,8 @@ def _held(name: str, field: str, model: type[BaseModel]) -> str:
 
 def _carried(kind: Kind) -> tuple[str, bool]:
     """Return the ROS type of a value that is no message, and whether it is a list."""
-    one = carried(kind)
-    if one is not None:
-        return one.ros, one.is_list or kind.is_list
+    carried_type = carried(kind)
+    if carried_type is not None:
+        return carried_type.ros, carried_type.is_list or kind.is_list
     is_text = not isinstance(kind.type, type)
     return _JSON if is_text else _PYTHON.get(kind.type, _JSON), kind.is_list

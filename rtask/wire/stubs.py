@@ -87,15 +87,17 @@ def source_of(operations: Iterable[Declared], maker: str) -> str:
     """
     operations = list(operations)
     held: dict[str, type[BaseModel]] = {}
-    for one in operations:
-        held.update(parts_of(one.request))
-    for one in operations:
-        held.update({**parts_of(one.answer), one.answer.__name__: one.answer})
+    for operation in operations:
+        held.update(parts_of(operation.request))
+    for operation in operations:
+        held.update({**parts_of(operation.answer), operation.answer.__name__: operation.answer})
     names = "\n".join(f'    "{name}",' for name in ["REPEATABLE", *sorted([*held, "Calls"])])
-    repeatable = "\n".join(f'        "{one.name}",' for one in operations if one.repeatable)
+    repeatable = "\n".join(
+        f'        "{operation.name}",' for operation in operations if operation.repeatable
+    )
     parts = [_HEAD.format(maker=maker, names=names, repeatable=repeatable)]
     parts += [_typed_dict(model) for model in held.values()]
-    methods = [_CLASS, *(_method(one) for one in operations)]
+    methods = [_CLASS, *(_method(operation) for operation in operations)]
     return "\n\n".join([*parts, "\n".join(methods)])
 
 
@@ -108,7 +110,7 @@ def _type(kind: Kind) -> str:
         text = kind.message.__name__
         text += " | Mapping[str, Any]" if issubclass(kind.message, Message) else ""
     elif typing.get_origin(kind.type) is Literal:
-        text = f"Literal[{', '.join(_quoted(one) for one in typing.get_args(kind.type))}]"
+        text = f"Literal[{', '.join(_quoted(choice) for choice in typing.get_args(kind.type))}]"
     elif typing.get_origin(kind.type) is dict:
         key, value = typing.get_args(kind.type)
         text = f"dict[{key.__name__}, {'Any' if value is typing.Any else value.__name__}]"
@@ -127,7 +129,7 @@ def _quoted(text: object) -> str:
 def _words(field: FieldInfo, model: type[BaseModel]) -> str:
     """Return what a field means, with its unit and default."""
     kind = kind_of(field)
-    unit = next((one.symbol for one in kind.metadata if isinstance(one, Unit)), "")
+    unit = next((marker.symbol for marker in kind.metadata if isinstance(marker, Unit)), "")
     words = (field.description or "") + (f" ({unit})" if unit else "")
     default = field.default
     if not field.is_required() and isinstance(default, str | int | float):
@@ -168,11 +170,11 @@ def _answer_type(field: FieldInfo) -> str:
 
 
 def _others(field: FieldInfo) -> list[str]:
-    return [one.name for one in kind_of(field).metadata if isinstance(one, Also)]
+    return [marker.name for marker in kind_of(field).metadata if isinstance(marker, Also)]
 
 
-def _method(one: Declared) -> str:
-    whole = one.request
+def _method(declared: Declared) -> str:
+    whole = declared.request
     fields = [(name, field, whole) for name, field in whole.model_fields.items()]
     if whole.entries:
         entry = kind_of(whole.model_fields[whole.entries]).message
@@ -182,18 +184,18 @@ def _method(one: Declared) -> str:
     for name, field, model in fields:
         text, others = _type(kind_of(field)), _others(field)
         is_needed = field.is_required() and not others and not whole.entries
-        for known in (name, *others):
-            parameters.append(f"{known}: {text}" + ("" if is_needed else " | None = None"))
+        for parameter in (name, *others):
+            parameters.append(f"{parameter}: {text}" + ("" if is_needed else " | None = None"))
         meanings += [", ".join((name, *others)), *_wrapped(_words(field, model), 4)]
     lines = [
-        f"    def {one.name}(",
+        f"    def {declared.name}(",
         *(_parameter(row) for row in ("self", "*", *parameters)),
-        f"    ) -> {one.answer.__name__}:",
-        f'        """{one.summary[0].upper()}{one.summary[1:]}.',
+        f"    ) -> {declared.answer.__name__}:",
+        f'        """{declared.summary[0].upper()}{declared.summary[1:]}.',
         "",
         *(f"        {row}".rstrip() for row in ("Parameters", "----------", *meanings)),
         '        """',
-        f'        answer: {one.answer.__name__} = self._operate("{one.name}", locals())',
+        f'        answer: {declared.answer.__name__} = self._operate("{declared.name}", locals())',
         "        return answer",
         "",
     ]
@@ -207,8 +209,8 @@ def _parameter(row: str) -> str:
         return line
     head, _, rest = row.partition("[")
     inside, _, tail = rest.rpartition("]")
-    rows = [inside] if 12 + len(inside) <= _WIDTH else [f"{one}," for one in inside.split(", ")]
-    return "\n".join([f"        {head}[", *(" " * 12 + one for one in rows), f"        ]{tail},"])
+    rows = [inside] if 12 + len(inside) <= _WIDTH else [f"{part}," for part in inside.split(", ")]
+    return "\n".join([f"        {head}[", *(" " * 12 + part for part in rows), f"        ]{tail},"])
 
 
 def _wrapped(text: str, indent: int) -> list[str]:

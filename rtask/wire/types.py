@@ -100,7 +100,7 @@ class Carried:
 
 def carried(kind: Kind) -> Carried | None:
     """Return the form in which the values of a field are sent, if its type declares one."""
-    return next((one for one in kind.metadata if isinstance(one, Carried)), None)
+    return next((marker for marker in kind.metadata if isinstance(marker, Carried)), None)
 
 
 @dataclass(frozen=True)
@@ -148,10 +148,10 @@ def _whole(value: Any) -> int:
 def _flag(value: Any) -> bool:
     if isinstance(value, bool):
         return value
-    known = _FLAGS.get(str(value).strip().casefold()) if isinstance(value, str | int) else None
-    if known is None:
+    flag = _FLAGS.get(str(value).strip().casefold()) if isinstance(value, str | int) else None
+    if flag is None:
         raise expected("true or false")
-    return known
+    return flag
 
 
 def _text(value: Any) -> str:
@@ -162,7 +162,7 @@ def _text(value: Any) -> str:
 
 def _texts(value: Any) -> list[str]:
     listed = [value] if isinstance(value, str) else value
-    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
+    if not isinstance(listed, list | tuple) or not all(isinstance(text, str) for text in listed):
         raise expected("a list of texts")
     return list(listed)
 

@@ -61,7 +61,7 @@ def kb(served: ServedKnowledgeBase) -> ServedKnowledgeBase:
         bindings={"start": served.base + "graph/"},
     )
     for (graph,) in graphs:
-        if not served.graphs.is_kept_by_commits(graph):  # type: ignore[arg-type]
+        if not served.graphs.is_system(graph):  # type: ignore[arg-type]
             served.update(f"DROP GRAPH {graph}")
     return served
 

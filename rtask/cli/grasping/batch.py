@@ -69,7 +69,7 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         task = _task(meshes, options)
         files = _files(meshes, options["save_grasps"])
         with announce_compilation():
-            found, seconds = _planned(task, options, files, as_json)
+            planned, seconds = _planned(task, options, files, as_json)
     except ValueError as error:
         if isinstance(error, RtaskError):
             raise
@@ -79,13 +79,13 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
             raise
         raise UsageError(f"{error.filename}: {error.strerror}") from error
     if as_json:
-        print_json(_as_json(task, found, seconds, options))
+        print_json(_as_json(task, planned, seconds, options))
     else:
         for mesh in task.meshes:
-            if mesh.name not in found:
+            if mesh.name not in planned:
                 click.echo(f"{mesh.name}: not planned by the deadline")
-        click.echo(f"{len(found)} of {len(task.meshes)} objects in {seconds:.1f} s")
-    if len(found) < len(task.meshes) or not all(one.found for one in found.values()):
+        click.echo(f"{len(planned)} of {len(task.meshes)} objects in {seconds:.1f} s")
+    if len(planned) < len(task.meshes) or not all(plan.found for plan in planned.values()):
         raise click.exceptions.Exit(1)
 
 
@@ -103,12 +103,12 @@ def _task(meshes: tuple[Path, ...], options: dict[str, Any]) -> BatchPlan:
         usual.position_std if position is None else position,
         usual.rotation_std if rotation is None else math.radians(rotation),
     )
-    wanted = SpatialOptions(
+    spatial = SpatialOptions(
         noise=noise, samples=options["samples"], mass=options["mass"], seed=options["seed"],
         most=max(options["limit"], 50),
     )  # fmt: skip
     return BatchPlan(
-        tuple(MeshFile.read(mesh) for mesh in meshes), gripper_named(options["gripper"]), wanted,
+        tuple(MeshFile.read(mesh) for mesh in meshes), gripper_named(options["gripper"]), spatial,
         options["scale"], options["floating"],
     )  # fmt: skip
 
@@ -131,21 +131,21 @@ def _planned(
     from grasp.spatial.interchange import write_grasps
 
     began = time.monotonic()
-    found: dict[str, Planned] = {}
+    planned: dict[str, Planned] = {}
     ranges = [(i, 1) for i in range(len(task.meshes))]
     with open_named(options) as executor, Working("planning") as working:
-        for _, (one,) in executor.finished(task, ranges):
-            found[one.name] = one
-            if one.name in files and one.found:
-                kept = one.found.candidates[: options["limit"]]
-                write_grasps(files[one.name], kept, task.gripper, one.name, task.scale)
-            working.tell(len(found), len(ranges))
+        for _, (plan,) in executor.finished(task, ranges):
+            planned[plan.name] = plan
+            if plan.name in files and plan.found:
+                candidates = plan.found.candidates[: options["limit"]]
+                write_grasps(files[plan.name], candidates, task.gripper, plan.name, task.scale)
+            working.tell(len(planned), len(ranges))
             if not is_quiet:
                 with working.aside():
-                    click.echo(_line(one))
+                    click.echo(_line(plan))
             if options["deadline"] and time.monotonic() - began >= options["deadline"]:
                 break
-    return found, time.monotonic() - began
+    return planned, time.monotonic() - began
 
 
 def _line(one: Planned) -> str:
@@ -156,14 +156,14 @@ def _line(one: Planned) -> str:
 
 
 def _as_json(
-    task: BatchPlan, found: dict[str, Planned], seconds: float, options: dict[str, Any]
+    task: BatchPlan, planned: dict[str, Planned], seconds: float, options: dict[str, Any]
 ) -> dict[str, Any]:
     from grasp.messages import spatial_grasp_message
 
     objects = []
     for mesh in task.meshes:
-        one = found.get(mesh.name)
-        if one is None:
+        plan = planned.get(mesh.name)
+        if plan is None:
             objects.append({"mesh": mesh.name, "planned": False, "grasps": [], "reason": ""})
             continue
         grasps = [
@@ -172,8 +172,8 @@ def _as_json(
                 "width": float(candidate.width),
                 "message": spatial_grasp_message(candidate, task.gripper, "object"),
             }
-            for candidate in one.found.candidates[: options["limit"]]
+            for candidate in plan.found.candidates[: options["limit"]]
         ]
-        reason = one.error or one.found.reason
+        reason = plan.error or plan.found.reason
         objects.append({"mesh": mesh.name, "planned": True, "grasps": grasps, "reason": reason})
     return {"gripper": task.gripper.name, "seconds": seconds, "objects": objects}

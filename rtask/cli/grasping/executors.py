@@ -61,8 +61,8 @@ def executor_options(what: str, prefix: str = "") -> Callable[[F], F]:
     ]
 
     def add(command: F) -> F:
-        for one in reversed(options):
-            command = one(command)
+        for option in reversed(options):
+            command = option(command)
         return command
 
     return add

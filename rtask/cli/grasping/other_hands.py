@@ -24,9 +24,9 @@ __all__ = ["plan_with_contacts", "scene_view", "things_in"]
 
 def plan_with_contacts(
     shape: Shape,
-    known: ObjectShape | None,
+    stored: ObjectShape | None,
     hand: OtherHand,
-    wanted: SpatialOptions,
+    spatial_options: SpatialOptions,
     options: dict[str, Any],
 ) -> Proposals:
     """Plan where a hand takes a mesh, what a cloud shows, or any thing of a scene."""
@@ -37,15 +37,15 @@ def plan_with_contacts(
     what = "a suction cup" if hand.contact_kind == "suction" else "three fingers"
     _refuse_for(options, ("grasps", "save_grasps", "classifier"), what)
     if options["scene"]:
-        return _on_scene(shape, options, hand, wanted)
-    support, viewpoints = _standing(shape, known, options)
+        return _on_scene(shape, options, hand, spatial_options)
+    support, viewpoints = _standing(shape, stored, options)
     if isinstance(shape, Mesh):
-        return plan_contacts(shape, hand, Surroundings(support), wanted)
-    return plan_contacts_on_cloud(shape, hand, support, viewpoints, wanted)
+        return plan_contacts(shape, hand, Surroundings(support), spatial_options)
+    return plan_contacts_on_cloud(shape, hand, support, viewpoints, spatial_options)
 
 
 def _on_scene(
-    shape: Shape, options: dict[str, Any], hand: OtherHand, wanted: SpatialOptions
+    shape: Shape, options: dict[str, Any], hand: OtherHand, spatial_options: SpatialOptions
 ) -> Proposals:
     """Plan on all things that a cloud shows on its table."""
     import numpy as np
@@ -59,8 +59,10 @@ def _on_scene(
         return Proposals(reason=view)
     eyes = np.array(options["viewpoint"])
     support = Support(view.table_height)
-    found = plan_contacts_on_scene(view.points, view.labels, hand, support, eyes, wanted)
-    return replace(found, notes=(things_in(view), *found.notes))
+    proposals = plan_contacts_on_scene(
+        view.points, view.labels, hand, support, eyes, spatial_options
+    )
+    return replace(proposals, notes=(things_in(view), *proposals.notes))
 
 
 def _refuse_for(options: dict[str, Any], names: tuple[str, ...], what: str) -> None:
@@ -74,7 +76,7 @@ def _refuse_for(options: dict[str, Any], names: tuple[str, ...], what: str) -> N
 
 
 def _standing(
-    shape: Shape, known: ObjectShape | None, options: dict[str, Any]
+    shape: Shape, stored: ObjectShape | None, options: dict[str, Any]
 ) -> tuple[Support | None, NDArray[np.float64] | None]:
     """Return what an object stands on, and where the cameras were that saw it."""
     import numpy as np
@@ -86,10 +88,10 @@ def _standing(
     finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
     support = None
     if len(finite) and not options["floating"]:
-        support = Support(0.0 if known is not None else float(finite[:, 2].min()))
+        support = Support(0.0 if stored is not None else float(finite[:, 2].min()))
     viewpoints = np.array(options["viewpoint"]) if options["viewpoint"] else None
-    if known is not None and len(known.viewpoints):
-        viewpoints = known.viewpoints
+    if stored is not None and len(stored.viewpoints):
+        viewpoints = stored.viewpoints
     return support, viewpoints
 
 

@@ -55,37 +55,37 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
 
         gripper = replace(gripper, friction=options["friction"])
     _check_options(options)
-    shape, note, known = _shape(source, data, options)
-    if known is None:
+    shape, note, stored_shape = _shape(source, data, options)
+    if stored_shape is None:
         _check_for(source, shape, options)
     start = time.perf_counter()
     with Working("planning"):
-        found = _planned(shape, known, gripper, options)
+        proposals = _planned(shape, stored_shape, gripper, options)
     seconds = time.perf_counter() - start
     stored = None
-    if options["store"] and known is not None:
-        stored = _store(data, known, found, gripper, options)
-    drawings = _draw(found, gripper, shape, options) if options["plots"] else []
+    if options["store"] and stored_shape is not None:
+        stored = _store(data, stored_shape, proposals, gripper, options)
+    drawings = _draw(proposals, gripper, shape, options) if options["plots"] else []
     if options["save_grasps"] is not None:
         from grasp.spatial.gripper import ParallelGripper
         from grasp.spatial.interchange import write_grasps
 
         assert isinstance(gripper, ParallelGripper)
         name = Path(source).name if Path(source).is_file() else source
-        write_grasps(options["save_grasps"], found.candidates, gripper, name, options["scale"])
+        write_grasps(options["save_grasps"], proposals.candidates, gripper, name, options["scale"])
         drawings.append(str(options["save_grasps"]))
-    notes = [note, *found.notes]
+    notes = [note, *proposals.notes]
     if as_json:
-        print_json(_as_json(found, gripper, notes, seconds, options, stored, drawings))
-        return not _verdict(found, options)
-    _print(found, gripper, notes, seconds, options)
+        print_json(_as_json(proposals, gripper, notes, seconds, options, stored, drawings))
+        return not _verdict(proposals, options)
+    _print(proposals, gripper, notes, seconds, options)
     if stored is not None:
         many = f"{len(stored['grasps'])} grasps"
-        said = f"stored {many} as {stored['commit']}"
-        click.echo(said if stored["commit"] else f"the object has these {many} already")
+        message = f"stored {many} as {stored['commit']}"
+        click.echo(message if stored["commit"] else f"the object has these {many} already")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
-    return not _verdict(found, options)
+    return not _verdict(proposals, options)
 
 
 def _check_options(options: dict[str, Any]) -> None:
@@ -140,13 +140,17 @@ def _shape(
     from rtask.engine.records.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        known = object_shape(engine.context, source)
-    return known.points if known.mesh is None else known.mesh, known.note, known
+        stored_shape = object_shape(engine.context, source)
+    return (
+        stored_shape.points if stored_shape.mesh is None else stored_shape.mesh,
+        stored_shape.note,
+        stored_shape,
+    )
 
 
 def _planned(
     shape: Shape,
-    known: ObjectShape | None,
+    stored_shape: ObjectShape | None,
     gripper: ParallelGripper | OtherHand,
     options: dict[str, Any],
 ) -> Proposals:
@@ -160,19 +164,21 @@ def _planned(
     from rtask.cli.grasping.other_hands import plan_with_contacts
     from rtask.errors import UsageError
 
-    wanted = SpatialOptions(
+    spatial_options = SpatialOptions(
         noise=_noise(options), samples=options["samples"], mass=options["mass"],
         seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
     if isinstance(gripper, OtherHand):
-        return plan_with_contacts(shape, known, gripper, wanted, options)
+        return plan_with_contacts(shape, stored_shape, gripper, spatial_options, options)
     if options["grasps"] is not None and not isinstance(shape, Mesh):
         raise UsageError("--grasps needs the mesh that they are grasps of")
     if options["scene"]:
         return _in_scene(shape, gripper, options)
-    if known is not None:
-        return known.plan(gripper, wanted, _classifier(options), options["floating"])
+    if stored_shape is not None:
+        return stored_shape.plan(
+            gripper, spatial_options, _classifier(options), options["floating"]
+        )
     points = shape.vertices if isinstance(shape, Mesh) else shape
     finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
     support = None
@@ -180,12 +186,12 @@ def _planned(
         support = Support(float(finite[:, 2].min()))
     if isinstance(shape, Mesh):
         if options["grasps"] is None:
-            return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
+            return plan_on_mesh(shape, gripper, Surroundings(support), spatial_options)
         given = read_grasps(options["grasps"], gripper, shape).candidates
-        return plan_given(given, shape, gripper, Surroundings(support), wanted)
+        return plan_given(given, shape, gripper, Surroundings(support), spatial_options)
     eyes = options["viewpoint"]
     viewpoints = np.array(eyes) if eyes else None
-    return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
+    return plan_on_cloud(shape, gripper, support, viewpoints, spatial_options, _classifier(options))
 
 
 def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
@@ -198,12 +204,12 @@ def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -
     view = scene_view(shape, options)
     if isinstance(view, str):
         return Proposals(reason=view)
-    wanted = SceneOptions(
+    scene_options = SceneOptions(
         noise=_noise(options), samples=options["samples"], seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
-    found = plan_in_view(view, gripper, wanted)
-    return replace(found, notes=(things_in(view), *found.notes))
+    proposals = plan_in_view(view, gripper, scene_options)
+    return replace(proposals, notes=(things_in(view), *proposals.notes))
 
 
 def _classifier(options: dict[str, Any]) -> Filter:
@@ -229,7 +235,7 @@ def _noise(options: dict[str, Any]) -> Any:
 
 
 def _store(
-    data: Path, known: ObjectShape, found: Proposals, gripper: EndEffector,
+    data: Path, stored_shape: ObjectShape, proposals: Proposals, gripper: EndEffector,
     options: dict[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     import rtask
@@ -238,45 +244,49 @@ def _store(
     from rtask.errors import UsageError
 
     least = options["min_confidence"]
-    sure = [c for c in found if c.scores["confidence"] >= least][: options["top"]]
+    sure = [c for c in proposals if c.scores["confidence"] >= least][: options["top"]]
     if not sure:
-        raise UsageError(f"nothing stored: {_verdict(found, options) or found.reason}")
+        raise UsageError(f"nothing stored: {_verdict(proposals, options) or proposals.reason}")
     kind = options["gripper_type"] or gripper.gripper_type
     with rtask.open(data) as kb, Engine(kb) as engine:
         planned = as_planned(sure, _noise(options), options["samples"], gripper)
         return store_planned_in_space(
-            engine.context, known.object_iri, planned, kind, derived_from=known.sources
+            engine.context,
+            stored_shape.object_iri,
+            planned,
+            kind,
+            derived_from=stored_shape.sources,
         )
 
 
 def _draw(
-    found: Proposals, gripper: EndEffector, shape: Shape, options: dict[str, Any]
+    proposals: Proposals, gripper: EndEffector, shape: Shape, options: dict[str, Any]
 ) -> list[str]:
     from grasp.spatial.drawing import candidates_svg
 
     folder: Path = options["plots"]
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "candidates_3d.svg"
-    path.write_text(candidates_svg(found.candidates, gripper, shape), "utf-8")
+    path.write_text(candidates_svg(proposals.candidates, gripper, shape), "utf-8")
     return [str(path)]
 
 
-def _verdict(found: Proposals, options: dict[str, Any]) -> str:
+def _verdict(proposals: Proposals, options: dict[str, Any]) -> str:
     """Return why not to grasp, or ""."""
-    if not found:
-        advice = f"; {found.advice}" if found.advice else ""
-        return f"no grasp found: {found.reason}{advice}"
-    best = max(c.scores["confidence"] for c in found)
+    if not proposals:
+        advice = f"; {proposals.advice}" if proposals.advice else ""
+        return f"no grasp found: {proposals.reason}{advice}"
+    best = max(c.scores["confidence"] for c in proposals)
     if best < options["min_confidence"]:
         return f"no grasp found: the best confidence is {best:.2f} < {options['min_confidence']}"
     return ""
 
 
-def _rows(found: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
+def _rows(proposals: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
     from grasp.spatial.candidate import to_planar
 
     rows = []
-    for rank, c in enumerate(found.candidates[: options["top"]], start=1):
+    for rank, c in enumerate(proposals.candidates[: options["top"]], start=1):
         try:
             planar = to_planar(c)
         except ValueError:
@@ -301,23 +311,23 @@ def _rows(found: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _print(
-    found: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
+    proposals: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
     options: dict[str, Any],
 ) -> None:  # fmt: skip
     for note in notes:
         click.echo(note)
     click.echo(
         f"{gripper.name}, {_size(gripper)}, friction "
-        f"{gripper.friction:g}: {len(found)} grasps, {options['samples']} poses each, "
+        f"{gripper.friction:g}: {len(proposals)} grasps, {options['samples']} poses each, "
         f"{seconds:.3f} s"
     )
-    if found:
-        held = "  lift  carry" if "carry" in found[0].scores else ""
-        held += "  moves  thing" if "moves" in found[0].scores else ""
+    if proposals:
+        held = "  lift  carry" if "carry" in proposals[0].scores else ""
+        held += "  moves  thing" if "moves" in proposals[0].scores else ""
         click.echo(
             "rank   x, y, z mm             approach               width  s_G   95 %  epsilon" + held
         )
-    for row in _rows(found, options):
+    for row in _rows(proposals, options):
         x, y, z = (1000 * v for v in row["position"])
         a, b, c = row["approach"]
         held = f"  {row['lift']:.2f}   {row['carry']:.2f}" if "carry" in row else ""
@@ -327,11 +337,11 @@ def _print(
             f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "
             f"{row.get('epsilon', 0.0):7.4f}{held}{'  half' if row['antipodal'] == 'half' else ''}"
         )
-    said = _verdict(found, options)
-    if said:
-        click.echo(said)
+    verdict = _verdict(proposals, options)
+    if verdict:
+        click.echo(verdict)
     click.echo("what happened:")
-    for name, count in found.counts.items():
+    for name, count in proposals.counts.items():
         click.echo(f"{count:8d}  {name}")
 
 
@@ -344,21 +354,21 @@ def _size(gripper: EndEffector) -> str:
 
 
 def _as_json(
-    found: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
+    proposals: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
     options: dict[str, Any], stored: dict[str, Any] | None, drawings: list[str],
 ) -> dict[str, Any]:  # fmt: skip
     from grasp.messages import spatial_grasp_message
 
-    rows = _rows(found, options)
-    for row, candidate in zip(rows, found.candidates, strict=False):
+    rows = _rows(proposals, options)
+    for row, candidate in zip(rows, proposals.candidates, strict=False):
         row["message"] = spatial_grasp_message(candidate, gripper, "object")
     return {
         "notes": notes,
         "gripper": gripper.name,
         "seconds": seconds,
-        "verdict": _verdict(found, options),
+        "verdict": _verdict(proposals, options),
         "grasps": rows,
-        "counts": dict(found.counts),
+        "counts": dict(proposals.counts),
         "stored": stored,
         "drawings": drawings,
     }

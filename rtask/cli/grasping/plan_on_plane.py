@@ -224,9 +224,9 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
         with announce_compilation():
             if mode != "push":
                 options["scene"] = mode == "scene"
-                found = plan_in_space(source, data, as_json, options)
+                plan_found = plan_in_space(source, data, as_json, options)
             else:
-                found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
+                plan_found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
     except ValueError as error:
         if isinstance(error, RtaskError):
             raise
@@ -235,7 +235,7 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
         raise
     except OSError as error:
         raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error
-    exit_if_empty(found)
+    exit_if_empty(plan_found)
 
 
 def _refuse_others(source: str, mode: str) -> None:
@@ -278,7 +278,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     from grasp.push import Elimination, Racing, as_part, plan_push_grasps
     from rtask.errors import UsageError
 
-    outline, thing = _outline(source, data, options)
+    outline, object_iri = _outline(source, data, options)
     part = as_part(outline.polygon, outline.com)
     jaw_width = options["jaw_width"]
     elimination: Elimination | Racing | None = None
@@ -294,7 +294,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
         Working("planning") as working,
         open_named(options) as executor,
     ):
-        found = plan_push_grasps(
+        push_plan = plan_push_grasps(
             part.vertices,
             part.com,
             jaw_width=0.25 * part.diameter if jaw_width is None else jaw_width,
@@ -304,17 +304,19 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
             progress=working.tell,
             **{key: options[key] for key in _PLANNED},
         )
-    stored = _store(data, thing, found, outline.height, options) if options["store"] else None
-    drawings = _draw(found, outline, options) if options["plots"] else []
+    stored = (
+        _store(data, object_iri, push_plan, outline.height, options) if options["store"] else None
+    )
+    drawings = _draw(push_plan, outline, options) if options["plots"] else []
     if as_json:
-        print_json(plan_as_json(found, outline, options["top"], stored, drawings))
-        return bool(found.quality > 0)
-    print_plan(found, outline.note, options["top"])
+        print_json(plan_as_json(push_plan, outline, options["top"], stored, drawings))
+        return bool(push_plan.quality > 0)
+    print_plan(push_plan, outline.note, options["top"])
     if stored is not None:
         click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
-    return bool(found.quality > 0)
+    return bool(push_plan.quality > 0)
 
 
 _PLANNED = (
@@ -346,11 +348,11 @@ def _outline(source: str, data: Path, options: dict[str, Any]) -> tuple[Outline,
     from rtask.engine.records.shapes import object_cloud
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        thing, points = object_cloud(engine.context, source)
+        object_iri, points = object_cloud(engine.context, source)
     ring, height = outline_from_cloud(points)
-    note = f"{thing}: footprint of {len(points)} points"
+    note = f"{object_iri}: footprint of {len(points)} points"
     outline = Outline(ring, None, len(ring), note, height, unit="m")
-    return without_details(outline, *hidden), thing
+    return without_details(outline, *hidden), object_iri
 
 
 def _first_and_share(text: str) -> tuple[int, float]:
@@ -364,7 +366,7 @@ def _first_and_share(text: str) -> tuple[int, float]:
 
 
 def _store(
-    data: Path, thing: str, found: PushPlan, height: float, options: dict[str, Any]
+    data: Path, object_iri: str, push_plan: PushPlan, height: float, options: dict[str, Any]
 ) -> dict[str, Any]:
     import math
 
@@ -376,21 +378,21 @@ def _store(
     from rtask.engine.operations.planned import PlannedGrasp, store_planned
     from rtask.errors import UsageError
 
-    sigma = float(np.mean(found.tolerance.vertex_std))
+    sigma = float(np.mean(push_plan.tolerance.vertex_std))
     planned = []
-    for i in found.analysis.order[: options["top"]].tolist():
-        if found.analysis.successes[i] == 0:
+    for i in push_plan.analysis.order[: options["top"]].tolist():
+        if push_plan.analysis.successes[i] == 0:
             break
-        along = found.grasps.approaches[i]
-        width = float(found.openings[i])
-        middle = found.grasps.jaw(i, found.test.jaw_width).mean(axis=0) + along * width / 2
-        z = tip_heights(height, width, found.part.diameter)[0]
+        along = push_plan.grasps.approaches[i]
+        width = float(push_plan.openings[i])
+        middle = push_plan.grasps.jaw(i, push_plan.test.jaw_width).mean(axis=0) + along * width / 2
+        z = tip_heights(height, width, push_plan.part.diameter)[0]
         most = options["max_opening"] or math.inf
         planned.append(
             PlannedGrasp(
                 float(middle[0]), float(middle[1]), z, math.atan2(along[1], along[0]), width,
-                min(1.2 * width + 2 * sigma, most), float(found.analysis.quality[i]),
-                int(found.analysis.tried[i]), sigma,
+                min(1.2 * width + 2 * sigma, most), float(push_plan.analysis.quality[i]),
+                int(push_plan.analysis.tried[i]), sigma,
             )
         )  # fmt: skip
     if not planned:
@@ -398,15 +400,15 @@ def _store(
             "nothing stored: no candidate closes; try more candidates (--density, --angles)"
         )
     with rtask.open(data) as kb, Engine(kb) as engine:
-        return store_planned(engine.context, thing, planned, options["gripper_type"])
+        return store_planned(engine.context, object_iri, planned, options["gripper_type"])
 
 
-def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
+def _draw(push_plan: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
     from grasp.push.figures.album import album
 
     folder: Path = options["plots"]
     names = []
-    drawings = album(found, outline.height, options["seed"], outline.unit, outline.holes)
+    drawings = album(push_plan, outline.height, options["seed"], outline.unit, outline.holes)
     for name, drawing in drawings.items():
         path = folder / f"{name}.svg"
         path.write_text(drawing, "utf-8")

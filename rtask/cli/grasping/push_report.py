@@ -12,44 +12,44 @@ if TYPE_CHECKING:
 __all__ = ["plan_as_json", "print_plan"]
 
 
-def _rows(found: PushPlan, top: int) -> list[dict[str, Any]]:
+def _rows(push_plan: PushPlan, top: int) -> list[dict[str, Any]]:
     import math
 
     rows = []
-    for rank, i in enumerate(found.analysis.order[:top].tolist(), start=1):
-        analysis, grasps = found.analysis, found.grasps
+    for rank, i in enumerate(push_plan.analysis.order[:top].tolist(), start=1):
+        analysis, grasps = push_plan.analysis, push_plan.grasps
         rows.append(
             {
                 "rank": rank,
                 "contact": grasps.contacts[i].tolist(),
                 "angle_deg": math.degrees(grasps.angles[i]),
                 "approach": grasps.approaches[i].tolist(),
-                "jaw": grasps.jaw(i, found.test.jaw_width).tolist(),
-                "opening": float(found.openings[i]),
+                "jaw": grasps.jaw(i, push_plan.test.jaw_width).tolist(),
+                "opening": float(push_plan.openings[i]),
                 "quality": float(analysis.quality[i]),
                 "lower_95": float(analysis.lower_95[i]),
                 "successes": int(analysis.successes[i]),
                 "samples": int(analysis.tried[i]),
-                "nominal": bool(found.nominal[i] > 0),
+                "nominal": bool(push_plan.nominal[i] > 0),
             }
         )
     return rows
 
 
-def print_plan(found: PushPlan, note: str, top: int) -> None:
+def print_plan(push_plan: PushPlan, note: str, top: int) -> None:
     """Print the best ``top`` grasps, and what became of all candidates."""
-    analysis = found.analysis
+    analysis = push_plan.analysis
     if note:
         click.echo(note)
     click.echo(
-        f"{len(found.part.vertices)} vertices, radius {found.part.radius:.4g}, "
-        f"jaws {found.test.jaw_width:.4g} wide, {len(found.grasps)} candidates, "
+        f"{len(push_plan.part.vertices)} vertices, radius {push_plan.part.radius:.4g}, "
+        f"jaws {push_plan.test.jaw_width:.4g} wide, {len(push_plan.grasps)} candidates, "
         f"{analysis.samples} perturbed parts ({analysis.crossed:.0%} cross themselves), "
-        f"{found.test.method}, {found.seconds:.3f} s"
+        f"{push_plan.test.method}, {push_plan.seconds:.3f} s"
         + (", all that were judged in time" if analysis.is_cut else "")
     )
     click.echo("rank  contact                angle    opening   quality  lower 95 %  nominal")
-    for row in _rows(found, top):
+    for row in _rows(push_plan, top):
         x, y = row["contact"]
         click.echo(
             f"{row['rank']:4d}  ({x:9.4g}, {y:9.4g})  {row['angle_deg']:+6.1f}  "
@@ -61,15 +61,15 @@ def print_plan(found: PushPlan, note: str, top: int) -> None:
             f"{analysis.crossed:.0%} of the perturbed outlines cross themselves and count as "
             "failures: lower --vertex-std, or use fewer vertices"
         )
-    elif found.quality == 0:
+    elif push_plan.quality == 0:
         click.echo("no candidate closes: try more candidates (--density, --angles) or another jaw")
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
-        click.echo(f"{count / (analysis.samples * len(found.grasps)):8.1%}  {reason}")
+        click.echo(f"{count / (analysis.samples * len(push_plan.grasps)):8.1%}  {reason}")
 
 
 def plan_as_json(
-    found: PushPlan,
+    push_plan: PushPlan,
     outline: Outline,
     top: int,
     stored: dict[str, Any] | None,
@@ -79,18 +79,18 @@ def plan_as_json(
     return {
         "note": outline.note,
         "unit": outline.unit,
-        "polygon": found.part.vertices.tolist(),
+        "polygon": push_plan.part.vertices.tolist(),
         "holes": [hole.tolist() for hole in outline.holes],
-        "com": found.part.com.tolist(),
-        "jaw_width": found.test.jaw_width,
-        "candidates": len(found.grasps),
-        "evaluations": found.analysis.evaluations,
-        "samples": found.analysis.samples,
-        "is_cut": found.analysis.is_cut,
-        "crossed": found.analysis.crossed,
-        "seconds": found.seconds,
-        "grasps": _rows(found, top),
-        "reasons": found.analysis.reasons(),
+        "com": push_plan.part.com.tolist(),
+        "jaw_width": push_plan.test.jaw_width,
+        "candidates": len(push_plan.grasps),
+        "evaluations": push_plan.analysis.evaluations,
+        "samples": push_plan.analysis.samples,
+        "is_cut": push_plan.analysis.is_cut,
+        "crossed": push_plan.analysis.crossed,
+        "seconds": push_plan.seconds,
+        "grasps": _rows(push_plan, top),
+        "reasons": push_plan.analysis.reasons(),
         "stored": stored,
         "drawings": drawings,
     }

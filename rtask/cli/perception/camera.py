@@ -46,11 +46,11 @@ def camera(
     seen = read_scene(file, view)
     if not isinstance(seen, Frame):
         raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")
-    told: dict[str, object] = {}
+    output: dict[str, object] = {}
     faults: list[str] = []
     try:
         shift = registration_shift(seen)
-        told["registration"] = asdict(shift)
+        output["registration"] = asdict(shift)
         off = max(abs(shift.right_px), abs(shift.down_px))
         if off > _MAX_SHIFT_PX and shift.gain > _MIN_GAIN:
             faults.append(
@@ -58,18 +58,18 @@ def camera(
             )
         if board is not None and square is not None:
             checked = check_board(seen, (max(board), min(board)), square)
-            told["board"] = asdict(checked)
+            output["board"] = asdict(checked)
             if checked.reprojection_px > _MAX_REPROJECTION_PX:
                 faults.append(f"corners are {checked.reprojection_px:.1f} px off: lens or focal")
             if abs(checked.depth_scale - 1) > _MAX_SCALE:
                 faults.append(f"depth is {checked.depth_scale:.3f} times what the board says")
     except ValueError as error:
         raise DataError(f"{file}: {error}") from error
-    told["faults"] = faults
+    output["faults"] = faults
     if as_json:
-        print_json(told)
+        print_json(output)
     else:
-        for name, values in told.items():
+        for name, values in output.items():
             if isinstance(values, dict):
                 click.echo(f"{name}: " + ", ".join(f"{k} {v:.4g}" for k, v in values.items()))
         for fault in faults or ["the calibration fits"]:

@@ -52,8 +52,8 @@ def segments_picture(seen: Frame | Cloud, scene: Scene) -> UInt8Array:
     image[labels == 0] //= 2
     labels = np.where(table, 0, labels)
     shown = draw_labels(image, labels, dict.fromkeys(range(1, len(scene.objects) + 1), ""))
-    for thing in scene.objects:
-        _number(shown, labels == thing.label, thing.label)
+    for segment in scene.objects:
+        _number(shown, labels == segment.label, segment.label)
     return np.hstack([shown, _legend(scene, shown.shape[0])])
 
 
@@ -91,13 +91,13 @@ def _legend(scene: Scene, height: int) -> UInt8Array:
     rows: list[tuple[tuple[int, int, int] | None, str]] = [(None, head)]
     if scene.prism is not None:
         rows.append((_TABLE_COLOUR, "table"))
-    for thing in scene.objects:
-        cm = 100 * float(np.linalg.norm(thing.box[1] - thing.box[0]))
-        cut = ", cut off" if thing.touches_border else ""
+    for segment in scene.objects:
+        cm = 100 * float(np.linalg.norm(segment.box[1] - segment.box[0]))
+        cut = ", cut off" if segment.touches_border else ""
         rows.append(
             (
-                colour_of(thing.label),
-                f"{thing.label}: {cm:.0f} cm, {len(thing.indices)} points{cut}",
+                colour_of(segment.label),
+                f"{segment.label}: {cm:.0f} cm, {len(segment.indices)} points{cut}",
             )
         )
     room = max(height // _LINE_PX - 1, 1)
@@ -122,22 +122,22 @@ def recognition_picture(models: Models, frame: Frame, seen: list[Seen]) -> NDArr
     from features.pictures import draw_labels
 
     labels = np.zeros(frame.depth_m.shape, np.int32)
-    for one in seen:
-        top, left = one.crop.y0 - frame.y0, one.crop.x0 - frame.x0
-        height, width = one.crop.depth_m.shape
-        labels[top : top + height, left : left + width][one.crop.object_mask()] = one.label
+    for view in seen:
+        top, left = view.crop.y0 - frame.y0, view.crop.x0 - frame.x0
+        height, width = view.crop.depth_m.shape
+        labels[top : top + height, left : left + width][view.crop.object_mask()] = view.label
     times = max(1, _MIN_ROWS_PX // len(labels))
     frame, labels = _magnified(frame, times), np.kron(labels, np.ones((times, times), np.int32))
     assert frame.rgb is not None
-    overlay = draw_labels(frame.rgb, labels, {one.label: one.name for one in seen})
+    overlay = draw_labels(frame.rgb, labels, {view.label: view.name for view in seen})
     pictures = []
-    for one in seen:
-        for rank, match in enumerate(one.answer.matches[: _shown(one.answer)]):
+    for view in seen:
+        for rank, match in enumerate(view.answer.matches[: _shown(view.answer)]):
             stored = _stored_view(models.kb, match.view_iri)
-            if rank == 0 and one.answer.accepted:
-                overlay = _with_pose(overlay, frame, models, one, stored)
+            if rank == 0 and view.answer.accepted:
+                overlay = _with_pose(overlay, frame, models, view, stored)
             if stored is not None:
-                pictures.append(_matches(one, match, *stored))
+                pictures.append(_matches(view, match, *stored))
     return _stack([overlay, *pictures[:_MAX_MATCHES]])
 
 
@@ -191,7 +191,7 @@ def _with_pose(
     overlay: NDArray[np.uint8],
     frame: Frame,
     models: Models,
-    one: Seen,
+    view: Seen,
     stored: tuple[Frame, ViewFeatures] | None,
 ) -> NDArray[np.uint8]:
     """Draw the posed model; without one the box of the stored view's points, carried over."""
@@ -200,11 +200,11 @@ def _with_pose(
     from features.pictures import draw_box, draw_model
     from rtask.rdf.terms import iri
 
-    match = one.answer.matches[0]
+    match = view.answer.matches[0]
     model = models.of(iri(match.object_iri))
     origin = (frame.x0, frame.y0)
-    if one.pose is not None and model is not None:
-        pose, cloud = one.pose.camera_from_object, model[1].cloud
+    if view.pose is not None and model is not None:
+        pose, cloud = view.pose.camera_from_object, model[1].cloud
         return draw_model(overlay, frame.intrinsics, pose, cloud, origin)
     if stored is None:
         return overlay
@@ -227,26 +227,26 @@ def _with_pose(
     )
 
 
-def _matches(one: Seen, match: Match, stored: Frame, features: ViewFeatures) -> NDArray[np.uint8]:
+def _matches(view: Seen, match: Match, stored: Frame, features: ViewFeatures) -> NDArray[np.uint8]:
     from features.pictures import draw_matches
     from features.recognition.pairs import counted_matches, match_views
 
-    assert one.crop.rgb is not None
+    assert view.crop.rgb is not None
     assert stored.rgb is not None
-    pairs = (counted_matches if features.picture else match_views)(one.features, features)
-    verdict = "accepted" if one.answer.accepted else "not accepted"
+    pairs = (counted_matches if features.picture else match_views)(view.features, features)
+    verdict = "accepted" if view.answer.accepted else "not accepted"
     differs, difference = None, match.difference
-    if difference is not None and one.answer.family == match.object_iri:
+    if difference is not None and view.answer.family == match.object_iri:
         verdict = f"looks like it, but differs {difference.place}"
-        left, top, width, height = one.features.mask_px.tolist()
+        left, top, width, height = view.features.mask_px.tolist()
         x, y, wide, high = difference.box
         differs = (left + x * width, top + y * height, wide * width, high * height)
     return draw_matches(
-        one.crop.rgb,
+        view.crop.rgb,
         stored.rgb,
-        (one.features.keypoints[pairs.first], features.keypoints[pairs.second]),
+        (view.features.keypoints[pairs.first], features.keypoints[pairs.second]),
         pairs.agreed,
-        f"{one.label} = {short_name(match.object_iri)} {match.confidence:.2f}, {verdict}, "
+        f"{view.label} = {short_name(match.object_iri)} {match.confidence:.2f}, {verdict}, "
         f"{int(pairs.agreed.sum())} of {len(pairs.first)} matches agree",
         differs,
     )

@@ -85,7 +85,7 @@ def recognise(
 
     with announce_compilation(), Working("recognising"):
         frame, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
-        further = [_further(one, view, preset) for one in looks]
+        further = [_further(look_, view, preset) for look_ in looks]
         if further and len(crops) != 1:
             raise UsageError(
                 f"{file} shows {len(crops)} objects: --look is for one; point at it with --box"
@@ -151,11 +151,11 @@ def _recognised(
     with open_to_read(data) as kb:
         index = index_of(kb)
         models = Models(kb)
-        seen = [with_pose(models, one) for one in look(crops, index, min_confidence, further)]
+        seen = [with_pose(models, view) for view in look(crops, index, min_confidence, further)]
         if save_plot is not None:
             save_picture(save_plot, recognition_picture(models, frame, seen))
         index.close()
-    return [_row(one) for one in seen]
+    return [_row(view) for view in seen]
 
 
 def _asked(
@@ -174,7 +174,7 @@ def _asked(
                 "search_object",
                 data=encode_frame(crop),
                 min_confidence=min_confidence,
-                looks=[{"data": encode_frame(one)} for one in further],
+                looks=[{"data": encode_frame(look)} for look in further],
             )
             rows.append(
                 {
@@ -189,12 +189,12 @@ def _asked(
                     "pose": None,
                     "matches": [
                         {
-                            "object": found["object"],
-                            "name": found["label"],
-                            "class": found["class_iri"],
-                            "confidence": round(found["confidence"], 4),
+                            "object": similar["object"],
+                            "name": similar["label"],
+                            "class": similar["class_iri"],
+                            "confidence": round(similar["confidence"], 4),
                         }
-                        for found in answer["similar_objects"]
+                        for similar in answer["similar_objects"]
                     ],
                 }
             )
@@ -214,22 +214,22 @@ def _pose_row(pose: ObjectPose | None) -> dict[str, Any] | None:
     }
 
 
-def _row(one: Seen) -> dict[str, Any]:
+def _row(view: Seen) -> dict[str, Any]:
     return {
-        "label": one.label,
-        "box_px": [one.crop.x0, one.crop.y0, *one.crop.depth_m.shape[::-1]],
-        "keypoints": len(one.features),
-        "outcome": one.answer.outcome,
-        "accepted": one.answer.accepted,
-        "family": one.answer.family,
-        "differs": one.answer.differs,
-        "ask_again": one.answer.ask_again,
-        "in_other_light": one.answer.is_in_other_light,
-        "pose": _pose_row(one.pose),
+        "label": view.label,
+        "box_px": [view.crop.x0, view.crop.y0, *view.crop.depth_m.shape[::-1]],
+        "keypoints": len(view.features),
+        "outcome": view.answer.outcome,
+        "accepted": view.answer.accepted,
+        "family": view.answer.family,
+        "differs": view.answer.differs,
+        "ask_again": view.answer.ask_again,
+        "in_other_light": view.answer.is_in_other_light,
+        "pose": _pose_row(view.pose),
         "matches": [
             {
                 "object": match.object_iri,
-                "name": one.names.get(match.object_iri, ""),
+                "name": view.names.get(match.object_iri, ""),
                 "class": match.class_iri,
                 "view": match.view_iri,
                 "confidence": round(float(match.confidence), 4),
@@ -240,6 +240,6 @@ def _row(one: Seen) -> dict[str, Any]:
                 if match.query_from_view is None
                 else match.query_from_view.round(5).tolist(),
             }
-            for match in one.answer.matches
+            for match in view.answer.matches
         ],
     }

@@ -40,8 +40,8 @@ class Seen:
         if not self.answer.accepted:
             return f"{self.label}: ?"
         first = self.answer.matches[0]
-        known = self.names.get(first.object_iri) or short_name(first.object_iri)
-        name = f"{self.label}: {known} {first.confidence:.2f}"
+        short = self.names.get(first.object_iri) or short_name(first.object_iri)
+        name = f"{self.label}: {short} {first.confidence:.2f}"
         return name if self.pose is None else f"{name}, pose {self.pose.confidence:.2f}"
 
 
@@ -99,7 +99,7 @@ def look(
     return seen
 
 
-def with_pose(models: Models, one: Seen) -> Seen:
+def with_pose(models: Models, view: Seen) -> Seen:
     """Return an object with names, and its pose where a stored model or view determines it."""
     import numpy as np
 
@@ -108,20 +108,22 @@ def with_pose(models: Models, one: Seen) -> Seen:
     from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import find_pose
 
-    found = tuple(match.object_iri for match in one.answer.matches)
-    if not found:
-        return one
-    known_objects = recall(models.kb, Question(objects=found)).objects
-    one = replace(one, names={name: known.label for name, known in known_objects.items()})
-    if not one.answer.accepted:
-        return one
-    match = one.answer.matches[0]
+    iris = tuple(match.object_iri for match in view.answer.matches)
+    if not iris:
+        return view
+    remembered = recall(models.kb, Question(objects=iris)).objects
+    view = replace(
+        view, names={name: object_known.label for name, object_known in remembered.items()}
+    )
+    if not view.answer.accepted:
+        return view
+    match = view.answer.matches[0]
     memory = recall(models.kb, Question(objects=(match.object_iri,), views=(match.view_iri,)))
     # Only the camera is known, not where it is relative to the table.
     nothing = np.empty((0, 3))
-    seen = Observation(b"", one.crop, one.features, np.eye(4), nothing, None, is_posed=False)
-    known = memory.objects.get(match.object_iri)
-    return replace(one, pose=find_pose(models, seen, known, match, memory))
+    seen = Observation(b"", view.crop, view.features, np.eye(4), nothing, None, is_posed=False)
+    object_known = memory.objects.get(match.object_iri)
+    return replace(view, pose=find_pose(models, seen, object_known, match, memory))
 
 
 def short_name(name: str) -> str:

@@ -349,14 +349,14 @@ def _cameras(shape: tuple[int, ...], view: View) -> _Cameras:
             raise UsageError(f"--distortion: {error}") from error
     try:
         try:
-            told = json.loads(_bytes_of(view.camera, 2**20))
+            fields = json.loads(_bytes_of(view.camera, 2**20))
         except ValueError as error:
             raise ValueError(f"no JSON: {error}") from error
-        if not isinstance(told, dict):
+        if not isinstance(fields, dict):
             raise ValueError("a JSON object is expected")
-        depth = lens_from_message(told.get("depth", told))
-        colour = lens_from_message(told["colour"]) if "colour" in told else None
-        pose = np.array(told.get("colour_from_depth", np.eye(4)), np.float64)
+        depth = lens_from_message(fields.get("depth", fields))
+        colour = lens_from_message(fields["colour"]) if "colour" in fields else None
+        pose = np.array(fields.get("colour_from_depth", np.eye(4)), np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise ValueError(f"colour_from_depth must be a transform (4, 4), got {pose.shape}")
     except (ValueError, TypeError, AttributeError, RecursionError) as error:

@@ -69,12 +69,14 @@ def segment(
 
         save_picture(save_plot, segments_picture(seen, scene))
     if as_json:
-        print_json({"status": scene.status, "objects": [_row(thing) for thing in scene.objects]})
+        print_json(
+            {"status": scene.status, "objects": [_row(segment_) for segment_ in scene.objects]}
+        )
         exit_if_empty(scene.objects)
         return
     click.echo(f"{scene.status}: {len(scene.objects)} objects")
-    for thing in scene.objects:
-        row = _row(thing)
+    for segment_ in scene.objects:
+        row = _row(segment_)
         x, y, z = row["centroid_m"]
         border = ", touches the border" if row["touches_border"] else ""
         click.echo(
@@ -83,13 +85,13 @@ def segment(
     exit_if_empty(scene.objects)
 
 
-def _row(thing: Any) -> dict[str, Any]:
+def _row(segment: Any) -> dict[str, Any]:
     return {
-        "label": thing.label,
-        "points": len(thing.indices),
-        "centroid_m": [round(float(c), 4) for c in thing.centroid],
-        "box_m": [[round(float(c), 4) for c in corner] for corner in thing.box],
-        "touches_border": thing.touches_border,
+        "label": segment.label,
+        "points": len(segment.indices),
+        "centroid_m": [round(float(c), 4) for c in segment.centroid],
+        "box_m": [[round(float(c), 4) for c in corner] for corner in segment.box],
+        "touches_border": segment.touches_border,
     }
 
 

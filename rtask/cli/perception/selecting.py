@@ -103,8 +103,8 @@ def _in_photo(photo: Photo, selection: Selection) -> tuple[Frame, list[tuple[int
     from features.imaging.selection import view_of_photo
 
     labels = _labels(selection, (photo.full_size[1], photo.full_size[0]))
-    view, found = view_of_photo(photo, labels, selection.box)
-    return view, _crops(view, found)
+    view, segments = view_of_photo(photo, labels, selection.box)
+    return view, _crops(view, segments)
 
 
 def _in_frame(frame: Frame, preset: str, selection: Selection) -> list[tuple[int, Frame]]:
@@ -121,7 +121,7 @@ def _in_frame(frame: Frame, preset: str, selection: Selection) -> list[tuple[int
     if frame.mask is not None:
         return [(1, frame)]
     scene = cut(frame, preset)
-    return [(thing.label, frame.crop(scene.labels == thing.label)) for thing in scene.objects]
+    return [(segment.label, frame.crop(scene.labels == segment.label)) for segment in scene.objects]
 
 
 def _crops(view: Frame, labels: NDArray[np.int32]) -> list[tuple[int, Frame]]:

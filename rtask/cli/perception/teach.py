@@ -69,27 +69,27 @@ def teach(
         Working("learning"),
         connection(data, server, agent, creates=True) as client,
     ):
-        thing = find_object(client.query, name)
-        if thing is None and "://" in name:
+        target = find_object(client.query, name)
+        if target is None and "://" in name:
             raise UnknownTermError(
                 f"the graph has no object {name}; `rtask objects list` shows what there is"
             )
         shown = [_shown(file, view, preset, _mask_of(mask, file), box) for file in files]
         entries = []
-        for one in shown:
-            entry = _inserted(client, one, thing, name, kind)
-            thing = entry["object"]
-            entries.append({"file": str(one.file), **entry})
+        for photo in shown:
+            entry = _inserted(client, photo, target, name, kind)
+            target = entry["object"]
+            entries.append({"file": str(photo.file), **entry})
     if as_json:
         print_json(entries)
         return
-    for one, entry in zip(shown, entries, strict=True):
-        click.echo(f"{one.file}: {_told(one, entry)}")
+    for photo, entry in zip(shown, entries, strict=True):
+        click.echo(f"{photo.file}: {_insertion_line(photo, entry)}")
     for message in dict.fromkeys(entry["message"] for entry in entries if entry.get("message")):
         click.echo(message)
     what = "new" if entries[0]["new"] else "known"
     stored = sum(entry["stored"] for entry in entries)
-    click.echo(f"{stored} view{'' if stored == 1 else 's'} of {name} ({what}): {thing}")
+    click.echo(f"{stored} view{'' if stored == 1 else 's'} of {name} ({what}): {target}")
 
 
 @dataclass(frozen=True)
@@ -109,28 +109,28 @@ class _Shown:
     is_flat: bool
 
 
-def _told(one: _Shown, entry: Mapping[str, Any]) -> str:
+def _insertion_line(photo: _Shown, entry: Mapping[str, Any]) -> str:
     """Return what became of a file."""
     if not entry["stored"]:
         return "stored already"
-    found = f"{entry['features']} keypoints"
-    if one.is_flat and entry["features"] < _FEW:
-        return f"{found}; too few to be recognised: without depth, the print must show"
-    return found
+    keypoints = f"{entry['features']} keypoints"
+    if photo.is_flat and entry["features"] < _FEW:
+        return f"{keypoints}; too few to be recognised: without depth, the print must show"
+    return keypoints
 
 
 def _files(photos: Sequence[Path]) -> list[Path]:
     """Return the files, each folder of photographs in place of itself."""
-    found: list[Path] = []
+    photo_files: list[Path] = []
     for path in photos:
         if path.is_dir() and not (path / "metadata.yaml").is_file():
-            inside = sorted(one for one in path.iterdir() if one.suffix.lower() in _PHOTOS)
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in _PHOTOS)
             if not inside:
                 raise UsageError(f"{path}: no photographs in this folder ({', '.join(_PHOTOS)})")
-            found += inside
+            photo_files += inside
         else:
-            found.append(path)
-    return found
+            photo_files.append(path)
+    return photo_files
 
 
 def _mask_of(mask: Path | None, file: Path) -> Path | None:
@@ -163,14 +163,14 @@ def _shown(
 
 
 def _inserted(
-    client: Client, shown: _Shown, thing: str | None, name: str, kind: str | None
+    client: Client, shown: _Shown, target: str | None, name: str, kind: str | None
 ) -> dict[str, Any]:
     item: dict[str, Any] = {"data": shown.data}
-    if thing is None:
+    if target is None:
         # It has a name of its own: what it looks like is no reason to take it for something else.
         item |= {"name": name, "class_description": kind, "merge": False}
     else:
-        item |= {"object": thing}
+        item |= {"object": target}
     given = {key: value for key, value in item.items() if value is not None}
     answer = client.call("insert_object", objects=[given])
     (entry,) = answer["objects"]

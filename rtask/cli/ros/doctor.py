@@ -41,11 +41,11 @@ def _examine(url: str | None) -> Iterator[Finding]:
     if url is not None:
         yield _server(url)
     try:
-        found = use_ros()
+        ros = use_ros()
     except RtaskError as error:
         yield Finding("rospy", "broken", *_parted(error))
         return
-    yield Finding("rospy", "ok", f"{found.version} in {found.packages}")
+    yield Finding("rospy", "ok", f"{ros.version} in {ros.packages}")
     address = _address()
     yield address
     try:

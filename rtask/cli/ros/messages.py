@@ -41,7 +41,7 @@ def messages(folder: Path, as_python: bool, as_json: bool) -> None:
             f'export ROS_PACKAGE_PATH="{folder.resolve()}:$ROS_PACKAGE_PATH"',
         ]
     if as_json:
-        print_json({"packages": [str(one) for one in written], "exports": exports})
+        print_json({"packages": [str(package) for package in written], "exports": exports})
         return
     for line in (*written, *exports):
         click.echo(f"{line}")

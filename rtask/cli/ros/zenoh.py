@@ -65,14 +65,14 @@ def changes(server: str, topic: str, router: str, domain: int) -> None:
         publisher = node.publisher(topic, kind)
         click.echo(f"ready {topic} for {server}")
         for commit in client.follow():
-            told = {
+            event = {
                 "commit": commit.seq,
                 "agent": commit.agent,
                 "added": len(commit.added),
                 "removed": len(commit.removed),
                 "derived": len(commit.inferred_added),
             }
-            publisher.publish(node.types.types[kind](data=json.dumps(told)))
+            publisher.publish(node.types.types[kind](data=json.dumps(event)))
 
 
 @zenoh.command()

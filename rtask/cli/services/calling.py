@@ -57,16 +57,16 @@ def service() -> None:
 def list_services(server: str | None, sources: tuple[str, ...], as_json: bool) -> None:
     """List the services of this installation, or of a server."""
     with _offered(server, sources) as offered:
-        found = offered.listing()
+        services = offered.listing()
     if as_json:
-        print_json(found)
+        print_json(services)
         return
-    for one in found:
-        state = "" if one["state"] in ("ready", "untried") else f"  [{one['state']}]"
-        click.echo(f"{one['name']}@{one['version']}{state}  {one['summary']}")
-        if one.get("problem"):
-            click.echo(f"    {one['problem']['detail']}")
-        click.echo(f"    {', '.join(one['methods'])}")
+    for entry in services:
+        state = "" if entry["state"] in ("ready", "untried") else f"  [{entry['state']}]"
+        click.echo(f"{entry['name']}@{entry['version']}{state}  {entry['summary']}")
+        if entry.get("problem"):
+            click.echo(f"    {entry['problem']['detail']}")
+        click.echo(f"    {', '.join(entry['methods'])}")
 
 
 @service.command("show")
@@ -80,17 +80,17 @@ def show_service(name: str, server: str | None, sources: tuple[str, ...], as_jso
     NAME is <namespace>/<name>, perhaps with a version: @1.2.0, @1.2.*, @1.*.
     """
     with _offered(server, sources) as offered:
-        found = offered.description(name)
+        description = offered.description(name)
     if as_json:
-        print_json(found)
+        print_json(description)
         return
-    click.echo(f"{found['name']}@{found['version']}: {found['summary']}")
-    if found["description"]:
-        click.echo(found["description"])
-    for own, need in found["resources"].items():
+    click.echo(f"{description['name']}@{description['version']}: {description['summary']}")
+    if description["description"]:
+        click.echo(description["description"])
+    for own, need in description["resources"].items():
         default = f", default {need['default']}" if need["default"] else ""
         click.echo(f"data {own}: {need['type']}{default}  {need['summary']}")
-    for own, method in found["methods"].items():
+    for own, method in description["methods"].items():
         click.echo(f"\n{own}: {method['summary']}")
         for line in _field_lines(method["request"], method["request"].get("$defs", {})):
             click.echo(f"    {line}")
@@ -117,9 +117,9 @@ def _field_lines(
 def _references(schema: dict[str, Any]) -> Iterator[str]:
     """Yield the names of the messages that a field holds or lists."""
     for choice in (schema, *schema.get("anyOf", ())):
-        for one in (choice, choice.get("items", {})):
-            if "$ref" in one:
-                yield one["$ref"].rpartition("/")[2]
+        for part in (choice, choice.get("items", {})):
+            if "$ref" in part:
+                yield part["$ref"].rpartition("/")[2]
 
 
 @service.command("call")
@@ -152,8 +152,8 @@ def call_service(
     ARGUMENTS are FIELD=VALUE. A value is read as JSON, or else as text; @FILE stands for the
     contents of a file.
     """
-    data = dict(_pair(one, "--dataset") for one in mapping)
-    args = {field: _value(text) for field, text in (_pair(one, "") for one in arguments)}
+    data = dict(_pair(pair, "--dataset") for pair in mapping)
+    args = {field: _value(text) for field, text in (_pair(pair, "") for pair in arguments)}
     with _offered(server, sources) as offered:
         answer = offered.call(name, method, args, data, timeout)
     if as_json:
@@ -182,11 +182,11 @@ def save_pipeline(file: Path, server: str | None, as_json: bool) -> None:
     if not isinstance(args, dict):
         raise UsageError(f"{file}: expected an object with pipeline, steps and output")
     with _offered(server, ()) as offered:
-        found = offered.call("rtask/Pipeline", "save", args, {}, None)
+        saved = offered.call("rtask/Pipeline", "save", args, {}, None)
     if as_json:
-        print_json(found)
+        print_json(saved)
         return
-    click.echo(f"{found['name']}@{found['version']}: {found['summary']}")
+    click.echo(f"{saved['name']}@{saved['version']}: {saved['summary']}")
 
 
 @service.command("benchmark")
@@ -209,31 +209,31 @@ def benchmark(file: Path, server: str | None, sources: tuple[str, ...], as_json:
         raise UsageError("results are kept by a server: name it by --server, or leave results out")
     with _offered(server, sources) as offered:
         described = [offered.description(name) for name in plan.services]
-        for one in described:
-            if plan.method not in one["methods"]:
-                hint = nearest(plan.method, list(one["methods"]))
-                raise UsageError(f"{one['name']} has no method {plan.method!r}{hint}")
+        for entry in described:
+            if plan.method not in entry["methods"]:
+                hint = nearest(plan.method, list(entry["methods"]))
+                raise UsageError(f"{entry['name']} has no method {plan.method!r}{hint}")
         exact = replace(
             plan,
-            services=tuple(f"{one['name']}@{one['version']}" for one in described),
+            services=tuple(f"{entry['name']}@{entry['version']}" for entry in described),
             datasets=tuple(offered.dataset(name) for name in plan.datasets),
         )
         with Working("calling services") as working:
             runs = run_benchmark(exact, offered.call, working.tell)
     rows = summarise(runs)
-    kept = _keep(server, plan.results, runs, file) if server and plan.results else ""
+    results_place = _keep(server, plan.results, runs, file) if server and plan.results else ""
     if as_json:
-        print_json({"rows": [asdict(row) for row in rows], "results": kept})
+        print_json({"rows": [asdict(row) for row in rows], "results": results_place})
         return
     for row in rows:
         click.echo(f"{row.service}  {row.dataset}".rstrip())
         click.echo(f"    {row.calls} calls, {row.failed} failed; median {_shown(row.ms)} ms")
-        for name, found in row.measures.items():
-            click.echo(f"    {name}: mean {_shown(found)}")
+        for name, measure in row.measures.items():
+            click.echo(f"    {name}: mean {_shown(measure)}")
         for reason, number in list(row.errors.items())[:_SHOWN_REASONS]:
             click.echo(f"    failed {number} time{'' if number == 1 else 's'}: {reason}")
-    if kept:
-        click.echo(f"results: {kept}")
+    if results_place:
+        click.echo(f"results: {results_place}")
 
 
 @service.command("run", context_settings={"ignore_unknown_options": True})
@@ -329,8 +329,8 @@ def _keep(server: str, name: str, runs: Sequence[Run], file: Path) -> str:
         return str(client.snapshot(name, f"benchmark {file.stem}")["name"])
 
 
-def _shown(found: tuple[float, float, float] | None) -> str:
-    if found is None:
+def _shown(measure: tuple[float, float, float] | None) -> str:
+    if measure is None:
         return "-"
-    value, low, high = found
+    value, low, high = measure
     return f"{value:.4g} [{low:.4g}, {high:.4g}]"

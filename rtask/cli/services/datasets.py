@@ -90,8 +90,8 @@ def show(name: str, server: str, as_json: bool) -> None:
     """List the files of a dataset: NAME, NAME@3 or NAME@head."""
     with _connected(server) as client:
         found = client.describe(name)
-    known = ", ".join(map(str, found["versions"])) or "none"
-    rows = [f"{found['name']}  versions: {known}  {found['message']}".rstrip()]
+    versions = ", ".join(map(str, found["versions"])) or "none"
+    rows = [f"{found['name']}  versions: {versions}  {found['message']}".rstrip()]
     rows += [f"{size:12d}  /{path}" for path, (_, size) in found["files"].items()]
     _tell(as_json, found, "\n".join(rows))
 
@@ -106,15 +106,15 @@ def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -
     """Write SOURCE, a file or a folder, to the head of a dataset."""
     if source.is_dir():
         start = f"{path.strip('/')}/" if path else ""
-        files = sorted(one for one in source.rglob("*") if one.is_file())
-        named = {f"{start}{one.relative_to(source).as_posix()}": one for one in files}
+        files = sorted(file for file in source.rglob("*") if file.is_file())
+        named = {f"{start}{file.relative_to(source).as_posix()}": file for file in files}
     else:
         named = {(path or source.name).removeprefix("/"): source}
-    for one in named:
+    for file in named:
         try:
-            one.encode()
+            file.encode()
         except UnicodeEncodeError:
-            raise UsageError(f"{one!r}: the name of a file is not UTF-8; rename it") from None
+            raise UsageError(f"{file!r}: the name of a file is not UTF-8; rename it") from None
     with _connected(server) as client:
         sent = client.put_many(name, named)
     words = f"wrote {sent} {'file' if sent == 1 else 'files'} to {name}"
@@ -170,10 +170,10 @@ def snapshot(name: str, message: str, server: str, as_json: bool) -> None:
 def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None:
     """List the files that differ between two versions; AFTER is the head by default."""
     with _connected(server) as client:
-        found = client.difference(name, before, after)
+        difference = client.difference(name, before, after)
     marks = {"added": "+", "removed": "-", "changed": "*"}
-    rows = [f"{marks[kind]} /{path}" for kind, paths in found.items() for path in paths]
-    _tell(as_json, found, "\n".join(rows) or "no difference")
+    rows = [f"{marks[kind]} /{path}" for kind, paths in difference.items() for path in paths]
+    _tell(as_json, difference, "\n".join(rows) or "no difference")
 
 
 @dataset.command("prune")
@@ -195,10 +195,10 @@ def prune(
     if not (paths or where):
         raise UsageError("name the files and folders to leave out, or records by --where")
     fields = {}
-    for one in where:
-        field, equals, value = one.partition("=")
+    for condition in where:
+        field, equals, value = condition.partition("=")
         if not (field and equals):
-            raise UsageError(f"--where {one}: expected FIELD=VALUE")
+            raise UsageError(f"--where {condition}: expected FIELD=VALUE")
         try:
             fields[field] = json.loads(value)
         except ValueError:
@@ -233,8 +233,8 @@ def merge(name: str, source: str, rules: tuple[str, ...], server: str, as_json: 
         made = client.merge(name, source, decided)
     rows = [made["name"]]
     rows += [
-        f"please check {one['path']}#{one['key']}: {one['field']} = {one['value']:g} is far from "
+        f"please check {row['path']}#{row['key']}: {row['field']} = {row['value']:g} is far from "
         "all others"
-        for one in made["doubts"]
+        for row in made["doubts"]
     ]
     _tell(as_json, made, "\n".join(rows))

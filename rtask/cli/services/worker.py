@@ -56,10 +56,10 @@ def worker(
     from rtask.errors import UsageError
     from rtask.services.registry import load
 
-    definitions = [one for source in sources for one in load(source)]
-    for one in definitions:
-        if any(need.type == "graph" for need in one.resources.values()):
-            raise UsageError(f"{one.exact} needs the graph, which is at the server only")
+    definitions = [definition for source in sources for definition in load(source)]
+    for definition in definitions:
+        if any(need.type == "graph" for need in definition.resources.values()):
+            raise UsageError(f"{definition.exact} needs the graph, which is at the server only")
 
     def tell(state: str, words: str) -> None:
         if as_json:

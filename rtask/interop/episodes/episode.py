@@ -78,10 +78,10 @@ class Episode:
 
     def to_json(self) -> dict[str, Any]:
         """Return the episode as JSON data."""
-        told = asdict(self)
+        fields = asdict(self)
         for key in ("started", "ended"):
-            told[key] = told[key].isoformat() if told[key] else None
-        return told
+            fields[key] = fields[key].isoformat() if fields[key] else None
+        return fields
 
 
 _EPISODES = """
@@ -148,12 +148,12 @@ def episodes_of(
     for row in _rows(kb, _EVIDENCE):
         evidence.setdefault(str(row["attempt"]), []).append(str(row["comment"]))
     motions = {str(row["attempt"]): str(row["blob"]) for row in _rows(kb, _MOTIONS)}
-    found: dict[str, Episode] = {}
+    episodes: dict[str, Episode] = {}
     for row in _rows(kb, _EPISODES.format(narrow=narrow)):
         attempt = str(row["attempt"])
         if robot is not None and robot not in (str(row["robot"]), str(row["robotName"])):
             continue
-        found.setdefault(
+        episodes.setdefault(
             attempt,
             replace(
                 _episode(row, tuple(evidence.get(attempt, ()))),
@@ -161,7 +161,7 @@ def episodes_of(
                 motion=motions.get(attempt, ""),
             ),
         )
-    return list(found.values())
+    return list(episodes.values())
 
 
 def _rows(kb: GraphCore, query: str) -> Iterator[dict[str, Any]]:
@@ -204,18 +204,18 @@ def statements_of(kb: GraphCore, episode: Episode) -> list[Quad]:
     if episode.thing:
         waiting += [iri(episode.thing), *_naming(kb, [iri(episode.thing)])]
     seen: set[NamedNode | BlankNode] = set()
-    found: dict[Quad, None] = {}
+    statements: dict[Quad, None] = {}
     while waiting:
         node = waiting.pop()
         if node in seen or (node != start and _is_of_another(kb, node, episode)):
             continue
         seen.add(node)
         for quad in _data(kb, kb.match(node, None, None)):
-            found[quad] = None
+            statements[quad] = None
             target = quad.object
             if isinstance(target, NamedNode | BlankNode) and quad.predicate != RDF.type:
                 waiting.append(target)
-    return list(found)
+    return list(statements)
 
 
 def _naming(kb: GraphCore, nodes: Sequence[NamedNode]) -> list[NamedNode | BlankNode]:
@@ -234,7 +234,7 @@ def _is_of_another(kb: GraphCore, node: NamedNode | BlankNode, episode: Episode)
         return True
     attempts = [*kb.match(node, RT.through, None), *kb.match(node, PROV.wasGeneratedBy, None)]
     named = [quad.object for quad in attempts if isinstance(quad.object, NamedNode)]
-    others = [one for one in named if kb.match(one, RDF.type, RT.GraspAttempt)]
+    others = [reified for reified in named if kb.match(reified, RDF.type, RT.GraspAttempt)]
     return bool(others) and iri(episode.attempt) not in others
 
 

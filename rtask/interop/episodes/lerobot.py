@@ -94,18 +94,18 @@ def write_lerobot(
     if not folder.parent.is_dir():
         raise UsageError(f"{folder}: there is no folder {folder.parent}")
     recorded = [
-        (one, Motion.from_bytes(kb.blobs.read(one.motion)).at_rate(rate_hz))
-        for one in sorted(episodes, key=lambda e: (e.ended, e.attempt))
-        if one.motion
+        (episode, Motion.from_bytes(kb.blobs.read(episode.motion)).at_rate(rate_hz))
+        for episode in sorted(episodes, key=lambda e: (e.ended, e.attempt))
+        if episode.motion
     ]
     if not recorded:
         raise UsageError("no attempt has its joints recorded (`motion` of an outcome)")
-    found, motions = _of_one_hand(recorded, hand)
+    selected, motions = _of_single_hand(recorded, hand)
     made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        _write(found, motions, made, rate_hz)
+        _write(selected, motions, made, rate_hz)
         (made / RECORDING).parent.mkdir()
-        written = write_episodes(kb, found, made / RECORDING, progress)
+        written = write_episodes(kb, selected, made / RECORDING, progress)
         made.chmod(0o755)
         made.replace(folder)
     finally:
@@ -113,26 +113,28 @@ def write_lerobot(
     return written
 
 
-def _of_one_hand(
+def _of_single_hand(
     recorded: Sequence[tuple[Episode, Motion]], hand: str | None
 ) -> tuple[list[Episode], list[Motion]]:
     """Return what was recorded with a hand, as a data set has but one kind of row."""
     hands = sorted({motion.joints[-1] for _, motion in recorded})
-    kept = [(one, motion) for one, motion in recorded if hand in (None, motion.joints[-1])]
-    if not kept:
+    selected = [
+        (episode, motion) for episode, motion in recorded if hand in (None, motion.joints[-1])
+    ]
+    if not selected:
         raise UsageError(f"no attempt with the hand {hand!r}; there are: {', '.join(hands)}")
-    if len({motion.joints for _, motion in kept}) > 1:
+    if len({motion.joints for _, motion in selected}) > 1:
         raise UsageError(
             f"a data set has the joints of one hand, and there are {', '.join(hands)}: choose one, "
             "or one robot"
         )
-    return [one for one, _ in kept], [motion for _, motion in kept]
+    return [episode for episode, _ in selected], [motion for _, motion in selected]
 
 
 def _write(
     episodes: Sequence[Episode], motions: Sequence[Motion], folder: Path, rate_hz: int
 ) -> None:
-    tasks = list(dict.fromkeys(_task(one) for one in episodes))
+    tasks = list(dict.fromkeys(_task(recorded) for recorded in episodes))
     parts, start = list[_Part](), 0
     for number, (episode, motion) in enumerate(zip(episodes, motions, strict=True)):
         task = _task(episode)
@@ -146,7 +148,7 @@ def _write(
     whole = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
     stats = {name: _stats(values) for name, values in whole.items()}
     (folder / "meta/stats.json").write_text(json.dumps(stats, indent=4), "utf-8")
-    robots = sorted({one.robot_name for one in episodes})
+    robots = sorted({recorded.robot_name for recorded in episodes})
     info = {
         "codebase_version": _VERSION,
         "robot_type": ", ".join(robots),
@@ -200,8 +202,8 @@ def _feature(name: str, values: NDArray[Any], joints: list[str]) -> dict[str, An
 def _stats(values: NDArray[Any]) -> dict[str, list[float]]:
     """Return the statistics of a feature, by which programs scale it."""
     rows = values.reshape(len(values), -1).astype(np.float64)
-    told = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
-    return {**{name: one.tolist() for name, one in told.items()}, "count": [len(rows)]}
+    statistics = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    return {**{name: column.tolist() for name, column in statistics.items()}, "count": [len(rows)]}
 
 
 def _frames(parts: Sequence[_Part]) -> pyarrow.Table:
@@ -247,7 +249,9 @@ def _episodes(parts: Sequence[_Part]) -> pyarrow.Table:
     for name, stats in of_parts[0].items():
         for key in stats:
             kind = pa.list_(pa.int64() if key == "count" else pa.float64())
-            columns[f"stats/{name}/{key}"] = pa.array([one[name][key] for one in of_parts], kind)
+            columns[f"stats/{name}/{key}"] = pa.array(
+                [part_stats[name][key] for part_stats in of_parts], kind
+            )
     return pa.table(columns)
 
 
@@ -262,10 +266,10 @@ def _tasks(tasks: Sequence[str]) -> pyarrow.Table:
               "numpy_type": "int64", "metadata": None}  # fmt: skip
     index = {**column, "field_name": "task", "name": "task", "pandas_type": "unicode",
              "numpy_type": "object"}  # fmt: skip
-    told = {"index_columns": ["task"], "column_indexes": [], "columns": [column, index],
+    pandas_index = {"index_columns": ["task"], "column_indexes": [], "columns": [column, index],
             "creator": {"library": "pyarrow", "version": pa.__version__},
             "pandas_version": "2.0.0"}  # fmt: skip
-    return table.replace_schema_metadata({b"pandas": json.dumps(told).encode()})
+    return table.replace_schema_metadata({b"pandas": json.dumps(pandas_index).encode()})
 
 
 def _write_parquet(table: pyarrow.Table, path: Path) -> None:

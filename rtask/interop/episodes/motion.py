@@ -87,14 +87,14 @@ class Motion:
 
     def to_bytes(self) -> bytes:
         """Return the motion as compressed JSON, the same bytes for the same numbers."""
-        told = {
+        fields = {
             "format": _FORMAT,
             "joints": list(self.joints),
             "times": np.round(self.times, _DECIMALS).tolist(),
             "positions": np.round(self.positions, _DECIMALS).ravel().tolist(),
             "commands": np.round(self.commands, _DECIMALS).ravel().tolist(),
         }
-        return gzip.compress(json.dumps(told, separators=(",", ":")).encode(), mtime=0)
+        return gzip.compress(json.dumps(fields, separators=(",", ":")).encode(), mtime=0)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Motion:
@@ -110,11 +110,13 @@ class Motion:
                 text = file.read(_MAX_BYTES + 1)
             if len(text) > _MAX_BYTES:
                 raise DataError(f"a motion is longer than {_MAX_BYTES >> 20} MiB")
-            told = json.loads(text)
-            if told["format"] != _FORMAT:
-                raise DataError(f"a motion has the format {told['format']!r}, not {_FORMAT!r}")
-            times, positions, commands = (told[name] for name in ("times", "positions", "commands"))
-            return cls.of_rows(list(told["joints"]), times, positions, commands, "motion")
+            fields = json.loads(text)
+            if fields["format"] != _FORMAT:
+                raise DataError(f"a motion has the format {fields['format']!r}, not {_FORMAT!r}")
+            times, positions, commands = (
+                fields[name] for name in ("times", "positions", "commands")
+            )
+            return cls.of_rows(list(fields["joints"]), times, positions, commands, "motion")
         except (OSError, EOFError, ValueError, KeyError, TypeError, UsageError) as error:
             raise DataError(f"no motion of an attempt: {error}") from error
 

@@ -113,7 +113,7 @@ class _Rosbag:
                 values[key] = self._message(value[0], value[1])
             elif isinstance(value, list):
                 values[key] = [
-                    self._message(*one) if isinstance(one, tuple) else one for one in value
+                    self._message(*part) if isinstance(part, tuple) else part for part in value
                 ]
         return self.store.types[kind](**values)
 
@@ -182,13 +182,13 @@ def _write(
 ) -> Written:
     written, blobs_done = Written(), set[str]()
     busy: dict[tuple[str, tuple[str, ...]], int] = {}
-    in_order = sorted(episodes, key=lambda one: (one.ended, one.attempt))
+    in_order = sorted(episodes, key=lambda episode_: (episode_.ended, episode_.attempt))
     for episode in in_order:
         ended = int(episode.ended.timestamp() * _NS)
         motion = Motion.from_bytes(kb.blobs.read(episode.motion)) if episode.motion else None
         started = _start(episode, motion, ended, busy)
         quads = statements_of(kb, episode)
-        told = {**episode.to_json(), "statements": len(quads)}
+        facts = {**episode.to_json(), "statements": len(quads)}
         for name in blobs_of(quads):
             if name in blobs_done:
                 continue
@@ -214,7 +214,7 @@ def _write(
         text = serialize(quads, format=RdfFormat.N_QUADS)
         assert text is not None
         sink.write(_STATEMENTS, "std_msgs/msg/String", {"data": text.decode()}, ended)
-        shown = json.dumps(told, ensure_ascii=False)
+        shown = json.dumps(facts, ensure_ascii=False)
         sink.write(_EPISODES, "std_msgs/msg/String", {"data": shown}, ended)
         written.episodes += 1
         written.statements += len(quads)
@@ -396,8 +396,12 @@ def _messages(path: Path) -> Iterator[tuple[str, Any]]:
         raise UsageError(f"{path}: there is no such file")
     try:
         with AnyReader([path]) as reader:
-            wanted = [one for one in reader.connections if one.topic in (_STATEMENTS, _BLOBS)]
-            for connection, _, raw in reader.messages(connections=wanted) if wanted else ():
+            connections = [
+                link for link in reader.connections if link.topic in (_STATEMENTS, _BLOBS)
+            ]
+            for connection, _, raw in (
+                reader.messages(connections=connections) if connections else ()
+            ):
                 yield connection.topic, reader.deserialize(raw, connection.msgtype)
     except (AnyReaderError, OSError, AssertionError) as error:
         raise DataError(f"{path} is no recording, or it is damaged: {error}") from error

@@ -25,7 +25,7 @@ from rtask.interop.ros.convert import raw_mapping
 
 __all__ = ["CameraTopics", "Sight"]
 
-_KEPT = 8
+_MAX_IMAGES = 8
 _QUEUE = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
 
 
@@ -59,16 +59,22 @@ class CameraTopics:
 
         self._came = threading.Condition()
         self._cloud: Any = None
-        self._depths: deque[Any] = deque(maxlen=_KEPT)
-        self._colours: deque[Any] = deque(maxlen=_KEPT)
+        self._depths: deque[Any] = deque(maxlen=_MAX_IMAGES)
+        self._colours: deque[Any] = deque(maxlen=_MAX_IMAGES)
         self._info: Any = None
         self._points_topic = rospy.Subscriber("~points", PointCloud2, self._take_cloud, **_QUEUE)
         # Raw and compressed images come under one name: their connection says which they are.
         self._depth_topic = rospy.Subscriber(
-            "~depth", rospy.AnyMsg, lambda one: self._take_image(one, self._depths), **_QUEUE
+            "~depth",
+            rospy.AnyMsg,
+            lambda message: self._take_image(message, self._depths),
+            **_QUEUE,
         )
         self._image_topic = rospy.Subscriber(
-            "~image", rospy.AnyMsg, lambda one: self._take_image(one, self._colours), **_QUEUE
+            "~image",
+            rospy.AnyMsg,
+            lambda message: self._take_image(message, self._colours),
+            **_QUEUE,
         )
         self._info_topic = rospy.Subscriber("~camera_info", CameraInfo, self._take_info)
 
@@ -82,7 +88,7 @@ class CameraTopics:
             self._info = message
             self._came.notify_all()
 
-    def _take_image(self, message: Any, kept: deque[Any]) -> None:
+    def _take_image(self, message: Any, images: deque[Any]) -> None:
         import rospy
         from sensor_msgs import msg
 
@@ -93,7 +99,7 @@ class CameraTopics:
             return
         image = getattr(msg, kind.partition("/")[2])().deserialize(message._buff)
         with self._came:
-            kept.append(image)
+            images.append(image)
             self._came.notify_all()
 
     def forget(self) -> None:
@@ -126,9 +132,9 @@ class CameraTopics:
             return seen
 
     def _newest(self, since: Any) -> Sight | None:
-        found = [one for one in (self._cloud_sight(), self._pair_sight()) if one is not None]
-        fresh = [one for one in found if one.header.stamp >= since]
-        return max(fresh, key=lambda one: one.header.stamp, default=None)
+        sights = [sight for sight in (self._cloud_sight(), self._pair_sight()) if sight is not None]
+        fresh = [sight for sight in sights if sight.header.stamp >= since]
+        return max(fresh, key=lambda sight: sight.header.stamp, default=None)
 
     def _cloud_sight(self) -> Sight | None:
         cloud = self._cloud
@@ -140,7 +146,7 @@ class CameraTopics:
         if info is None:
             return None
         for depth in reversed(self._depths):
-            apart = [(_apart_s(one, depth), k) for k, one in enumerate(self._colours)]
+            apart = [(_apart_s(image, depth), k) for k, image in enumerate(self._colours)]
             if apart and min(apart)[0] <= PAIRED_S:
                 colour = self._colours[min(apart)[1]]
                 is_rectified = is_rectified_topic(self._depth_topic.resolved_name)
@@ -151,42 +157,42 @@ class CameraTopics:
     def _reason(self, wait_s: float, since: Any) -> str:
         """Say why no view came."""
         points = self._points_topic
-        said = f"no cloud since {since.to_sec():.3f} s came on {points.resolved_name} within "
-        said += f"{wait_s:g} s: "
+        reason = f"no cloud since {since.to_sec():.3f} s came on {points.resolved_name} within "
+        reason += f"{wait_s:g} s: "
         if self._cloud is not None:
-            said += f"the newest is of {self._cloud.header.stamp.to_sec():.3f} s"
+            reason += f"the newest is of {self._cloud.header.stamp.to_sec():.3f} s"
         elif points.get_num_connections():
-            said += "its publisher is silent"
+            reason += "its publisher is silent"
         else:
-            said += "nobody publishes it"
+            reason += "nobody publishes it"
         depth = self._depth_topic
         if not self._depths and not depth.get_num_connections():
             return (
-                f"{said}; remap ~points to the topic of your camera, "
+                f"{reason}; remap ~points to the topic of your camera, "
                 "~points:=/camera/depth_registered/points, or ~depth, ~image and ~camera_info"
             )
         lacking = [
             topic.resolved_name
-            for topic, kept in (
+            for topic, images in (
                 (depth, self._depths),
                 (self._image_topic, self._colours),
                 (self._info_topic, [] if self._info is None else [self._info]),
             )
-            if not kept
+            if not images
         ]
         if lacking:
-            return f"{said}; of depth and colour, nothing came on {', '.join(lacking)}"
+            return f"{reason}; of depth and colour, nothing came on {', '.join(lacking)}"
         stamp = self._depths[-1].header.stamp.to_sec()
         return (
-            f"{said}; the newest depth on {depth.resolved_name} is of {stamp:.3f} s, the newest "
+            f"{reason}; the newest depth on {depth.resolved_name} is of {stamp:.3f} s, the newest "
             f"image on {self._image_topic.resolved_name} of "
             f"{self._colours[-1].header.stamp.to_sec():.3f} s; they belong together when at most "
             f"{PAIRED_S:g} s lie between them"
         )
 
 
-def _apart_s(one: Any, other: Any) -> float:
-    return abs(float((one.header.stamp - other.header.stamp).to_sec()))
+def _apart_s(image: Any, other: Any) -> float:
+    return abs(float((image.header.stamp - other.header.stamp).to_sec()))
 
 
 def _joined(depth: Any, colour: Any, info: Any, is_rectified: bool = False) -> Frame:

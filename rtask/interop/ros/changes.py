@@ -46,13 +46,13 @@ class ChangeTopic:
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         listener = rospy.SubscribeListener()
-        listener.peer_subscribe = self._wanted
+        listener.peer_subscribe = self._has_listeners
         kind = type(make_message("rtask_msgs/Change"))
         self._topic = rospy.Publisher(
             "rtask/changes", kind, subscriber_listener=listener, queue_size=100
         )
 
-    def _wanted(self, *unused: Any) -> None:
+    def _has_listeners(self, *unused: Any) -> None:
         """Start to follow the graph with the first subscriber."""
         with self._lock:
             if self._thread is None:

@@ -52,7 +52,7 @@ class Transforms:
         # tf2_ros waits by ROS time, which may stand still, and has no event for new transforms.
         while True:
             try:
-                found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(0))
+                stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(0))
                 break
             except (
                 tf2_ros.LookupException,
@@ -66,7 +66,7 @@ class Transforms:
                         f"{str(error).strip()}; see `rosrun tf tf_echo {target} {source}`"
                     ) from error
             time.sleep(0.01)  # the wait of lookup_transform goes by /clock, which may stand still
-        move, turn = found.transform.translation, found.transform.rotation
+        move, turn = stamped.transform.translation, stamped.transform.rotation
         return np.asarray(
             matrix_from_pose(
                 np.array([move.x, move.y, move.z]), np.array([turn.x, turn.y, turn.z, turn.w])

@@ -45,7 +45,7 @@ class Converter:
         UsageError
             A field for at most one value holds more, or one value came in two forms.
         """
-        return self._told(self._schema.services[operation].request, message, "")
+        return self._wire_object(self._schema.services[operation].request, message, "")
 
     def answer(self, operation: str, data: Mapping[str, Any], message: Any) -> Any:
         """Fill in the message of an answer and return it.
@@ -59,47 +59,47 @@ class Converter:
 
     # Requests
 
-    def _told(self, record: Record, message: Any, where: str) -> JsonObject:
-        told: JsonObject = {}
+    def _wire_object(self, record: Record, message: Any, where: str) -> JsonObject:
+        decoded: JsonObject = {}
         forms: dict[str, str] = {}
-        for one in record.fields:
-            path = f"{where}{one.name}"
-            values = self._given(one, getattr(message, one.name), path)
+        for field in record.fields:
+            path = f"{where}{field.name}"
+            values = self._given(field, getattr(message, field.name), path)
             for name, value in values.items():
-                if name in told:
+                if name in decoded:
                     raise UsageError(
                         f"{path}: {forms[name]} is given as well; expected one of both"
                     )
-                told[name], forms[name] = value, path
-        return told
+                decoded[name], forms[name] = value, path
+        return decoded
 
-    def _given(self, one: Field, value: Any, path: str) -> JsonObject:
+    def _given(self, field: Field, value: Any, path: str) -> JsonObject:
         """Return what a field says, by the name in JSON; empty if it was left out."""
-        if one.code is Code.HEADER:
+        if field.code is Code.HEADER:
             return _header(value)
-        if one.code is Code.IS_EMPTY:
-            return {one.wire: []} if value else {}
-        if one.arity is Arity.AT_MOST_ONE:
+        if field.code is Code.IS_EMPTY:
+            return {field.wire: []} if value else {}
+        if field.arity is Arity.AT_MOST_ONE:
             if len(value) > 1:
                 raise UsageError(f"{path}: {len(value)} values; expected one, or none to leave out")
-            return {one.wire: self._value(one, value[0], path)} if len(value) else {}
-        if one.arity is Arity.MANY and one.code is not Code.BYTES:
-            listed = [self._value(one, v, f"{path}[{k}]") for k, v in enumerate(value)]
-            return {one.wire: listed} if listed or not one.is_optional else {}
-        if one.is_optional and (one.type == "string" or one.code is Code.BYTES) and not value:
+            return {field.wire: self._value(field, value[0], path)} if len(value) else {}
+        if field.arity is Arity.MANY and field.code is not Code.BYTES:
+            listed = [self._value(field, v, f"{path}[{k}]") for k, v in enumerate(value)]
+            return {field.wire: listed} if listed or not field.is_optional else {}
+        if field.is_optional and (field.type == "string" or field.code is Code.BYTES) and not value:
             return {}
-        return {one.wire: self._value(one, value, path)}
+        return {field.wire: self._value(field, value, path)}
 
-    def _value(self, one: Field, value: Any, path: str) -> Any:
-        if one.code is Code.RECORD:
-            return self._told(self._schema.records[one.type], value, f"{path}.")
-        if one.code is Code.BYTES:
+    def _value(self, field: Field, value: Any, path: str) -> Any:
+        if field.code is Code.RECORD:
+            return self._wire_object(self._schema.records[field.type], value, f"{path}.")
+        if field.code is Code.BYTES:
             return base64.b64encode(bytes(value)).decode("ascii")
-        if one.code is Code.POINTS:
+        if field.code is Code.POINTS:
             return [value.x, value.y, value.z]
-        if one.type == "sensor_msgs/PointCloud2":
+        if field.type == "sensor_msgs/PointCloud2":
             return base64.b64encode(_packed_cloud(value, path)).decode("ascii")
-        if one.code is Code.MESSAGE:
+        if field.code is Code.MESSAGE:
             return mapping_of(value)
         if isinstance(value, float) and not math.isfinite(value):
             raise UsageError(
@@ -110,11 +110,11 @@ class Converter:
     # Answers
 
     def _filled(self, record: Record, data: Mapping[str, Any], message: Any, where: str) -> Any:
-        for one in record.fields:
-            value = data.get(one.wire, one.default)
-            path = f"{where}{one.name}"
+        for field in record.fields:
+            value = data.get(field.wire, field.default)
+            path = f"{where}{field.name}"
             try:
-                setattr(message, one.name, self._coded(one, value, path))
+                setattr(message, field.name, self._coded(field, value, path))
             except (TypeError, ValueError, KeyError, AttributeError) as error:
                 raise UsageError(
                     f"the server's answer does not fit {PACKAGE}/{record.name}, {path}: {error!r}; "
@@ -122,26 +122,26 @@ class Converter:
                 ) from error
         return message
 
-    def _coded(self, one: Field, value: Any, path: str) -> Any:
-        if one.code is Code.JSON:
+    def _coded(self, field: Field, value: Any, path: str) -> Any:
+        if field.code is Code.JSON:
             return json.dumps(value)
-        if one.arity is Arity.AT_MOST_ONE:
-            return [] if value is None else [self._made(one, value, path)]
-        if one.arity is Arity.MANY:
-            return [self._made(one, v, f"{path}[{k}]") for k, v in enumerate(value or ())]
-        return self._made(one, value, path)
+        if field.arity is Arity.AT_MOST_ONE:
+            return [] if value is None else [self._made(field, value, path)]
+        if field.arity is Arity.MANY:
+            return [self._made(field, v, f"{path}[{k}]") for k, v in enumerate(value or ())]
+        return self._made(field, value, path)
 
-    def _made(self, one: Field, value: Any, path: str) -> Any:
-        if one.code is Code.RECORD:
-            made = self._make(f"{PACKAGE}/{one.type}")
-            return self._filled(self._schema.records[one.type], value, made, f"{path}.")
-        if one.code is Code.MESSAGE:
-            return fill(self._make(one.type), value, self._make)
-        if one.type == "float64":
+    def _made(self, field: Field, value: Any, path: str) -> Any:
+        if field.code is Code.RECORD:
+            made = self._make(f"{PACKAGE}/{field.type}")
+            return self._filled(self._schema.records[field.type], value, made, f"{path}.")
+        if field.code is Code.MESSAGE:
+            return fill(self._make(field.type), value, self._make)
+        if field.type == "float64":
             return math.nan if value is None else float(value)
-        if one.type == "int64":
+        if field.type == "int64":
             return int(value)
-        if one.type == "bool":
+        if field.type == "bool":
             return bool(value)
         if not isinstance(value, str):
             raise TypeError(f"expected a text, got {value!r:.40}")
@@ -160,7 +160,7 @@ def mapping_of(message: Any) -> Any:
             for name, type_ in zip(message.__slots__, message._slot_types, strict=True)
         }
     if isinstance(message, list | tuple):
-        return [mapping_of(one) for one in message]
+        return [mapping_of(part) for part in message]
     return message
 
 
@@ -181,7 +181,7 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
         value, old = data[name], getattr(message, name)
         base, is_list, _ = type_.partition("[")
         if is_list and "/" in base:
-            setattr(message, name, [fill(make(base), one, make) for one in value])
+            setattr(message, name, [fill(make(base), part, make) for part in value])
         elif is_list:
             setattr(message, name, list(value))
         elif base in ("time", "duration"):
@@ -194,12 +194,12 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
 
 
 def _header(header: Any) -> JsonObject:
-    told: JsonObject = {}
+    values: JsonObject = {}
     if header.stamp.secs or header.stamp.nsecs:
-        told["stamp"] = {"secs": header.stamp.secs, "nsecs": header.stamp.nsecs}
+        values["stamp"] = {"secs": header.stamp.secs, "nsecs": header.stamp.nsecs}
     if header.frame_id:
-        told["frame_id"] = header.frame_id
-    return told
+        values["frame_id"] = header.frame_id
+    return values
 
 
 def _packed_cloud(cloud: Any, path: str) -> bytes:
@@ -216,9 +216,9 @@ def _packed_cloud(cloud: Any, path: str) -> bytes:
 
 def raw_mapping(message: Any) -> JsonObject:
     """Return a message's own fields with its bytes as they are, as :mod:`features.codec` reads."""
-    told = {name: getattr(message, name) for name in message.__slots__}
-    if "header" in told:
-        told["header"] = {"frame_id": message.header.frame_id}
-    if "fields" in told:
-        told["fields"] = [mapping_of(one) for one in message.fields]
-    return told
+    values = {name: getattr(message, name) for name in message.__slots__}
+    if "header" in values:
+        values["header"] = {"frame_id": message.header.frame_id}
+    if "fields" in values:
+        values["fields"] = [mapping_of(field) for field in message.fields]
+    return values

@@ -54,9 +54,9 @@ class Installation:
 
 def find_ros() -> Path | None:
     """Return the folder that holds rospy: one that is importable already, else an installed one."""
-    found = importlib.util.find_spec("rospy")
-    if found is not None and found.origin is not None:
-        return Path(found.origin).parent.parent
+    spec = importlib.util.find_spec("rospy")
+    if spec is not None and spec.origin is not None:
+        return Path(spec.origin).parent.parent
     places = [_DEBIAN, *sorted(Path("/opt/ros").glob("*/lib/python3/dist-packages"), reverse=True)]
     return next((place for place in places if (place / "rospy").is_dir()), None)
 
@@ -104,15 +104,15 @@ def _python_of(place: Path) -> str:
         tag = tags.pop().rstrip("-")
         return f"{tag[0]}.{tag[1:]}"
     try:
-        told = subprocess.run(
+        completed = subprocess.run(
             ["/usr/bin/python3", "-c", "import sys; print('%d.%d' % sys.version_info[:2])"],
             capture_output=True, text=True, timeout=10, check=False,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return told.stdout.strip()
+    return completed.stdout.strip()
 
 
 def _version(place: Path) -> str:
-    found = sorted(place.glob("rospy-*.egg-info"))
-    return found[0].name.removeprefix("rospy-").removesuffix(".egg-info") if found else ""
+    eggs = sorted(place.glob("rospy-*.egg-info"))
+    return eggs[0].name.removeprefix("rospy-").removesuffix(".egg-info") if eggs else ""

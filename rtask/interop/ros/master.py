@@ -124,12 +124,12 @@ class Master:
         UsageError
             One does; ROS would end it, or take the service from it, without a word.
         """
-        known: dict[str, str] = {}
+        owner_of: dict[str, str] = {}
         for service, owners in self.ask("getSystemState")[2]:
             for owner in owners:
                 if service in services and owner != node:
-                    known[owner] = service
-        for owner, service in known.items():
+                    owner_of[owner] = service
+        for owner, service in owner_of.items():
             uri = self._node_uri(owner)
             if uri and _answers(uri):
                 raise UsageError(

@@ -78,9 +78,9 @@ class RosNode:
     def __init__(self, options: NodeOptions, services: Sequence[str] = ()) -> None:
         import rospy
 
-        for one in options.remaps:
-            if ":=" not in one:
-                raise UsageError(f"{one!r} is no remap of ROS; expected name:=value")
+        for remap in options.remaps:
+            if ":=" not in remap:
+                raise UsageError(f"{remap!r} is no remap of ROS; expected name:=value")
         self.ended = threading.Event()
         self.reason = ""
         self._every: list[Callable[[], None]] = []
@@ -92,7 +92,7 @@ class RosNode:
             raise UsageError("a node called /rtask would mix its services with the operations'")
         self._master.check_free(self.name, [_resolved(namespace, s, options) for s in services])
         self._start(name, list(options.remaps))
-        rospy.core.add_preshutdown_hook(self._told_to_end)
+        rospy.core.add_preshutdown_hook(self._on_shutdown_request)
         if not options.publishes_clock:
             self._wait_for_clock(options.wait_s)
         self._watch = Watch(self._master, self.name, self._register_again, self._each_second)
@@ -117,7 +117,7 @@ class RosNode:
         self._watch.end()
         rospy.signal_shutdown("ended")
 
-    def _told_to_end(self, reason: str) -> None:
+    def _on_shutdown_request(self, reason: str) -> None:
         """Take note that rospy ends, and why: another node took the name, for one."""
         if not self.ended.is_set():
             self.reason = str(reason)
@@ -185,7 +185,7 @@ def _names(options: NodeOptions) -> tuple[str, str]:
     import rosgraph.names
 
     namespace: str = rosgraph.names.get_ros_namespace(argv=list(options.remaps))
-    given = [one.partition(":=")[2] for one in options.remaps if one.startswith("__name:=")]
+    given = [remap.partition(":=")[2] for remap in options.remaps if remap.startswith("__name:=")]
     return namespace, given[-1] if given else options.name
 
 

@@ -115,7 +115,7 @@ def source_files(schema: Schema) -> dict[str, str]:
     """
     files = definitions_of(PACKAGE)
     made = {f"msg/{name}.msg": record.text for name, record in schema.records.items()}
-    made |= {f"srv/{one.name}.srv": one.text for one in schema.services.values()}
+    made |= {f"srv/{service.name}.srv": service.text for service in schema.services.values()}
     if both := files.keys() & made.keys():
         raise UsageError(f"{', '.join(sorted(both))}: made from a declaration and written by hand")
     files = dict(sorted({**files, **made}.items()))
@@ -243,15 +243,17 @@ def _expanded(files: Mapping[str, str]) -> dict[str, str]:
 def _generate(package: str, source: Path, search: dict[str, list[str]], target: Path) -> None:
     from genpy import generate_initpy, generator
 
-    said = io.StringIO()
+    output = io.StringIO()
     for kind, made_by in (("msg", generator.MsgGenerator()), ("srv", generator.SrvGenerator())):
         files = sorted(str(file) for file in (source / kind).glob(f"*.{kind}"))
         if not files:
             continue
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+        with contextlib.redirect_stderr(output), contextlib.redirect_stdout(output):
             failed = made_by.generate_messages(package, files, str(target / kind), search)
         if failed:
-            raise UsageError(f"genpy made no {package}: {' '.join(said.getvalue().split())[:400]}")
+            raise UsageError(
+                f"genpy made no {package}: {' '.join(output.getvalue().split())[:400]}"
+            )
         generate_initpy.write_modules(str(target / kind))
     (target / "__init__.py").write_text("", "utf-8")
 

@@ -79,13 +79,13 @@ class SceneTopic:
         """
         scene = make_message("moveit_msgs/PlanningScene")
         scene.is_diff = scene.robot_state.is_diff = True
-        shown = [_collision_box(name, one.pose, _sides(one.size), one) for name, one in objects]
+        shown = [_collision_box(name, box.pose, _sides(box.size), box) for name, box in objects]
         if len(table) >= 3 and np.isfinite(height):
             shown.append(_collision_box(TABLE, *_table(table, height)))
-        names = tuple(one.id for one in shown)
+        names = tuple(box.id for box in shown)
         gone = [_named(name, _REMOVE) for name in self._shown if name not in names]
-        for one in (*shown, *gone):
-            one.header.stamp, one.header.frame_id = header.stamp, self._frame
+        for box in (*shown, *gone):
+            box.header.stamp, box.header.frame_id = header.stamp, self._frame
         scene.world.collision_objects = [*gone, *shown]
         scene.object_colors = list(_colours(names))
         self._shown = names
@@ -93,26 +93,26 @@ class SceneTopic:
 
 
 def _named(name: str, operation: int) -> Any:
-    one = make_message("moveit_msgs/CollisionObject")
-    one.id, one.operation = name, operation
-    return one
+    collision_object = make_message("moveit_msgs/CollisionObject")
+    collision_object.id, collision_object.operation = name, operation
+    return collision_object
 
 
 def _collision_box(name: str, pose: Any, sides: tuple[float, ...], seen: Any = None) -> Any:
     """Return a box (m) as moveit_msgs/CollisionObject."""
-    one = _named(name, _ADD)
+    collision = _named(name, _ADD)
     if seen is not None:
-        one.type.key, one.type.db = seen.class_iri, "rtask"
+        collision.type.key, collision.type.db = seen.class_iri, "rtask"
     box = make_message("shape_msgs/SolidPrimitive")
     box.type, box.dimensions = _BOX, list(sides)
-    one.primitives = [box]
+    collision.primitives = [box]
     inner = make_message("geometry_msgs/Pose")
     inner.orientation.w = 1.0
-    if hasattr(one, "pose"):
-        one.pose, one.primitive_poses = pose, [inner]
+    if hasattr(collision, "pose"):
+        collision.pose, collision.primitive_poses = pose, [inner]
     else:  # before MoveIt of ROS Noetic
-        one.primitive_poses = [pose]
-    return one
+        collision.primitive_poses = [pose]
+    return collision
 
 
 def _sides(size: Any) -> tuple[float, float, float]:
@@ -131,8 +131,10 @@ def _table(corners: FloatArray, height: float) -> tuple[Any, tuple[float, float,
 
 def _colours(names: Sequence[str]) -> Iterator[Any]:
     for name in names:
-        one = make_message("moveit_msgs/ObjectColor")
-        one.id = name
-        one.color.r, one.color.g, one.color.b = (0.6, 0.5, 0.4) if name == TABLE else (0.2, 0.5, 1)
-        one.color.a = 0.7
-        yield one
+        colour = make_message("moveit_msgs/ObjectColor")
+        colour.id = name
+        colour.color.r, colour.color.g, colour.color.b = (
+            (0.6, 0.5, 0.4) if name == TABLE else (0.2, 0.5, 1)
+        )
+        colour.color.a = 0.7
+        yield colour

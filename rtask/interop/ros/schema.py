@@ -166,13 +166,13 @@ class Schema:
             A name cannot be used in ROS, or two fields or messages would have the same one.
         """
         made = cls()
-        for one in operations:
-            name = camel_case(one.name)
-            summary = f"{one.summary[0].upper()}{one.summary[1:]}."
-            made.services[one.name] = Service(
+        for operation in operations:
+            name = camel_case(operation.name)
+            summary = f"{operation.summary[0].upper()}{operation.summary[1:]}."
+            made.services[operation.name] = Service(
                 name,
-                Record(name, summary, made._fields(one.request)),
-                Record(name, _first_line(one.answer), made._fields(one.answer)),
+                Record(name, summary, made._fields(operation.request)),
+                Record(name, _first_line(operation.answer), made._fields(operation.answer)),
             )
         return made
 
@@ -186,7 +186,7 @@ class Schema:
             else:
                 made.append(self._answered(wire_name(own, declared), declared, member))
         fields = _joined_header(made)
-        names = [one.name for one in fields]
+        names = [field.name for field in fields]
         for name in names:
             if names.count(name) > 1:
                 raise UsageError(f"{model.__name__}: two fields are called {name} in ROS")
@@ -252,8 +252,8 @@ class Schema:
 
     def _record(self, model: type[BaseModel]) -> str:
         name = model.__name__
-        known = self._models.setdefault(name, model)
-        if known is not model:
+        earlier = self._models.setdefault(name, model)
+        if earlier is not model:
             raise UsageError(f"two messages are called {PACKAGE}/{name}")
         if name not in self.records:
             self.records[name] = Record(name, _first_line(model), ())  # ends a recursion
@@ -263,17 +263,17 @@ class Schema:
 
 def _joined_header(fields: list[Field]) -> list[Field]:
     """Return fields with one header in the place of a frame and a time."""
-    at = next((k for k, one in enumerate(fields) if one.code is Code.HEADER), None)
+    at = next((k for k, field in enumerate(fields) if field.code is Code.HEADER), None)
     if at is None:
         return fields
-    frame = next((k for k, one in enumerate(fields) if one.wire == "frame_id"), None)
+    frame = next((k for k, field in enumerate(fields) if field.wire == "frame_id"), None)
     words = f"time: {fields[at].note.partition(';')[0]}, zero = now"
     if frame is not None:
         words += f"; frame: {fields[frame].note}"
     header = Field("header", "stamp", "std_msgs/Header", Arity.ONE, Code.HEADER, words, True)
     place = at if frame is None else min(at, frame)
-    kept = [one for k, one in enumerate(fields) if k not in (at, frame)]
-    return [*kept[:place], header, *kept[place:]]
+    remaining = [field for k, field in enumerate(fields) if k not in (at, frame)]
+    return [*remaining[:place], header, *remaining[place:]]
 
 
 def _ros_name(wire: str) -> str:
@@ -292,7 +292,7 @@ def _first_line(model: type[BaseModel]) -> str:
 def _note(declared: FieldInfo, kind: Kind, arity: Arity) -> str:
     """Return what a field of a request means, its unit, and what leaving it out means."""
     words = " ".join((declared.description or "").split())
-    unit = next((one.symbol for one in kind.metadata if isinstance(one, Unit)), "")
+    unit = next((marker.symbol for marker in kind.metadata if isinstance(marker, Unit)), "")
     words += f" ({unit})" if unit else ""
     left_out = absence(declared)
     if left_out and f"default: {left_out}" not in words:

@@ -142,13 +142,13 @@ class SegmentService:
         answer.status = view.perceived.status
         answer.table_height = view.perceived.table_height
         for number, seen in enumerate(view.perceived.objects, start=1):
-            one = make_message("rtask_msgs/CloudSegment")
-            one.label = number
-            one.pose, one.size = box_of(seen)
+            segment = make_message("rtask_msgs/CloudSegment")
+            segment.label = number
+            segment.pose, segment.size = box_of(seen)
             inside = seen.crop.mask if seen.crop.mask is not None else seen.crop.depth_m > 0
             rgb = None if seen.crop.rgb is None else seen.crop.rgb[inside]
-            one.cloud = cloud_message(seen.crop.points()[inside], rgb, request.cloud.header)
-            answer.segments.append(one)
+            segment.cloud = cloud_message(seen.crop.points()[inside], rgb, request.cloud.header)
+            answer.segments.append(segment)
         return answer
 
 
@@ -191,20 +191,20 @@ class SeeAction:
 
     def _execute(self, goal: Any) -> None:
         """Answer one goal: the calls run in a thread, so that cancelling does not wait for them."""
-        said: queue.Queue[Any] = queue.Queue()
+        events: queue.Queue[Any] = queue.Queue()
         cancelled = threading.Event()
 
         def cancel() -> None:
             cancelled.set()
-            said.put(None)
+            events.put(None)
 
         self._cancel = cancel
         result = make_message("rtask_msgs/SeeResult")
         if self._server.is_preempt_requested():
             cancel()
-        threading.Thread(target=self._work, args=(goal, said, cancelled), daemon=True).start()
+        threading.Thread(target=self._work, args=(goal, events, cancelled), daemon=True).start()
         while True:
-            item = said.get()
+            item = events.get()
             if item is None:
                 self._server.set_preempted(result, "cancelled")
                 return
@@ -227,7 +227,7 @@ class SeeAction:
         named = zip(_names(result.objects), result.objects, strict=True)
         self._scene.publish(header, seen.table, seen.table_height, list(named))
 
-    def _work(self, goal: Any, said: queue.Queue[Any], cancelled: threading.Event) -> None:
+    def _work(self, goal: Any, events: queue.Queue[Any], cancelled: threading.Event) -> None:
         try:
             view = self._eyes.look(goal.header.stamp)
             for number, seen in enumerate(view.perceived.objects, start=1):
@@ -236,34 +236,34 @@ class SeeAction:
                 feedback = make_message("rtask_msgs/SeeFeedback")
                 feedback.number, feedback.count = number, len(view.perceived.objects)
                 feedback.object = self._ask(goal, view, seen, number)
-                said.put(feedback)
-            said.put(view)
+                events.put(feedback)
+            events.put(view)
         except RtaskError as error:
-            said.put(error)
+            events.put(error)
         finally:
             # Whatever ended this thread must not leave the goal without an end.
-            said.put(RtaskError("the view could not be examined; see the log of the node"))
+            events.put(RtaskError("the view could not be examined; see the log of the node"))
 
     def _ask(self, goal: Any, view: View, seen: Seen, number: int) -> Any:
         """Return what the graph knows of one object; an error of the server is part of it."""
-        one = make_message("rtask_msgs/SeenObject")
-        one.header, one.label = view.header(self._eyes.frame), number
-        one.pose, one.size = box_of(seen)
+        seen_object = make_message("rtask_msgs/SeenObject")
+        seen_object.header, seen_object.label = view.header(self._eyes.frame), number
+        seen_object.pose, seen_object.size = box_of(seen)
         try:
             answer = self._client.call("recognise_for_grasp", **self._request(goal, view, seen))
         except RtaskError as error:
-            one.task_response, one.error = "error", refusal(error)
-            return one
+            seen_object.task_response, seen_object.error = "error", refusal(error)
+            return seen_object
         self._heard("recognise_for_grasp", answer)
-        one.task_response, one.task_id = answer["task_response"], answer["task_id"]
-        one.object, one.name = answer["object"], answer["label"]
-        one.class_name, one.class_iri = answer["class"], answer["class_iri"]
-        one.confidence = float(answer["confidence"])
-        one.grasps = [
+        seen_object.task_response, seen_object.task_id = answer["task_response"], answer["task_id"]
+        seen_object.object, seen_object.name = answer["object"], answer["label"]
+        seen_object.class_name, seen_object.class_iri = answer["class"], answer["class_iri"]
+        seen_object.confidence = float(answer["confidence"])
+        seen_object.grasps = [
             fill(make_message("moveit_msgs/Grasp"), grasp, make_message)
             for grasp in answer["grasps"]
         ]
-        return one
+        return seen_object
 
     def _request(self, goal: Any, view: View, seen: Seen) -> JsonObject:
         options, stamp = self._options, view.stamp
@@ -289,8 +289,8 @@ class SeeAction:
 def _names(objects: Iterable[Any]) -> list[str]:
     """Return the names of objects in the planning scene."""
     names: list[str] = []
-    for one in objects:
-        names.append(scene_id(one.object, one.label, names))
+    for seen in objects:
+        names.append(scene_id(seen.object, seen.label, names))
     return names
 
 
@@ -302,20 +302,20 @@ def _markers(result: Any, frame: str) -> Any:
 
 
 def _boxes(result: Any, frame: str) -> Iterator[Any]:
-    for k, one in enumerate(result.objects):
-        box = _marker("CUBE", one.header, frame)
-        box.ns, box.id, box.pose, box.scale = "objects", k, one.pose, one.size
-        box.color.r, box.color.g, box.color.b = _COLOURS.get(one.task_response, _GREY)
+    for k, seen in enumerate(result.objects):
+        box = _marker("CUBE", seen.header, frame)
+        box.ns, box.id, box.pose, box.scale = "objects", k, seen.pose, seen.size
+        box.color.r, box.color.g, box.color.b = _COLOURS.get(seen.task_response, _GREY)
         box.color.a = 0.5
         yield box
-        name = _marker("TEXT_VIEW_FACING", one.header, frame)
+        name = _marker("TEXT_VIEW_FACING", seen.header, frame)
         name.ns, name.id = "names", k
-        name.pose.position.x, name.pose.position.y = one.pose.position.x, one.pose.position.y
-        name.pose.position.z = one.pose.position.z + one.size.z / 2 + 0.03
+        name.pose.position.x, name.pose.position.y = seen.pose.position.x, seen.pose.position.y
+        name.pose.position.z = seen.pose.position.z + seen.size.z / 2 + 0.03
         name.pose.orientation.w = 1.0
         name.scale.z, name.color.a = 0.03, 1.0
         name.color.r = name.color.g = name.color.b = 1.0
-        name.text = f"{one.name or '?'} {one.confidence:.2f}"
+        name.text = f"{seen.name or '?'} {seen.confidence:.2f}"
         yield name
 
 

@@ -53,8 +53,8 @@ class OperationServices:
         self._schema, self._client, self._heard = schema, client, heard
         self._converter = Converter(schema, make_message)
         self._served = [
-            rospy.Service(f"rtask/{name}", service_type(one.name), self._handler(name))
-            for name, one in schema.services.items()
+            rospy.Service(f"rtask/{name}", service_type(service.name), self._handler(name))
+            for name, service in schema.services.items()
         ]
 
     def _handler(self, operation: str) -> Callable[[Any], Any]:

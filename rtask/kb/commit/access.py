@@ -73,8 +73,8 @@ class Access:
         graphs = {right for right in self.rights if _GRAPH.fullmatch(right)}
         unknown = self.rights - RIGHTS - graphs
         if unknown:
-            known = ", ".join((*sorted(RIGHTS), "read:<IRI of a graph>"))
-            raise UsageError(f"unknown right {min(unknown)!r}; one of {known}")
+            rights = ", ".join((*sorted(RIGHTS), "read:<IRI of a graph>"))
+            raise UsageError(f"unknown right {min(unknown)!r}; one of {rights}")
         if self.role != "reader":
             raise UsageError(
                 f"{min(graphs)!r} limits what is read, and a {self.role} may read all; "
@@ -113,7 +113,7 @@ class Access:
         if self.plain:
             return True
         graphs = self._bound()
-        if not isinstance(graph, NamedNode) or graphs.is_kept_by_commits(graph):
+        if not isinstance(graph, NamedNode) or graphs.is_system(graph):
             return False
         if graph == graphs.rules:
             return self.role == "admin" or "rules" in self.rights
@@ -135,7 +135,7 @@ class Access:
             return
         name = "the default graph" if isinstance(graph, DefaultGraph) else str(graph)
         who = f"{self.role} {self.agent}" if self.agent else self.role
-        protected = not self.plain and self._bound().is_kept_by_commits(graph)
+        protected = not self.plain and self._bound().is_system(graph)
         if protected:
             reason = "only the knowledge base itself writes it"
         elif not self.plain and graph == self._bound().rules:

@@ -217,8 +217,8 @@ def take_in(writer: Writer, files: Files, inference: Inference | None, access: A
 def _miscounted(committer: Committer, store: GraphStore) -> frozenset[GraphName]:
     """Return the graphs that hold another number of statements than the catalogue says."""
     catalogue, graphs = committer.catalogue, committer.graphs
-    found = {g for g in store.named_graphs() if store.count(g) != catalogue.triple_count(g)}
-    return frozenset(found - {graphs.meta, graphs.provenance})
+    miscounted = {g for g in store.named_graphs() if store.count(g) != catalogue.triple_count(g)}
+    return frozenset(miscounted - {graphs.meta, graphs.provenance})
 
 
 def _mark_file(files: Files) -> Path | None:

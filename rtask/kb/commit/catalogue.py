@@ -142,8 +142,8 @@ class Catalogue:
 
     def ontologies(self) -> list[NamedNode]:
         """Return the graphs that hold ontologies, sorted."""
-        found = [g for g in self._entries if isinstance(g, NamedNode) and self.is_ontology(g)]
-        return sorted(found, key=lambda graph: graph.value)
+        ontologies = [g for g in self._entries if isinstance(g, NamedNode) and self.is_ontology(g)]
+        return sorted(ontologies, key=lambda graph: graph.value)
 
     def activity(self, seq: int) -> NamedNode:
         """Return the individual that stands for a commit."""
@@ -175,9 +175,13 @@ class Catalogue:
             self._name_source(notes, graph, facts.sources.get(graph))
             self._set_number(notes, graph, _COMMIT_NUMBER, self.revision(graph), commit.seq)
             before = self.triple_count(graph)
-            known = before if graph in self._entries else None
+            last_count = before if graph in self._entries else None
             self._set_number(
-                notes, graph, _TRIPLE_COUNT, known, facts.sizes.get(graph, before + counts[graph])
+                notes,
+                graph,
+                _TRIPLE_COUNT,
+                last_count,
+                facts.sizes.get(graph, before + counts[graph]),
             )
         self._mark_closure(notes, commit, facts.closure_current, changed)
         meta, provenance = self.graphs.meta, self.graphs.provenance
@@ -266,14 +270,16 @@ class Catalogue:
         changed: Iterable[GraphName],
     ) -> None:
         inferred = self.graphs.inferred
-        known = self.revision(inferred)
-        if closure_current and known is None and inferred not in changed:
+        revision = self.revision(inferred)
+        if closure_current and revision is None and inferred not in changed:
             self._describe_graph(notes, inferred, commit, None)
             self._set_number(notes, inferred, _COMMIT_NUMBER, None, commit.seq)
             if inferred not in self._entries:
                 self._set_number(notes, inferred, _TRIPLE_COUNT, None, 0)
-        elif closure_current is False and known is not None:
-            notes.removed[Quad(inferred, _COMMIT_NUMBER, literal(known), self.graphs.meta)] = None
+        elif closure_current is False and revision is not None:
+            notes.removed[Quad(inferred, _COMMIT_NUMBER, literal(revision), self.graphs.meta)] = (
+                None
+            )
 
     def apply(self, notes: Overlay) -> None:
         """Update the mirror after the record has been stored."""

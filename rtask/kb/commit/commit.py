@@ -453,7 +453,7 @@ def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
         QuadChain(*_written_if_large(change.added), *_written_if_large(derived.added), notes.added),
         list(change.created),
         list(change.dropped),
-        kept=derived.kept,
+        inferred=derived.inferred,
     )
 
 

@@ -41,24 +41,24 @@ def inconsistent(
     because = _because(causes, name)
     return InconsistentError(
         f"contradicts the ontology: {message}{more}{hint}{because}; nothing was stored",
-        contradictions=[_describe(found, graphs_of) for found in contradictions],
+        contradictions=[_describe(contradiction, graphs_of) for contradiction in contradictions],
         causes=[describe_cause(cause, name, graphs_of) for cause in causes],
     )
 
 
 def _because(causes: Sequence[Any], name: Name) -> str:
     """Return the causes in words; nothing where the cause is only what clashes."""
-    told = [cause for cause in causes if len(cause.statements) + len(cause.known) > 1]
-    if not told:
+    with_reasons = [cause for cause in causes if len(cause.statements) + len(cause.known) > 1]
+    if not with_reasons:
         return ""
-    listed = [cause_of(cause, name) for cause in told[:_LISTED]]
+    listed = [cause_of(cause, name) for cause in with_reasons[:_LISTED]]
     if len(listed) == 1:
-        known = told[0].known[:_SHOWN]
-        beside = " and ".join(" ".join(map(name, triple)) for triple in known)
+        assumed = with_reasons[0].known[:_SHOWN]
+        beside = " and ".join(" ".join(map(name, triple)) for triple in assumed)
         return f"; cause: {listed[0]}" + (f", beside {beside}" if beside else "")
-    more = f" and {len(told) - _LISTED} more" if len(told) > _LISTED else ""
+    more = f" and {len(with_reasons) - _LISTED} more" if len(with_reasons) > _LISTED else ""
     sets = " ".join(f"({number}) {text}" for number, text in enumerate(listed, 1))
-    return f"; {len(told)} causes, each enough: {sets}{more}"
+    return f"; {len(with_reasons)} causes, each enough: {sets}{more}"
 
 
 def cause_of(cause: Any, name: Name, limit: int = _SHOWN) -> str:

@@ -215,10 +215,10 @@ class _Runner:
         where = self.update.source(operation.where)
         default, named = self._dataset(operation)
         if self.overlay.is_empty():
-            found = _select(
+            solutions = _select(
                 self.overlay.store, operation, where, names, default, named, self.dataset.base
             )
-            return self.meter.solutions(found)
+            return self.meter.solutions(solutions)
         return self._dry_run(operation, where, names, default, named)
 
     def _dataset(

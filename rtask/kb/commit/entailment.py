@@ -48,17 +48,17 @@ class Entailment:
     is_spent: bool
 
     @classmethod
-    def of(cls, found: Any, name: Callable[[Term], str], budget: int) -> Entailment:
+    def of(cls, decision: Any, name: Callable[[Term], str], budget: int) -> Entailment:
         """Return the answer of :func:`reasoner.entails` with names for its terms."""
         return cls(
-            found.answer,
-            found.proofs,
-            found.missing,
-            found.undecided,
-            found.is_inconsistent,
+            decision.answer,
+            decision.proofs,
+            decision.missing,
+            decision.undecided,
+            decision.is_inconsistent,
             name,
             budget,
-            found.is_spent,
+            decision.is_spent,
         )
 
     def words(self, triple: TripleKey) -> str:

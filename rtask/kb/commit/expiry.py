@@ -59,7 +59,7 @@ class Expiry:
 
     def _note(self, quads: list[Quad]) -> None:
         moments = [when(quad.object) for quad in quads if self._is_ours(quad.graph_name)]
-        times = {found.timestamp() for found in moments if found is not None}
+        times = {moment.timestamp() for moment in moments if moment is not None}
         if not times:
             return
         with self._changed:

@@ -37,7 +37,7 @@ class Staged(Protocol):
 
     inferred_added: Collection[TripleKey]
     inferred_removed: Collection[TripleKey]
-    inferred_kept: Collection[TripleKey] | None
+    remaining_inferred: Collection[TripleKey] | None
     contradictions: list[Any]
 
     def causes(self, budget_ms: float) -> list[Any]:
@@ -245,8 +245,8 @@ class Inference:
         )
         if self._catalogue.revision(graph) is not None:
             # The graph holds exactly what the closure derived.
-            kept = staged.inferred_kept
-            return Derived(gained, lost, None if kept is None else InGraph(kept, graph))
+            remaining = staged.remaining_inferred
+            return Derived(gained, lost, None if remaining is None else InGraph(remaining, graph))
         return Derived(gained, dict.fromkeys(quad for quad in lost if quad in self._store))
 
     def inconsistent(
@@ -260,17 +260,17 @@ class Inference:
         from reasoner import Proof
 
         names = self.names()
-        found: Decision = self.closure().explain(
+        decision: Decision = self.closure().explain(
             cast("Any", triple), budget, graphs_of=self.graphs_of, name=names
         )
-        if found.holds is False:
+        if decision.holds is False:
             # A graph that rules do not read may still assert it.
             quads = self._store.quads_for_pattern(*triple, None)
             graphs = sorted(str(quad.graph_name).strip("<>") for quad in quads)
             if graphs:
                 gloss = " ".join(map(names, triple))
                 return Proof(cast("Any", triple), gloss, "asserted", graphs=tuple(graphs))
-        return found
+        return decision
 
     def entails(self, conclusion: Iterable[TripleKey], budget: int) -> Any:
         """Return whether a conclusion follows; see :func:`reasoner.entails`."""
@@ -290,9 +290,9 @@ class Inference:
 
     def causes(self, budget_ms: float) -> list[dict[str, Any]]:
         """Return the smallest sets of asserted statements behind the present contradictions."""
-        found = self.closure().causes(budget_ms=budget_ms)
+        causes = self.closure().causes(budget_ms=budget_ms)
         names = self.names()
-        return [describe_cause(cause, names, self.graphs_of) for cause in found]
+        return [describe_cause(cause, names, self.graphs_of) for cause in causes]
 
     def graphs_of(self, triple: TripleKey) -> list[str]:
         """Return the names of the graphs that assert a triple."""
@@ -305,8 +305,8 @@ class Inference:
         self._closure = None
         closure = self._closure = self._build()
         graph = self._graphs.inferred
-        found = self._store.quads_for_pattern(None, None, None, graph)
-        missing, surplus = closure.compare(map(triple_key, found))
+        stored = self._store.quads_for_pattern(None, None, None, graph)
+        missing, surplus = closure.compare(map(triple_key, stored))
         return InGraph(missing, graph), [Quad(s, p, o, graph) for s, p, o in surplus]
 
     def _stage(self, change: Overlay, rules: Sequence[Rule] | None, budget: Any) -> Staged:

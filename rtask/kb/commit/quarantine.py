@@ -129,7 +129,7 @@ def _record(graphs: Graphs, node: NamedNode, quad: Quad, reason: str, seq: int) 
 def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
     """Return the statements in quarantine, in the order of their commits."""
     here = graphs.quarantine
-    found = []
+    quarantined = []
     for quad in store.quads_for_pattern(None, RDF_TYPE, _STATEMENT, here):
         facts = {
             q.predicate: q.object for q in store.quads_for_pattern(quad.subject, None, None, here)
@@ -138,8 +138,8 @@ def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
             subject, predicate, value = (facts[part] for part in _PARTS)
             statement = Quad(subject, predicate, value, facts[_GRAPH])  # type: ignore[arg-type]
             reason = getattr(facts[_REASON], "value", "")
-            found.append(Quarantined(quad.subject, statement, reason, facts[_COMMIT]))  # type: ignore[arg-type]
-    return sorted(found, key=lambda one: _number(one.node))
+            quarantined.append(Quarantined(quad.subject, statement, reason, facts[_COMMIT]))  # type: ignore[arg-type]
+    return sorted(quarantined, key=lambda entry: _number(entry.node))
 
 
 def _number(node: NamedNode) -> tuple[int, ...]:
@@ -158,18 +158,22 @@ def reinstate(
     UsageError
         There is no such record.
     """
-    kept = {one.node.value: one for one in statements(overlay.store, graphs)}
-    wanted = set(kept) if nodes is None else set(nodes)
-    if not wanted <= kept.keys():
-        raise UsageError(f"nothing in quarantine is named {min(wanted - kept.keys())}")
+    quarantined = {
+        statement.node.value: statement for statement in statements(overlay.store, graphs)
+    }
+    chosen = set(quarantined) if nodes is None else set(nodes)
+    if not chosen <= quarantined.keys():
+        raise UsageError(f"nothing in quarantine is named {min(chosen - quarantined.keys())}")
     here = graphs.quarantine
-    staying = {triple_key(one.quad) for name, one in kept.items() if name not in wanted}
-    for one in (kept[name] for name in sorted(wanted)):
-        access.require_write(one.quad.graph_name, "release")
-        for record in list(overlay.store.quads_for_pattern(one.node, None, None, here)):
+    staying = {
+        triple_key(statement.quad) for name, statement in quarantined.items() if name not in chosen
+    }
+    for statement in (quarantined[name] for name in sorted(chosen)):
+        access.require_write(statement.quad.graph_name, "release")
+        for record in list(overlay.store.quads_for_pattern(statement.node, None, None, here)):
             overlay.remove(record)
-        subject, predicate, value = triple_key(one.quad)
+        subject, predicate, value = triple_key(statement.quad)
         if (subject, predicate, value) not in staying:
             overlay.remove(Quad(subject, predicate, value, here))
         if not drop:
-            overlay.add(one.quad)
+            overlay.add(statement.quad)

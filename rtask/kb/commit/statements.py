@@ -83,9 +83,9 @@ class Annotation:
 def stamp(value: dt.datetime | str) -> Literal:
     """Return a time as a literal of the ontology; it must have a time zone."""
     text = moment(value).isoformat().replace("+00:00", "Z")
-    kept = stored(Literal(text, datatype=_STAMP))
-    assert isinstance(kept, Literal)
-    return kept
+    stamp_literal = stored(Literal(text, datatype=_STAMP))
+    assert isinstance(stamp_literal, Literal)
+    return stamp_literal
 
 
 def notes(
@@ -100,16 +100,16 @@ def notes(
     UsageError
         If a confidence is not in [0, 1].
     """
-    said: dict[NamedNode, Term] = {}
+    annotations: dict[NamedNode, Term] = {}
     if confidence is not None:
         if not 0.0 <= confidence <= 1.0:
             raise UsageError(f"a confidence lies in [0, 1], got {confidence}")
-        said[CONFIDENCE] = stored(literal(float(confidence)))
+        annotations[CONFIDENCE] = stored(literal(float(confidence)))
     if valid_until is not None:
-        said[VALID_UNTIL] = stamp(valid_until)
+        annotations[VALID_UNTIL] = stamp(valid_until)
     if source is not None:
-        said[SOURCE] = source if isinstance(source, NamedNode) else NamedNode(source)
-    return said
+        annotations[SOURCE] = source if isinstance(source, NamedNode) else NamedNode(source)
+    return annotations
 
 
 def reifier_of(base: str, quad: Quad) -> NamedNode:
@@ -134,23 +134,23 @@ def reifiers(store: GraphStore, key: TripleKey, graph: GraphName | None = None) 
 
 def read_annotations(store: GraphStore, key: TripleKey) -> list[Annotation]:
     """Return the annotations of a statement in each graph."""
-    found = []
+    annotations = []
     for quad in [q for q in reifiers(store, key) if isinstance(q.graph_name, NamedNode)]:
-        said: dict[NamedNode, Term] = {}
+        values: dict[NamedNode, Term] = {}
         for note in store.quads_for_pattern(quad.subject, None, None, quad.graph_name):
-            said[note.predicate] = note.object
-        source = said.get(SOURCE)
-        found.append(
+            values[note.predicate] = note.object
+        source = values.get(SOURCE)
+        annotations.append(
             Annotation(
                 quad.graph_name,
                 quad.subject,
-                _number(said.get(CONFIDENCE)),
-                when(said.get(VALID_UNTIL)),
+                _number(values.get(CONFIDENCE)),
+                when(values.get(VALID_UNTIL)),
                 source if isinstance(source, NamedNode) else None,
-                when(said.get(INVALIDATED)),
+                when(values.get(INVALIDATED)),
             )
         )
-    return sorted(found, key=lambda annotation: str(annotation.reifier))
+    return sorted(annotations, key=lambda annotation: str(annotation.reifier))
 
 
 def _number(term: Term | None) -> float | None:

@@ -55,7 +55,7 @@ class Transaction:
         self._request = request
         self._overlay: Overlay | None = None
         self._commit: Commit | None = None
-        self._said: dict[tuple[NamedNode, NamedNode], list[Quad]] = {}
+        self._notes: dict[tuple[NamedNode, NamedNode], list[Quad]] = {}
 
     @property
     def commit(self) -> Commit:
@@ -121,17 +121,17 @@ class Transaction:
         """
         quad = self._quad(subject, predicate, value, graph)
         self._pending().add(quad)
-        said = notes(confidence, valid_until, source)
-        if said:
-            self._annotate(quad, said)
+        annotations = notes(confidence, valid_until, source)
+        if annotations:
+            self._annotate(quad, annotations)
 
-    def _annotate(self, quad: Quad, said: Mapping[NamedNode, Term]) -> None:
+    def _annotate(self, quad: Quad, annotations: Mapping[NamedNode, Term]) -> None:
         pending, where = self._pending(), quad.graph_name
         base = self._request.access.graphs.base if self._request.access.graphs else ""
         reifier = reifier_of(base, quad)
         pending.add(reification(reifier, quad))
-        for predicate, value in said.items():
-            own = self._said.setdefault((reifier, predicate), [])
+        for predicate, value in annotations.items():
+            own = self._notes.setdefault((reifier, predicate), [])
             before = list(pending.store.quads_for_pattern(reifier, predicate, None, where))
             for old in (*before, *own):
                 pending.remove(old)

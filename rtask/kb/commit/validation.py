@@ -217,13 +217,13 @@ class Validator:
 
 def refuse(report: ValidationReport) -> None:
     """Raise if any result has severity Violation."""
-    bad = [one for one in report if one.severity == "Violation"]
+    bad = [violation for violation in report if violation.severity == "Violation"]
     if not bad:
         return
     more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
     raise ValidationError(
         f"the data violate a SHACL shape: {bad[0]}{more}; nothing was stored",
-        results=[asdict(one) for one in bad],
+        results=[asdict(violation) for violation in bad],
         shapes=list(report.shapes),
     )
 
@@ -272,13 +272,13 @@ def run(
         raise DataError(f"the SHACL shapes cannot be applied: {error}") from error
     return [
         Violation(
-            str(one.focus),
-            one.path,
-            None if one.value is None else str(one.value),
-            one.message,
-            str(one.shape),
-            one.severity,
+            str(finding.focus),
+            finding.path,
+            None if finding.value is None else str(finding.value),
+            finding.message,
+            str(finding.shape),
+            finding.severity,
             getattr(graph, "value", None),
         )
-        for one in report.findings
+        for finding in report.findings
     ]

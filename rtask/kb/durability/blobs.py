@@ -38,8 +38,8 @@ def digest_of(term: NamedNode | str) -> str | None:
     >>> digest_of("urn:sha256:" + "0" * 64) == "0" * 64, digest_of("urn:mug")
     (True, None)
     """
-    found = _IRI.fullmatch(term.value if isinstance(term, NamedNode) else term)
-    return found[1] if found else None
+    matched = _IRI.fullmatch(term.value if isinstance(term, NamedNode) else term)
+    return matched[1] if matched else None
 
 
 @dataclass(frozen=True)
@@ -259,11 +259,11 @@ class BlobStore:
 
     def is_sound(self, digest: str) -> bool:
         """Whether the stored bytes still match their digest."""
-        found = hashlib.sha256()
+        sha256 = hashlib.sha256()
         with self.open(PREFIX + digest) as file:
             for chunk in iter(lambda: file.read(_CHUNK), b""):
-                found.update(chunk)
-        return found.hexdigest() == digest
+                sha256.update(chunk)
+        return sha256.hexdigest() == digest
 
 
 def sync_folder(folder: Path) -> None:

@@ -109,12 +109,12 @@ def find(folder: Path, mode: str) -> Settings | None:
         if mode == "new":
             raise StoreFormatError(f"{folder} is already a knowledge base; open it with mode='rw'")
         return Settings.load(folder)
-    if mode == "r" or (folder.is_dir() and any(map(_is_kept, folder.iterdir()))):
+    if mode == "r" or (folder.is_dir() and any(map(_is_stored_file, folder.iterdir()))):
         return Settings.load(folder)
     return None
 
 
-def _is_kept(path: Path) -> bool:
+def _is_stored_file(path: Path) -> bool:
     """Whether a file shows that its folder is in use, unlike what a crash while creating leaves."""
     return path.name != "kb.tmp"
 

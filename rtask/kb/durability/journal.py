@@ -42,10 +42,10 @@ __all__ = [
 
 Piece = bytes | memoryview
 SEGMENT_BYTES = 64 << 20
-_KEPT_BYTES = 1 << 30
+_RETAINED_BYTES = 1 << 30
 _BLOCK = 10_000
 """Number of statements that are turned into text at a time."""
-_KEPT_S = 30 * 86_400
+_RETENTION_S = 30 * 86_400
 
 
 @dataclass(frozen=True)
@@ -372,7 +372,7 @@ class JournalFile:
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
-            old = time.time() - path.stat().st_mtime > _KEPT_S or total > _KEPT_BYTES
+            old = time.time() - path.stat().st_mtime > _RETENTION_S or total > _RETAINED_BYTES
             if not old or int(following.stem) > checkpoint:
                 return
             total -= path.stat().st_size

@@ -64,10 +64,10 @@ class FolderLock:
 
     def _read(self) -> dict[str, Any]:
         try:
-            found: dict[str, Any] = json.loads(os.pread(self._handle, 4096, 0))
+            holder: dict[str, Any] = json.loads(os.pread(self._handle, 4096, 0))
         except ValueError:
             return {}
-        return found
+        return holder
 
     def release(self) -> None:
         """Release the lock."""

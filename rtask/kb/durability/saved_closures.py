@@ -28,7 +28,7 @@ __all__ = ["Held", "SavedClosures", "TracedJournal", "discard_saved", "saved_fol
 
 _log = logging.getLogger(__name__)
 _PREFIX = "closure-"
-_KEPT = 2
+_MAX_SAVED = 2
 _MIN_ASSERTED = 1_000
 """Below this many asserted triples, building the closure takes less time than saving it."""
 _DUE_CHANGES = 5_000
@@ -77,8 +77,8 @@ class TracedJournal(Protocol):
 
 def saved_folders(folder: Path) -> list[Path]:
     """Return the folders of saved closures in the folder of a knowledge base, newest first."""
-    found = [path for path in folder.glob(f"{_PREFIX}*") if path.name[len(_PREFIX) :].isdigit()]
-    return sorted(found, key=lambda path: int(path.name[len(_PREFIX) :]), reverse=True)
+    folders = [path for path in folder.glob(f"{_PREFIX}*") if path.name[len(_PREFIX) :].isdigit()]
+    return sorted(folders, key=lambda path: int(path.name[len(_PREFIX) :]), reverse=True)
 
 
 def discard_saved(folder: Path) -> None:
@@ -253,7 +253,7 @@ class SavedClosures:
     def _prune(self) -> None:
         """Delete all but the newest, and what a kill left half-written."""
         half_written = self._folder.glob(f"{_PREFIX}*.tmp")
-        for path in (*half_written, *saved_folders(self._folder)[_KEPT:]):
+        for path in (*half_written, *saved_folders(self._folder)[_MAX_SAVED:]):
             _delete(path)
 
     def discard(self) -> None:

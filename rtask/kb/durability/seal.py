@@ -19,7 +19,7 @@ Seal: TypeAlias = dict[str, tuple[int, int]]
 _PIECE = 1 << 20
 
 
-def seal(journal: JournalFile, known: Seal | None = None) -> Seal:
+def seal(journal: JournalFile, earlier: Seal | None = None) -> Seal:
     """Return size and CRC-32 of each segment.
 
     Parameters
@@ -32,7 +32,7 @@ def seal(journal: JournalFile, known: Seal | None = None) -> Seal:
     made: Seal = {}
     for path in segments:
         size = path.stat().st_size
-        before = (known or {}).get(path.name)
+        before = (earlier or {}).get(path.name)
         if before is not None and before[0] == size and path != segments[-1]:
             made[path.name] = before
         else:

@@ -93,7 +93,7 @@ class Settings:
         """
         try:
             record = json.loads((folder / _FILE).read_text("utf-8"))
-            found = int(record["format"])
+            stored = int(record["format"])
         except FileNotFoundError:
             raise StoreFormatError(
                 f"{folder} is not a knowledge base (no {_FILE}); name an empty or new folder, "
@@ -102,12 +102,12 @@ class Settings:
             ) from None
         except (ValueError, KeyError, TypeError) as error:
             raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
-        if found != FORMAT:
-            age = "newer" if found > FORMAT else "older"
-            cure = "update RTASK" if found > FORMAT else "export it with the version that made it"
+        if stored != FORMAT:
+            age = "newer" if stored > FORMAT else "older"
+            cure = "update RTASK" if stored > FORMAT else "export it with the version that made it"
             raise StoreFormatError(
-                f"{folder} has the {age} format {found}, this version reads {FORMAT}; {cure}",
-                format=found,
+                f"{folder} has the {age} format {stored}, this version reads {FORMAT}; {cure}",
+                format=stored,
             )
         try:
             return cls(**{n: record[n] for n in cls.__dataclass_fields__ if n in record})

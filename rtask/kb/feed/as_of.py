@@ -48,7 +48,7 @@ def copy_as_of(
         )
     if seq < 0 or seq > last_seq:
         raise UsageError(f"there is no commit {seq}; the last one is {last_seq}")
-    feed.require_kept(seq)
+    feed.require_retained(seq)
     plain = files.settings.plain
     store = Store()
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no

@@ -88,11 +88,11 @@ class Feed:
             before, self._announced = self._announced, seq
             if self._journal is None:
                 self._remember(change)
-            found = self._interested(change) if self._by_pattern else []
+            subscribers = self._interested(change) if self._by_pattern else []
         resume = self.position(before)
         is_instance = self._instances(change)
-        for subscriber in found:
-            part = subscriber.wanted.applied(change, is_instance)
+        for subscriber in subscribers:
+            part = subscriber.filter_.applied(change, is_instance)
             if part is not None:
                 subscriber.queue.put(part, seq, resume)
 
@@ -108,15 +108,15 @@ class Feed:
 
     def _interested(self, change: Change) -> list[_Subscriber]:
         """Return the subscribers that a change may concern, with one look-up per pattern mask."""
-        found: dict[int, _Subscriber] = {}
+        interested: dict[int, _Subscriber] = {}
         for mask, by_key in self._by_pattern.items():
             if not any(mask):
                 chosen = [subscriber for group in by_key.values() for subscriber in group]
             else:
                 keys = {_masked(quad, mask) for quad in _quads(change)}
                 chosen = [subscriber for key in keys for subscriber in by_key.get(key, ())]
-            found.update((id(subscriber), subscriber) for subscriber in chosen)
-        return list(found.values())
+            interested.update((id(subscriber), subscriber) for subscriber in chosen)
+        return list(interested.values())
 
     def _instances(self, change: Change) -> Callable[[Subject, NamedNode], bool]:
         """Return a test whether a node is an instance of a class, or was before the commit."""
@@ -136,7 +136,7 @@ class Feed:
 
     def subscribe(
         self,
-        wanted: Filter,
+        filter_: Filter,
         *,
         since: int | str | None = None,
         once: bool = False,
@@ -145,30 +145,30 @@ class Feed:
     ) -> Subscription[Change]:
         """Return a subscription; see :meth:`KnowledgeBase.subscribe`."""
         after = None if since is None else self._after(since)
-        subscriber = _Subscriber(wanted)
+        subscriber = _Subscriber(filter_)
         with self._lock:
             if self._closed:
                 raise ClosedError("the knowledge base is closed; it has no commits to follow")
             if after is not None:
-                self.require_kept(after)
+                self.require_retained(after)
             upto = self._announced
-            past = None if after is None else self._past(wanted, after, upto)
+            past = None if after is None else self._past(filter_, after, upto)
             queue: Subscription[Change] = Subscription(
                 lambda: self._remove(subscriber), past, once, size, on_ready
             )
             subscriber.queue = queue
-            self._group(wanted).append(subscriber)
+            self._group(filter_).append(subscriber)
         return queue
 
-    def _group(self, wanted: Filter) -> list[_Subscriber]:
-        key = wanted.key
+    def _group(self, filter_: Filter) -> list[_Subscriber]:
+        key = filter_.key
         s, p, o, g = key
         mask = (s is not None, p is not None, o is not None, g is not None)
         return self._by_pattern.setdefault(mask, {}).setdefault(key, [])
 
     def _remove(self, subscriber: _Subscriber) -> None:
         with self._lock:
-            group = self._group(subscriber.wanted)
+            group = self._group(subscriber.filter_)
             if subscriber in group:
                 group.remove(subscriber)
             for mask, by_key in list(self._by_pattern.items()):
@@ -191,9 +191,9 @@ class Feed:
             )
         return int(number)
 
-    def require_kept(self, after: int) -> None:
+    def require_retained(self, after: int) -> None:
         """Raise unless every commit after this number is still kept."""
-        oldest = self.oldest_kept()
+        oldest = self.oldest_retained()
         if after > self._announced:
             raise UsageError(f"there is no commit {after}; the last one is {self._announced}")
         if after + 1 < oldest:
@@ -204,15 +204,15 @@ class Feed:
                 seq=self._announced,
             )
 
-    def oldest_kept(self) -> int:
+    def oldest_retained(self) -> int:
         """Return the number of the oldest commit that can be read again."""
         if self._journal is None:
             return self._oldest
         return self._journal.oldest() or self._announced + 1
 
-    def _past(self, wanted: Filter, after: int, upto: int) -> Iterator[Change]:
+    def _past(self, filter_: Filter, after: int, upto: int) -> Iterator[Change]:
         for change in self.changes(after, upto):
-            part = wanted.applied(change, self._instances(change))
+            part = filter_.applied(change, self._instances(change))
             if part is not None:
                 yield part
 
@@ -232,10 +232,10 @@ class Feed:
         """Convert a journal record to the change that was announced."""
         graphs = self._catalogue.graphs
         derived = {graphs.inferred}
-        kept = set() if self._plain else {graphs.inferred, graphs.meta, graphs.provenance}
+        hidden = set() if self._plain else {graphs.inferred, graphs.meta, graphs.provenance}
         added, removed = record.added(), record.removed()
         asserted = [
-            tuple(q for q in quads if q.graph_name not in kept) for quads in (added, removed)
+            tuple(q for q in quads if q.graph_name not in hidden) for quads in (added, removed)
         ]
         inferred = [
             () if self._plain else tuple(q for q in quads if q.graph_name in derived)
@@ -272,8 +272,8 @@ class _Subscriber:
 
     queue: Subscription[Change]
 
-    def __init__(self, wanted: Filter) -> None:
-        self.wanted = wanted
+    def __init__(self, filter_: Filter) -> None:
+        self.filter_ = filter_
 
 
 def _parts(change: Change) -> tuple[Collection[Quad], ...]:

@@ -109,7 +109,11 @@ def _entries(
 
 
 def matcher(
-    subject: object, predicate: object, value: object, graph: GraphName | None, kept: set[GraphName]
+    subject: object,
+    predicate: object,
+    value: object,
+    graph: GraphName | None,
+    graphs_shown: set[GraphName],
 ) -> Callable[[Quad], bool]:
     """Return a predicate for a pattern; ``None`` matches everything but the graphs in ``kept``."""
 
@@ -118,7 +122,11 @@ def matcher(
             (subject is None or quad.subject == subject)
             and (predicate is None or quad.predicate == predicate)
             and (value is None or quad.object == value)
-            and (quad.graph_name == graph if graph is not None else quad.graph_name not in kept)
+            and (
+                quad.graph_name == graph
+                if graph is not None
+                else quad.graph_name not in graphs_shown
+            )
         )
 
     return fits

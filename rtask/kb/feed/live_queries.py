@@ -135,8 +135,8 @@ class LiveQueries:
         parts = (change.added, change.removed, change.inferred_added, change.inferred_removed)
         touched = {quad.predicate for quads in parts for quad in quads}
         with self._changed:
-            for one in self._queries:
-                one.is_due |= one.reads is None or not touched.isdisjoint(one.reads)
+            for query in self._queries:
+                query.is_due |= query.reads is None or not touched.isdisjoint(query.reads)
             self._changed.notify()
 
     def add(
@@ -153,15 +153,15 @@ class LiveQueries:
         TooLargeError
             The answer has more than 1,000 rows.
         """
-        one = _LiveQuery(ask, predicates_of(text))
-        one.subscription = Subscription(lambda: self._remove(one), size=size, on_ready=on_ready)
+        query = _LiveQuery(ask, predicates_of(text))
+        query.subscription = Subscription(lambda: self._remove(query), size=size, on_ready=on_ready)
         with self._changed:
-            self._queries.append(one)
-            one.is_due = False
+            self._queries.append(query)
+            query.is_due = False
         try:
-            self._ask(one)
+            self._ask(query)
         except BaseException:
-            self._remove(one)
+            self._remove(query)
             raise
         with self._changed:
             if self._thread is None:
@@ -169,43 +169,43 @@ class LiveQueries:
                     target=self._run, name="rtask-standing-queries", daemon=True
                 )
                 self._thread.start()
-        return one.subscription
+        return query.subscription
 
-    def _remove(self, one: _LiveQuery) -> None:
+    def _remove(self, query: _LiveQuery) -> None:
         with self._changed:
-            if one in self._queries:
-                self._queries.remove(one)
+            if query in self._queries:
+                self._queries.remove(query)
 
     def _run(self) -> None:
         while True:
             with self._changed:
-                due = [one for one in self._queries if one.is_due]
+                due = [query for query in self._queries if query.is_due]
                 if self._closed:
                     return
                 if not due:
                     self._changed.wait()
                     continue
-                for one in due:
-                    one.is_due = False
-            for one in due:
+                for query in due:
+                    query.is_due = False
+            for query in due:
                 try:
-                    self._ask(one)
+                    self._ask(query)
                 except RtaskError as error:
-                    one.subscription.fail(error)
-                    self._remove(one)
+                    query.subscription.fail(error)
+                    self._remove(query)
                 except Exception:  # noqa: BLE001 - one query must not end the others
                     _log.exception("a live query failed")
-                    one.subscription.fail(RtaskError("the query failed"))
-                    self._remove(one)
+                    query.subscription.fail(RtaskError("the query failed"))
+                    self._remove(query)
 
-    def _ask(self, one: _LiveQuery) -> None:
+    def _ask(self, query: _LiveQuery) -> None:
         """Evaluate a query and put the difference from its rows so far."""
-        with one.asking:  # the subscriber's thread asks first, and this one's after a commit
-            self._put_difference(one)
+        with query.asking:  # the subscriber's thread asks first, and this one's after a commit
+            self._put_difference(query)
 
-    def _put_difference(self, one: _LiveQuery) -> None:
+    def _put_difference(self, query: _LiveQuery) -> None:
         seq = self._last_seq()
-        answer = one.ask()
+        answer = query.ask()
         if len(answer) > MAX_ROWS:
             raise TooLargeError(
                 f"the answer of a live query may have {MAX_ROWS} rows; add a LIMIT",
@@ -214,16 +214,16 @@ class LiveQueries:
                 allowed=MAX_ROWS,
             )
         rows: Counter[_Row] = Counter(tuple(row) for row in answer)
-        added, removed = rows - one.rows, one.rows - rows
-        one.rows = rows
-        if added or removed or one.is_new:
-            one.is_new = False
+        added, removed = rows - query.rows, query.rows - rows
+        query.rows = rows
+        if added or removed or query.is_new:
+            query.is_new = False
             change = RowChange(
                 seq,
                 Solutions(answer.variables, list(added.elements())),
                 Solutions(answer.variables, list(removed.elements())),
             )
-            one.subscription.put(change, seq, self._position(seq))
+            query.subscription.put(change, seq, self._position(seq))
 
     def close(self) -> None:
         """End the thread and every subscription."""
@@ -231,8 +231,8 @@ class LiveQueries:
             self._closed = True
             standing = list(self._queries)
             self._changed.notify()
-        for one in standing:
-            one.subscription.close()
+        for query in standing:
+            query.subscription.close()
         thread = self._thread
         if thread is not None and thread is not threading.current_thread():
             thread.join(timeout=10.0)

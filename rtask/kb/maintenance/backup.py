@@ -127,10 +127,10 @@ def check(source: Path) -> dict[str, Any]:
         record: dict[str, Any] = json.loads((source / _FILE).read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise StoreFormatError(f"{source} is not a complete backup: {_FILE} is missing") from error
-    found = _count(source)
-    if found != record.get("quads", found):
+    quad_count = _count(source)
+    if quad_count != record.get("quads", quad_count):
         raise StoreFormatError(
-            f"{source} is damaged: it holds {found} statements instead of {record['quads']}"
+            f"{source} is damaged: it holds {quad_count} statements instead of {record['quads']}"
         )
     blobs = BlobStore(source / "blobs", writable=False)
     for digest in blobs.digests():

@@ -78,14 +78,14 @@ def _replay_all(
                     f"the journal in {folder} goes from commit {last} to {record.seq}; those "
                     "between are missing or were deleted because of their age; restore a backup"
                 )
-            _require_known(folder, record)
+            _require_recorded(folder, record)
             last = record.seq
             yield record
 
     return replay_all(store, gapless(), settings.is_merged)
 
 
-def _require_known(folder: Path, record: Record) -> None:
+def _require_recorded(folder: Path, record: Record) -> None:
     if record.header.get("kind") == "recovered":
         raise StoreFormatError(
             f"the journal in {folder} does not hold commit {record.seq}, which only the store "
@@ -103,11 +103,11 @@ def _require_complete(folder: Path, store: EmbeddedStore, settings: Settings) ->
         for quad in store.quads_for_pattern(None, _COUNT, None, meta)
         if isinstance(quad.object, Literal)
     }
-    found: Counter[object] = Counter({graph: store.count(graph) for graph in store.named_graphs()})
+    counts: Counter[object] = Counter({graph: store.count(graph) for graph in store.named_graphs()})
     short = sorted(
-        f"{graph} ({found[graph]} of {count})"
+        f"{graph} ({counts[graph]} of {count})"
         for graph, count in counted.items()
-        if found[graph] < count and graph != meta
+        if counts[graph] < count and graph != meta
     )
     if short:
         raise StoreFormatError(

@@ -100,14 +100,14 @@ def _journal(journal: object, seq: int) -> Iterator[Finding]:
 
 def _blobs(kb: Reasoning) -> Iterator[Finding]:
     named = _named_blobs(kb)
-    kept = set(kb.blobs.digests())
-    for digest in sorted(named - kept):
+    stored = set(kb.blobs.digests())
+    for digest in sorted(named - stored):
         yield Finding("error", "blobs", f"{PREFIX}{digest} is named, its bytes are not here")
-    for digest in sorted(kept):
+    for digest in sorted(stored):
         if not kb.blobs.is_sound(digest):
             yield Finding("error", "blobs", f"{PREFIX}{digest} holds other bytes")
-    if kept - named:
-        yield Finding("note", "blobs", f"{len(kept - named)} are named by no statement")
+    if stored - named:
+        yield Finding("note", "blobs", f"{len(stored - named)} are named by no statement")
 
 
 def _named_blobs(kb: Reasoning) -> set[str]:
@@ -167,11 +167,11 @@ def _catalogue(kb: Reasoning, repair: bool) -> Iterator[Finding]:
     for graph in kb.store.named_graphs():
         if graph in (kb.graphs.meta, kb.graphs.provenance):
             continue
-        found = sum(1 for _ in kb.store.quads_for_pattern(None, None, None, graph))
+        count = sum(1 for _ in kb.store.quads_for_pattern(None, None, None, graph))
         listed = kb.catalogue.triple_count(graph)
-        if found != listed:
+        if count != listed:
             wrong.add(graph)
-            yield Finding("error", "catalogue", f"{graph} holds {found}, listed with {listed}")
+            yield Finding("error", "catalogue", f"{graph} holds {count}, listed with {listed}")
     if wrong and repair:
         request = Request(kb.access(), note="verify", trusted=True, recount=frozenset(wrong))
         with kb.commit_block(request):

@@ -223,12 +223,12 @@ def _kind(result: Any) -> str:
 @lru_cache(maxsize=64)
 def _form(kind: str, media_type: str | None) -> tuple[str, str, Any]:
     """Return the kind and media type of an answer, and its serialization format."""
-    known: Callable[[str], Any]
+    from_media_type: Callable[[str], Any]
     if kind == "triples":
-        known, own = ox.RdfFormat.from_media_type, _ANSWERS[1]
+        from_media_type, own = ox.RdfFormat.from_media_type, _ANSWERS[1]
     else:
-        known, own = ox.QueryResultsFormat.from_media_type, _ANSWERS[0]
-    form = known(media_type or own)
+        from_media_type, own = ox.QueryResultsFormat.from_media_type, _ANSWERS[0]
+    form = from_media_type(media_type or own)
     if form is None:
         carried = "triples" if kind == "triples" else "rows or a truth value"
         raise LookupError(f"{media_type!r} cannot represent {carried}")

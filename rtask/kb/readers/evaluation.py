@@ -176,15 +176,15 @@ def serialize(
     """
     answer = _evaluate(store, graphs, plain, text, dataset, timeout_s)
     if isinstance(answer, QuerySolutions | QueryBoolean):
-        known: Any = QueryResultsFormat.from_media_type(media_type)
+        from_media_type: Any = QueryResultsFormat.from_media_type(media_type)
         kind = "rows or a truth value"
     else:
-        known, kind = RdfFormat.from_media_type(media_type), "triples"
-    if known is None:
+        from_media_type, kind = RdfFormat.from_media_type(media_type), "triples"
+    if from_media_type is None:
         raise UsageError(f"{media_type!r} cannot represent {kind}", media_type=media_type)
     try:
         sink = io.BytesIO()
-        write_answer(answer, sink, known)
+        write_answer(answer, sink, from_media_type)
     except (RuntimeError, ValueError) as error:
         raise DataError(f"the answer cannot be written as {media_type}: {error}") from error
     return sink.getvalue()

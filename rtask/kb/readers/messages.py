@@ -62,11 +62,11 @@ class Incoming:
         # descriptors arrive with the first byte of a message, so its header is read by itself
         header, descriptors = b"", []
         while len(header) < HEADER.size:
-            part, found, _, _ = socket.recv_fds(self._connection, HEADER.size - len(header), 4)
+            part, received, _, _ = socket.recv_fds(self._connection, HEADER.size - len(header), 4)
             if not part:
                 raise EOFError
             header += part
-            descriptors += found
+            descriptors += received
         kind, length = HEADER.unpack(header)
         return kind, self._exactly(length), descriptors
 

@@ -75,12 +75,12 @@ class Places:
         """Take a place for quick queries; return a function that releases it, or none if full."""
         with self._changed:
             self._require_open()
-            if self.is_wanted or not self._is_room(False, False):
+            if self.is_in_demand or not self._is_room(False, False):
                 return None
             return self._take(False, False)
 
     @property
-    def is_wanted(self) -> bool:
+    def is_in_demand(self) -> bool:
         """Whether somebody waits who may have the next place that is released."""
         if not self.waiting:
             return False

@@ -175,9 +175,9 @@ class Readers:
         return line.is_sound and self._supply.is_current(line.reader)
 
     @property
-    def is_wanted(self) -> bool:
+    def is_in_demand(self) -> bool:
         """Whether threads wait for a place like that of a line, which is to be closed soon."""
-        return self._places.is_wanted
+        return self._places.is_in_demand
 
     def send(self, line: ReaderLine, payload: bytes, text: str) -> bool:
         """Send a query on a line without waiting; tell whether it was sent.
@@ -215,12 +215,14 @@ class Readers:
         """
         asked = _Asked(b"", text)
         crash = functools.partial(self._too_expensive, asked)
-        come = line.detach()
+        read_ahead = line.detach()
 
         def done(reader: ReaderProcess, is_reusable: bool) -> None:
             self._supply.give_back(reader, is_reusable and is_last)
 
-        stream = ReaderStream(line.reader, text, None, done, crash, self._deadlines, come=come)
+        stream = ReaderStream(
+            line.reader, text, None, done, crash, self._deadlines, come=read_ahead
+        )
         stream.hold(line.leave)
         with self._lock:
             self._lines.discard(line)

@@ -195,8 +195,8 @@ class ReaderStream(Stream):
             return payload
         facts = _facts(payload)
         if kind == b"X":
-            known = facts["reason"] not in ("memory", "limit")
-            self._finish(facts.get("reusable", known))
+            is_reusable = facts["reason"] not in ("memory", "limit")
+            self._finish(facts.get("reusable", is_reusable))
             raise self._error(facts)
         self.reader.measured(facts["rss"])
         self._finish(facts.get("reusable", True))
@@ -312,9 +312,9 @@ def _read(descriptor: int, size: int) -> bytes:
 
 def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
     """Recreate the error that a reader raised, with the same class."""
-    found = getattr(errors, name, None)
-    if isinstance(found, type) and issubclass(found, RtaskError):
-        return found(text, **details)
+    error_class = getattr(errors, name, None)
+    if isinstance(error_class, type) and issubclass(error_class, RtaskError):
+        return error_class(text, **details)
     return DataError(f"the update cannot be evaluated: {text}")
 
 

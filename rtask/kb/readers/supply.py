@@ -194,7 +194,7 @@ class ReaderSupply:
 
     def _idle_reader(self, replica: KeeperProcess | None) -> ReaderProcess | None:
         stale: list[ReaderProcess] = []
-        found = None
+        idle = None
         seq = self._last_seq()
         with self._lock:
             for reader in reversed(list(self._idle)):
@@ -202,14 +202,14 @@ class ReaderSupply:
                 if reader.keeper.failed or reader.is_gone or not fits:
                     self._idle.remove(reader)
                     stale.append(reader)
-                elif found is None:
-                    found = reader
-            if found is not None:
-                self._idle.remove(found)
-                found.busy = True
+                elif idle is None:
+                    idle = reader
+            if idle is not None:
+                self._idle.remove(idle)
+                idle.busy = True
         for reader in stale:
             self._discard(reader)
-        return found
+        return idle
 
     def _new_reader(self, replica: KeeperProcess | None) -> ReaderProcess:
         if replica is not None:

@@ -32,8 +32,8 @@ _POSITION = re.compile(r"^query (?:\d+:\d+: )?")
 def tidy(rule: Rule) -> Rule:
     """Return a rule without heading, blank edges and gaps, as it is stored."""
     lines = [line.rstrip() for line in rule.text.splitlines()]
-    kept = [line for line in lines if not re.match(r"#\s*rule:", line)]
-    text = re.sub(r"\n{3,}", "\n\n", "\n".join(kept)).strip()
+    remaining = [line for line in lines if not re.match(r"#\s*rule:", line)]
+    text = re.sub(r"\n{3,}", "\n\n", "\n".join(remaining)).strip()
     return replace(rule, label=rule.label.strip(), text=text)
 
 
@@ -94,8 +94,10 @@ def _check_prefixes(rule: Rule, tokens: list[Token], declared: dict[str, str]) -
         prefix = token.text.partition(":")[0] + ":"
         if token.kind != "name" or prefix in declared or before.is_word("PREFIX"):
             continue
-        known = ontology.PREFIXES.get(prefix[:-1])
-        hint = f"; add PREFIX {prefix} <{known}>" if known else nearest(prefix, list(declared))
+        namespace = ontology.PREFIXES.get(prefix[:-1])
+        hint = (
+            f"; add PREFIX {prefix} <{namespace}>" if namespace else nearest(prefix, list(declared))
+        )
         raise _at(rule, token, f"undeclared prefix {prefix!r}{hint}")
 
 

@@ -107,13 +107,13 @@ def read_rules(sources: Source | Iterable[Source]) -> list[Rule]:
         A file is not UTF-8 text.
     """
     given = [sources] if isinstance(sources, Rule | Path | str) else list(sources)
-    found: dict[str, Rule] = {}
+    rules: dict[str, Rule] = {}
     for source in given:
         for rule in [source] if isinstance(source, Rule) else _read(source):
-            if rule.label in found:
+            if rule.label in rules:
                 raise UsageError(f"two rules are labelled {rule.label!r}; rename one of them")
-            found[rule.label] = rule
-    return list(found.values())
+            rules[rule.label] = rule
+    return list(rules.values())
 
 
 def _read(source: Path | str) -> Iterator[Rule]:
@@ -154,9 +154,9 @@ def parse_rules(text: str, name: str) -> Iterator[Rule]:
     """
     lines = text.splitlines()
     headings = [
-        (number, found["label"])
+        (number, heading["label"])
         for number, line in enumerate(lines)
-        if (found := _HEADING.fullmatch(line.strip()))
+        if (heading := _HEADING.fullmatch(line.strip()))
     ]
     if not headings:
         headings, first = [(0, name)], 0
@@ -176,12 +176,12 @@ def parse_rules(text: str, name: str) -> Iterator[Rule]:
 
 def _comment(lines: Iterable[str]) -> str:
     """Return the comment lines at the head of a rule, its heading left out, as one text."""
-    said = []
+    comment = []
     for line in lines:
-        found = _COMMENT.fullmatch(line.strip())
-        if found is None:
+        matched = _COMMENT.fullmatch(line.strip())
+        if matched is None:
             if line.strip():
                 break
         elif not _HEADING.fullmatch(line.strip()):
-            said.append(found[1].strip())
-    return " ".join(filter(None, said))
+            comment.append(matched[1].strip())
+    return " ".join(filter(None, comment))

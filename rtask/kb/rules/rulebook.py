@@ -45,8 +45,8 @@ def stored_rules(quads: Iterable[Quad]) -> list[Rule]:
     for quad in quads:
         if isinstance(quad.subject, NamedNode):
             about.setdefault(quad.subject, {}).setdefault(quad.predicate, []).append(quad.object)
-    found = [_rule(name, facts) for name, facts in about.items() if _TEXT in facts]
-    return sorted(found, key=lambda rule: (rule.label, str(rule.iri)))
+    rules = [_rule(name, facts) for name, facts in about.items() if _TEXT in facts]
+    return sorted(rules, key=lambda rule: (rule.label, str(rule.iri)))
 
 
 def _rule(name: NamedNode, facts: dict[NamedNode, list[object]]) -> Rule:
@@ -84,18 +84,18 @@ def changed(change: Overlay, graphs: Graphs) -> list[Rule] | None:
     rules = stored_rules(change.quads(here))
     for rule in rules:
         if rule.text not in before:
-            check_rule(rule, lambda term: _is_known(change, term), _own_terms(change))
+            check_rule(rule, lambda term: _exists(change, term), _own_terms(change))
     return rules
 
 
-def _is_known(change: Overlay, term: NamedNode) -> bool:
+def _exists(change: Overlay, term: NamedNode) -> bool:
     find = change.store.quads_for_pattern
-    for found in (
+    for quads in (
         find(term, None, None, None),
         find(None, term, None, None),
         find(None, None, term, None),
     ):
-        if next(iter(found), None) is not None:
+        if next(iter(quads), None) is not None:
             return True
     return any(term in (q.subject, q.predicate, q.object) for q in change.added)
 
@@ -124,13 +124,13 @@ def add(
         There is another rule of that label, and ``replace`` is not given.
     """
     here, now = graphs.rules, dt.datetime.now(dt.UTC)
-    known = {rule.iri: rule for rule in stored_rules(overlay.quads(here))}
-    labels = {rule.label: rule for rule in known.values()}
+    existing = {rule.iri: rule for rule in stored_rules(overlay.quads(here))}
+    labels = {rule.label: rule for rule in existing.values()}
     for rule in rules:
-        check_rule(rule, lambda term: _is_known(overlay, term), _own_terms(overlay))
+        check_rule(rule, lambda term: _exists(overlay, term), _own_terms(overlay))
         rule = tidy(rule)
         name = rule_iri(graphs, rule.label)
-        old = known.get(name) or labels.get(rule.label)
+        old = existing.get(name) or labels.get(rule.label)
         if old is not None:
             if (old.text, old.comment) == (rule.text, rule.comment):
                 continue

@@ -87,9 +87,9 @@ class SideIndex:
         """Take note of a commit; it is indexed before the next search."""
         if self._db is None:
             return
-        wanted = self._predicates
+        predicates = self._predicates
         parts = (change.removed, change.added)
-        removed, added = ([q for q in part if q.predicate in wanted] for part in parts)
+        removed, added = ([q for q in part if q.predicate in predicates] for part in parts)
         self._waiting.append((change.commit.seq, removed, added))
         if len(self._waiting) > _MAX_WAITING:
             self._stale = True
@@ -132,9 +132,9 @@ class SideIndex:
 
     def _open(self) -> sqlite3.Connection:
         db = self._connect()
-        known = dict(db.execute("SELECT name, value FROM facts"))
-        seq = int(known.get("seq", -1))
-        fits = known.get("epoch") == self._feed.epoch and seq <= self._feed.last_seq
+        stored = dict(db.execute("SELECT name, value FROM facts"))
+        seq = int(stored.get("seq", -1))
+        fits = stored.get("epoch") == self._feed.epoch and seq <= self._feed.last_seq
         self._waiting.clear()
         self._db = db  # from here on, announced commits are queued
         upto = self._feed.last_seq
@@ -177,13 +177,13 @@ class SideIndex:
         """Index the commits since the last search; return whether all were still available."""
         if after == upto:
             return True
-        wanted = self._predicates
+        predicates = self._predicates
         try:
-            self._feed.require_kept(after)
+            self._feed.require_retained(after)
             with self._writing(db, upto):
                 for change in self._feed.changes(after, upto):
-                    removed = [q for q in change.removed if q.predicate in wanted]
-                    self._apply(db, removed, [q for q in change.added if q.predicate in wanted])
+                    removed = [q for q in change.removed if q.predicate in predicates]
+                    self._apply(db, removed, [q for q in change.added if q.predicate in predicates])
         except GoneError:
             return False
         return True

@@ -83,10 +83,10 @@ class PlaceTable:
                 self._put(db, subject)
 
     def _put(self, db: sqlite3.Connection, subject: NamedNode) -> None:
-        known = db.execute("SELECT id FROM poses WHERE iri = ?", (subject.value,)).fetchone()
-        if known is not None:
-            db.execute("DELETE FROM places WHERE id = ?", known)
-            db.execute("DELETE FROM poses WHERE id = ?", known)
+        existing = db.execute("SELECT id FROM poses WHERE iri = ?", (subject.value,)).fetchone()
+        if existing is not None:
+            db.execute("DELETE FROM places WHERE id = ?", existing)
+            db.execute("DELETE FROM poses WHERE id = ?", existing)
         frame = self._value(subject, _IN_FRAME)
         x, y, z = (self._number(subject, axis) for axis in (_X, _Y, _Z))
         if not isinstance(frame, NamedNode) or x is None or y is None:
@@ -134,18 +134,18 @@ class PlaceTable:
             raise UsageError(
                 f"expected a point of three finite numbers and a radius, got {point!r}"
             )
-        known = db.execute("SELECT id FROM frames WHERE iri = ?", (frame.value,)).fetchone()
-        if known is None:
+        frame_row = db.execute("SELECT id FROM frames WHERE iri = ?", (frame.value,)).fetchone()
+        if frame_row is None:
             return []
         bounds = [bound for c in point for bound in (c + radius, c - radius)]
         rows = db.execute(
             "SELECT iri, x, y, z FROM places JOIN poses ON poses.id = places.id "
             "WHERE f0 <= ? AND f1 >= ? AND x0 <= ? AND x1 >= ? AND y0 <= ? AND y1 >= ? "
             "AND z0 <= ? AND z1 >= ?",
-            (known[0], known[0], *bounds),
+            (frame_row[0], frame_row[0], *bounds),
         )
-        found = [
+        places = [
             Place(NamedNode(name), (x, y, z), math.dist((x, y, z), point)) for name, x, y, z in rows
         ]
-        inside = [place for place in found if place.distance <= radius]
+        inside = [place for place in places if place.distance <= radius]
         return sorted(inside, key=lambda place: (place.distance, place.pose.value))

@@ -69,14 +69,14 @@ def words_of(text: str) -> str:
     UsageError
         If the text contains no word.
     """
-    found = []
+    stems = []
     for word in text.split():
         stem = word.rstrip("*")
         if any(c.isalnum() for c in stem):
-            found.append('"' + stem.replace('"', '""') + '"' + ("*" if word != stem else ""))
-    if not found:
+            stems.append('"' + stem.replace('"', '""') + '"' + ("*" if word != stem else ""))
+    if not stems:
         raise UsageError(f"the search text {text!r} contains no word; give at least one")
-    return " ".join(found)
+    return " ".join(stems)
 
 
 class TextTable:
@@ -116,17 +116,17 @@ class TextTable:
     def change(self, db: sqlite3.Connection, removed: list[Quad], added: list[Quad]) -> None:
         """Update the table after a commit."""
         for row in filter(None, map(_row, removed)):
-            known = db.execute(
+            existing = db.execute(
                 "SELECT id FROM texts WHERE subject = ? AND predicate = ? AND text = ? "
                 "AND language = ? AND graph = ?",
                 row,
             ).fetchone()
-            if known is not None:
+            if existing is not None:
                 db.execute(
                     "INSERT INTO words(words, rowid, text) VALUES ('delete', ?, ?)",
-                    (known[0], row[2]),
+                    (existing[0], row[2]),
                 )
-                db.execute("DELETE FROM texts WHERE id = ?", known)
+                db.execute("DELETE FROM texts WHERE id = ?", existing)
         for row in filter(None, map(_row, added)):
             done = db.execute(
                 "INSERT OR IGNORE INTO texts(subject, predicate, text, language, graph) "
@@ -150,8 +150,10 @@ class TextTable:
             "ORDER BY bm25(words), subject, texts.text",
             given,
         )
-        for subject, predicate, found, tag, score in rows:
-            yield TextHit(NamedNode(subject), NamedNode(predicate), found, tag or None, score)
+        for subject, predicate, matched_text, tag, score in rows:
+            yield TextHit(
+                NamedNode(subject), NamedNode(predicate), matched_text, tag or None, score
+            )
 
 
 def _row(quad: Quad) -> tuple[str, str, str, str, str] | None:

@@ -151,8 +151,8 @@ class Shapes:
 
     def local(self) -> Shapes:
         """Return those shapes that a part of the data suffices to check."""
-        kept = tuple(shape for shape in self.shapes if shape.is_local)
-        return Shapes(kept, self.links, self.inverse, self.objects_of, self.others)
+        local = tuple(shape for shape in self.shapes if shape.is_local)
+        return Shapes(local, self.links, self.inverse, self.objects_of, self.others)
 
 
 @lru_cache(maxsize=32)
@@ -198,8 +198,8 @@ def of_graphs(store: GraphStore, apart: Iterable[GraphName] = ()) -> Shapes:
         *((RDF_TYPE, kind) for kind in _KINDS),
         *((target, None) for target in TARGETS),
     ):
-        found = store.quads_for_pattern(None, predicate, value, None)
-        starts += [(q.subject, q.graph_name) for q in found if q.graph_name not in skipped]
+        quads = store.quads_for_pattern(None, predicate, value, None)
+        starts += [(q.subject, q.graph_name) for q in quads if q.graph_name not in skipped]
     about: dict[Term, dict[TripleKey, str]] = {}
     graphs = sorted({graph for _, graph in starts}, key=str)
     waiting = list(dict.fromkeys(node for node, _ in starts))
@@ -343,17 +343,17 @@ def _depth(
 
 def _members(node: Term, about: dict[Term, dict[TripleKey, str]]) -> list[Term]:
     """Return the members of a list, or the node itself if it is none."""
-    found: list[Term] = []
+    members: list[Term] = []
     at: Term | None = node
     seen: set[Term] = set()
     while at is not None and at not in seen:
         seen.add(at)
         lines = {predicate.value: value for _, predicate, value in about.get(at, {})}
         if _RDF + "first" not in lines:
-            return found or [node]
-        found.append(lines[_RDF + "first"])
+            return members or [node]
+        members.append(lines[_RDF + "first"])
         at = lines.get(_RDF + "rest")
-    return found
+    return members
 
 
 def _length(path: Term, about: dict[Term, dict[TripleKey, str]]) -> int:

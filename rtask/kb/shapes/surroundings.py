@@ -36,10 +36,10 @@ class ShapeView:
         return self.graph is None or quad.graph_name == self.graph
 
     def _stored(self, subject: Any, predicate: Any, value: Any) -> Iterator[TripleKey]:
-        found = self._change.store.quads_for_pattern(subject, predicate, value, self.graph)
+        quads = self._change.store.quads_for_pattern(subject, predicate, value, self.graph)
         return (
             triple_key(quad)
-            for quad in found
+            for quad in quads
             if quad.graph_name != DEFAULT and quad not in self._change.removed
         )
 
@@ -98,17 +98,17 @@ class ShapeView:
         return roles
 
     def _with_superclasses(self, kind: Term) -> set[Term]:
-        known = self._superclasses.get(kind)
-        if known is not None:
-            return known
-        found, waiting = {kind}, [kind]
+        cached = self._superclasses.get(kind)
+        if cached is not None:
+            return cached
+        superclasses, waiting = {kind}, [kind]
         while waiting:
             for _, _, above in self._stored(waiting.pop(), _SUBCLASS, None):
-                if above not in found:
-                    found.add(above)
+                if above not in superclasses:
+                    superclasses.add(above)
                     waiting.append(above)
-        self._superclasses[kind] = found
-        return found
+        self._superclasses[kind] = superclasses
+        return superclasses
 
     def followed(self, node: Term, predicates: frozenset[NamedNode]) -> Iterator[TripleKey]:
         """Yield the statements about a node with one of some predicates, and a node as object."""
@@ -126,17 +126,17 @@ class ShapeView:
             Steps from the nodes; beyond the first few, only along the paths of the shapes.
         """
         back = shapes.objects_of | shapes.inverse
-        kept: set[TripleKey] = set()
+        surroundings: set[TripleKey] = set()
         edge: set[Any] = set(focus)
         done: set[Any] = set()
         for step in range(max(_DEPTH, depth) + 1):
             done |= edge
-            found = {key for node in edge for key in self.about(node)}
+            about_edge = {key for node in edge for key in self.about(node)}
             pointing = {key for node in edge for key in self.pointing_at(node, back)}
-            kept |= found | pointing
+            surroundings |= about_edge | pointing
             edge = {
                 key[2]
-                for key in found
+                for key in about_edge
                 if isinstance(key[2], NamedNode | BlankNode)
                 and key[1] != RDF_TYPE
                 and (step < _DEPTH or key[1] in shapes.links)
@@ -144,8 +144,8 @@ class ShapeView:
             edge = (edge | {key[0] for key in pointing}) - done
             if not edge:
                 break
-        kinds = {key[2] for key in kept if key[1] == RDF_TYPE}
+        kinds = {key[2] for key in surroundings if key[1] == RDF_TYPE}
         for kind in kinds:
             for sub in self._with_superclasses(kind):
-                kept.update(self._stored(sub, _SUBCLASS, None))
-        return kept
+                surroundings.update(self._stored(sub, _SUBCLASS, None))
+        return surroundings

@@ -149,11 +149,11 @@ class EmbeddedStore(GraphStore):
             return
         try:
             with self.complete(graph):
-                found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+                quads = self.raw.quads_for_pattern(subject, predicate, value, graph)
             if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
-                yield from found
+                yield from quads
             else:
-                yield from _fitting(found, subject, value, graph)
+                yield from _fitting(quads, subject, value, graph)
         except RuntimeError as error:
             raise self._failed(error) from error
 
@@ -162,10 +162,10 @@ class EmbeddedStore(GraphStore):
     ) -> Iterator[Quad]:
         seen: set[Quad] = set()
         for quad in self.quads_for_pattern(subject, predicate, value, None):
-            one = Quad(quad.subject, quad.predicate, quad.object)
-            if one not in seen and not Graphs.is_quarantine(quad.graph_name):
-                seen.add(one)
-                yield one
+            joined = Quad(quad.subject, quad.predicate, quad.object)
+            if joined not in seen and not Graphs.is_quarantine(quad.graph_name):
+                seen.add(joined)
+                yield joined
 
     def count(self, graph: GraphName) -> int:
         """Return the number of triples in a named graph."""
@@ -295,7 +295,7 @@ def _is_named(term: Subject | Term | None) -> bool:
 
 
 def _fitting(
-    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
+    quads: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
 ) -> Iterator[Quad]:
     """Yield only the quads that really match.
 
@@ -303,9 +303,9 @@ def _fitting(
     255 also yields 256 to 510. The same holds for dates, short strings and short blank node labels.
     Terms stored by their hash, and SPARQL, are not affected.
     """
-    wanted = None if value is None else stored(value)
-    for quad in found:
-        if wanted is not None and quad.object != wanted:
+    stored_value = None if value is None else stored(value)
+    for quad in quads:
+        if stored_value is not None and quad.object != stored_value:
             continue
         if subject is not None and quad.subject != subject:
             continue

@@ -28,7 +28,7 @@ _KINDS = {
     "rules": "RuleBaseGraph",
     _QUARANTINE: "QuarantineGraph",
 }
-_KEPT_BY_COMMITS = frozenset(
+_SYSTEM = frozenset(
     {"InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph", "QuarantineGraph"}
 )
 
@@ -141,10 +141,10 @@ class Graphs:
             return "RuleGraph"
         return "NamedGraph"
 
-    def is_kept_by_commits(self, graph: GraphName) -> bool:
+    def is_system(self, graph: GraphName) -> bool:
         """Whether the graph is written by the knowledge base itself only."""
         first = self._path(graph).partition("/")[0]
-        return first in _OF_SERVERS or self.kind(graph) in _KEPT_BY_COMMITS
+        return first in _OF_SERVERS or self.kind(graph) in _SYSTEM
 
     def is_input(self, graph: GraphName) -> bool:
         """Whether the reasoner reads this graph.
@@ -154,7 +154,7 @@ class Graphs:
         """
         if not isinstance(graph, NamedNode) or graph == self.rules:
             return False
-        return not self.is_kept_by_commits(graph)
+        return not self.is_system(graph)
 
 
 def graph_class(kind: str) -> NamedNode:

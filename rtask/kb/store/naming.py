@@ -84,12 +84,12 @@ class Names:
     def _label(self, term: NamedNode | BlankNode) -> str:
         """Return a label in quotes, the English one of several; empty without one."""
         for predicate in _LABELS:
-            found = [
+            labels = [
                 quad.object
                 for quad in self._store.quads_for_pattern(term, predicate, None, None)
                 if isinstance(quad.object, Literal)
             ]
-            if found:
-                best = min(found, key=_preference)
+            if labels:
+                best = min(labels, key=_preference)
                 return f'"{best.value[:MAX_LABEL]}"'
         return ""

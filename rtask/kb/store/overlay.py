@@ -105,8 +105,8 @@ class Overlay:
 
     def named_graphs(self) -> list[GraphName]:
         """Return the named graphs with the changes applied."""
-        kept = [g for g in self.store.named_graphs() if g not in self.dropped]
-        return [*kept, *self.created]
+        existing = [g for g in self.store.named_graphs() if g not in self.dropped]
+        return [*existing, *self.created]
 
     def touched_graphs(self) -> set[GraphName]:
         """Return every graph that changes."""
@@ -136,12 +136,14 @@ class NetChange:
         _cancel(change.created, self.dropped, self.created)
 
 
-def _cancel(items: Mapping[Any, None], opposite: dict[Any, None], kept: dict[Any, None]) -> None:
+def _cancel(
+    items: Mapping[Any, None], opposite: dict[Any, None], remaining: dict[Any, None]
+) -> None:
     for item in items:
         if item in opposite:
             del opposite[item]
         else:
-            kept[item] = None
+            remaining[item] = None
 
 
 def apply_change(store: GraphStore, change: Overlay | NetChange) -> None:

@@ -174,4 +174,4 @@ class Derived:
 
     added: InGraph = field(default_factory=lambda: InGraph((), DEFAULT))
     removed: Collection[Quad] = ()
-    kept: InGraph | None = None
+    inferred: InGraph | None = None

@@ -64,7 +64,7 @@ def replace_contents(store: GraphStore, change: Writes) -> None:
         The change will be completed when the folder is opened again.
     """
     graphs = [*(g for g in store.named_graphs() if g not in change.dropped), *change.created]
-    staying = remaining(store, change.removed, store.named_graphs(), change.kept)
+    staying = remaining(store, change.removed, store.named_graphs(), change.inferred)
     gate, folder = store.gate, store.folder
     assert gate is not None
     if folder is None:

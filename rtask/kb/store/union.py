@@ -48,7 +48,7 @@ def union_change(
         Triples that the union gains besides; they are not part of the result.
     """
     change = Overlay(store)
-    known = _Known(store)
+    union = _Union(store)
     new = {triple_key(quad): quad for quad in added if Graphs.is_joined(quad.graph_name)}
     gone = {quad: None for quad in removed if Graphs.is_joined(quad.graph_name)}
     store.prefetch(
@@ -56,7 +56,7 @@ def union_change(
     )
     for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
-        if quad.graph_name in fresh or not known.has(in_union):
+        if quad.graph_name in fresh or not union.has(in_union):
             change.added[in_union] = None
     holds = _holder(store, gone, Graphs.is_joined)
     for key in {triple_key(quad): None for quad in gone}:
@@ -98,7 +98,7 @@ def remaining(
     store: GraphStore,
     gone: Collection[Quad],
     graphs: Iterable[GraphName],
-    kept: InGraph | None = None,
+    inferred: InGraph | None = None,
 ) -> Iterator[Quad]:
     """Yield the quads of some graphs that are not among those that go.
 
@@ -106,22 +106,22 @@ def remaining(
     """
     losses = _graph_counts(gone)
     for graph in graphs:
-        if kept is not None and graph == kept.graph:
-            yield from kept
+        if inferred is not None and graph == inferred.graph:
+            yield from inferred
             continue
         lost = losses[graph]
         if lost and lost == store.count(graph):
             continue
-        found = store.quads_for_pattern(None, None, None, graph)
+        quads = store.quads_for_pattern(None, None, None, graph)
         if not lost:
-            yield from found
+            yield from quads
             continue
         going = [
             set(part) if isinstance(part, InGraph) else part
             for part in parts_of(gone)
             if not isinstance(part, InGraph) or part.graph == graph
         ]
-        for quad in found:
+        for quad in quads:
             if not any(quad in part for part in going):
                 yield quad
 
@@ -145,11 +145,11 @@ class _Cached(dict[GraphName, bool]):
         self._test = test
 
     def __missing__(self, graph: GraphName) -> bool:
-        found = self[graph] = self._test(graph)
-        return found
+        result = self[graph] = self._test(graph)
+        return result
 
 
-class _Known:
+class _Union:
     """Cache of the subjects in a store; most subjects of a new file are new.
 
     Statements are grouped by subject, so one look-up covers all statements of a new subject.
@@ -161,11 +161,11 @@ class _Known:
 
     def mentions(self, subject: Subject) -> bool:
         """Whether any graph has a statement about a subject."""
-        found = self._mentioned.get(subject)
-        if found is None:
+        is_mentioned = self._mentioned.get(subject)
+        if is_mentioned is None:
             quads = self._store.quads_for_pattern(subject, None, None, None)
-            found = self._mentioned[subject] = next(quads, None) is not None
-        return found
+            is_mentioned = self._mentioned[subject] = next(quads, None) is not None
+        return is_mentioned
 
     def has(self, quad: Quad) -> bool:
         """Whether the store holds a quad."""

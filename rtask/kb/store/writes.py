@@ -38,7 +38,7 @@ class Writes:
     dropped: Collection[GraphName] = ()
     is_replacement: bool = False
     has_union: bool = False
-    kept: InGraph | None = None
+    inferred: InGraph | None = None
 
     def only_adds(self) -> bool:
         """Whether ``extend`` suffices, which also creates the graphs of its quads."""

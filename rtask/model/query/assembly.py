@@ -59,20 +59,20 @@ class Assembly:
         self._plan = plan
         self._order: dict[str, list[tuple[int, Any]]] = {}
         self._facts: dict[str, Facts] = {}
-        found: dict[tuple[str, str], Facts] = {}
+        facts_of: dict[tuple[str, str], Facts] = {}
         last: tuple[Term | None, Term | None] = (None, None)
-        known: Facts = {}
+        subject_facts: Facts = {}
         for root, subject, predicate, value, *keys in rows.tuples():
             if subject != last[1] or root != last[0]:  # a subject's rows are mostly adjacent
                 last, name = (root, subject), term_name(root)
-                known = found.setdefault((name, term_name(subject)), {})
+                subject_facts = facts_of.setdefault((name, term_name(subject)), {})
                 if subject == root and name not in self._order:  # every root has a type
                     self._order[name] = [_sort_key(key) for key in keys]
-            collect(known, term_name(predicate), value)
+            collect(subject_facts, term_name(predicate), value)
         for (
             _,
             name,
-        ), facts in found.items():  # objects shared by several roots came with each of them
+        ), facts in facts_of.items():  # objects shared by several roots came with each of them
             self._facts[name] = facts | self._facts.get(name, {})
 
     def objects(self) -> list[Any]:

@@ -108,8 +108,8 @@ class Query(PlainAnswers, Generic[M]):
         if plan.limit is not None or plan.offset:
             some = "all" if plan.limit is None else plan.limit
             lines.append(f"         then {some} of them from number {plan.offset} on")
-        wanted = eager(plan.model, plan.following(()))
-        lines.append(f"{len(wanted):7d}  properties are read with each")
+        eager_iris = eager(plan.model, plan.following(()))
+        lines.append(f"{len(eager_iris):7d}  properties are read with each")
         for path in plan.prefetch:
             steps = ".".join(step.name for step in path)
             model = path[-1].target() or Model
@@ -141,17 +141,17 @@ class Query(PlainAnswers, Generic[M]):
             For negative positions, and for slices with a step.
         """
         if isinstance(at, int):
-            found = self[_count(at) : at + 1]
-            if not found:
+            items = self[_count(at) : at + 1]
+            if not items:
                 raise IndexError(f"no {self._plan.model.__name__} at position {at}")
-            return found[0]
+            return items[0]
         if at.step not in (None, 1):
             raise UsageError("a slice of a query takes no step")
         start = 0 if at.start is None else _count(at.start)
         left = None if self._plan.limit is None else max(self._plan.limit - start, 0)
         if at.stop is not None:
-            wanted = max(_count(at.stop) - start, 0)
-            left = wanted if left is None else min(left, wanted)
+            count = max(_count(at.stop) - start, 0)
+            left = count if left is None else min(left, count)
         return self._with(offset=self._plan.offset + start, limit=left).all()
 
     def stream(self, batch: int = 500) -> Iterator[M]:
@@ -177,8 +177,8 @@ class Query(PlainAnswers, Generic[M]):
 
     def first(self) -> M | None:
         """Return the first object, or ``None``."""
-        found = self._at_most(1).all()
-        return found[0] if found else None
+        items = self._at_most(1).all()
+        return items[0] if items else None
 
     def one(self) -> M:
         """Return the only object.
@@ -190,13 +190,13 @@ class Query(PlainAnswers, Generic[M]):
         UsageError
             If there are several.
         """
-        found = self._at_most(2).all()
+        items = self._at_most(2).all()
         name = self._plan.model.__name__
-        if not found:
+        if not items:
             raise UnknownTermError(f"no {name} matches the query")
-        if len(found) > 1:
-            raise UsageError(f"several {name} match the query, among them {found[0]}, {found[1]}")
-        return found[0]
+        if len(items) > 1:
+            raise UsageError(f"several {name} match the query, among them {items[0]}, {items[1]}")
+        return items[0]
 
     def group_by(self, *paths: Path[Any]) -> Groups:
         """Group the objects by the values along paths."""
@@ -210,18 +210,18 @@ class Query(PlainAnswers, Generic[M]):
 
     def min(self, path: Path[T]) -> T | None:
         """Return the minimum of the values along a path, ``None`` if there is none."""
-        found: T | None = self._number(minimum(path))
-        return found
+        least: T | None = self._number(minimum(path))
+        return least
 
     def max(self, path: Path[T]) -> T | None:
         """Return the maximum of the values along a path, ``None`` if there is none."""
-        found: T | None = self._number(maximum(path))
-        return found
+        greatest: T | None = self._number(maximum(path))
+        return greatest
 
     def sum(self, path: Path[T]) -> T:
         """Return the sum of the values along a path, 0 if there is none."""
-        found: T = self._number(total(path))
-        return found
+        total_: T = self._number(total(path))
+        return total_
 
     def _number(self, number: Aggregate) -> Any:
         if self._plan.limit is not None or self._plan.offset:
@@ -247,21 +247,21 @@ class Query(PlainAnswers, Generic[M]):
                 raise FieldError(f"{self._plan.model.__name__} has no field {name!r}", field=name)
             fields.append(self._plan.model.__fields__[name])
         query = self.prefetch(*(Path(self._plan.model, (f,)) for f in fields if f.is_link))
-        found = query._present()
-        for item in found:
+        instances = query._present()
+        for item in instances:
             for name, value in values.items():
                 if value is None:
                     delattr(item, name)
                 else:
                     setattr(item, name, value)
-        return len(found)
+        return len(instances)
 
     def delete(self) -> int:
         """Delete all objects found, each as :meth:`Session.delete` does; return their number."""
-        found = self._present()
-        for item in found:
+        instances = self._present()
+        for item in instances:
             self._session.delete(item)
-        return len(found)
+        return len(instances)
 
     def _present(self) -> list[M]:
         """Return the objects that are not yet marked for deletion."""

@@ -33,7 +33,7 @@ __all__ = [
     "row_text",
 ]
 
-_KEPT = 512
+_MAX_CACHED = 512
 _cache: OrderedDict[Hashable, str] = OrderedDict()
 
 
@@ -55,7 +55,7 @@ def _compiled(plan: Plan, extra: Hashable, write: Callable[[], str]) -> str:
     text = _cache.get(key)
     if text is None:
         text = _cache[key] = finished(write())
-        while len(_cache) > _KEPT:
+        while len(_cache) > _MAX_CACHED:
             _cache.popitem(last=False)
     if not constants:
         return text
@@ -150,9 +150,9 @@ def object_text(plan: Plan) -> str:
 
 def _object_text(plan: Plan) -> str:
     keys = "".join(f" ?key{at}" for at in range(len(plan.orders)))
-    wanted = {path[:n] for path in plan.prefetch for n in range(1, len(path) + 1)}
+    prefixes = {path[:n] for path in plan.prefetch for n in range(1, len(path) + 1)}
     branches = []
-    for path in ((), *sorted(wanted, key=lambda p: [step.iri for step in p])):
+    for path in ((), *sorted(prefixes, key=lambda p: [step.iri for step in p])):
         model = (path[-1].target() if path else plan.model) or Model
         following = plan.following(path)
         start, own = _start(path, plan.inferred), "?s" if path else "?root"
@@ -259,12 +259,14 @@ def aggregate_text(
     """Return a query for aggregates of groups of roots: ``?group0``... and ``?column0``..."""
     every = [*columns, *(condition.number for condition in having)]
     numbers = tuple((c.function, c.path and steps(c.path)) for c in every)
-    kept = tuple(
+    conditions = tuple(
         f"FILTER(?column{at} {condition.operator} {_having_constant(condition)})"
         for at, condition in enumerate(having, len(columns))
     )
-    extra = ("groups", tuple(map(steps, groups)), numbers, len(columns), kept)
-    return _compiled(plan, extra, lambda: _aggregate_text(plan, groups, every, len(columns), kept))
+    extra = ("groups", tuple(map(steps, groups)), numbers, len(columns), conditions)
+    return _compiled(
+        plan, extra, lambda: _aggregate_text(plan, groups, every, len(columns), conditions)
+    )
 
 
 def _having_constant(condition: Having) -> Literal:
@@ -287,7 +289,7 @@ def _aggregate_text(
     groups: Sequence[Path[Any]],
     columns: Sequence[Aggregate],
     shown: int,
-    kept: Sequence[str],
+    conditions: Sequence[str],
 ) -> str:
     """Write one sub-select per path, so that the values of one do not multiply those of another.
 
@@ -312,7 +314,7 @@ def _aggregate_text(
     texts = texts or [_numbers_text(plan, groups, None, {})]
     picks = [*by, *(f"?column{at}" for at in range(shown))]
     tail = f" ORDER BY {' '.join(by)}" if by else ""
-    joined = "\n  ".join([*(f"{{ {text} }}" for text in texts), *kept])
+    joined = "\n  ".join([*(f"{{ {text} }}" for text in texts), *conditions])
     return f"SELECT {' '.join(picks)} WHERE {{\n  {joined}\n}}{tail}"
 
 

@@ -24,7 +24,7 @@ def engine_service(engine: Engine) -> Definition:
         version="1.0.0",
         summary="The shared memory of objects and grasps",
         description="Recognise, recall, store and curate: the operations of the engine.",
-        methods={name: _method(one) for name, one in engine.operations.items()},
+        methods={name: _method(operation) for name, operation in engine.operations.items()},
         resources={},
         make=lambda resources: engine,
         max_workers=_WORKERS,

@@ -118,32 +118,32 @@ class Grasping(Service):
         from grasp.push import as_part, plan_push_grasps
         from grasp.push.figures.whiskers import whisker_segments
 
-        def tell(done: int, wanted: int) -> None:
-            call.progress(done / wanted, f"{done} of {wanted} perturbed parts")
+        def tell(done: int, total: int) -> None:
+            call.progress(done / total, f"{done} of {total} perturbed parts")
 
         try:
             width = 0.25 * as_part(polygon).diameter if jaw_width is None else jaw_width
-            found = plan_push_grasps(
+            plan = plan_push_grasps(
                 polygon, jaw_width=width, friction=friction, vertex_std=vertex_std,
                 pose_std=(position_std, rotation_std), samples=samples, method=method,
                 max_opening=max_opening, seed=seed, progress=tell, deadline_s=deadline,
             )  # fmt: skip
         except ValueError as error:
             raise ServiceError(str(error)) from error
-        ends = whisker_segments(found)[:, 1]
-        ranked = [_push(found, i, ends[i]) for i in found.analysis.order[:grasps].tolist()]
+        ends = whisker_segments(plan)[:, 1]
+        ranked = [_push(plan, i, ends[i]) for i in plan.analysis.order[:grasps].tolist()]
         return PushGrasps(
-            grasps=ranked, candidates=len(found.grasps), jaw_width=width,
-            vertex_std=float(found.tolerance.vertex_std), samples=found.analysis.samples,
+            grasps=ranked, candidates=len(plan.grasps), jaw_width=width,
+            vertex_std=float(plan.tolerance.vertex_std), samples=plan.analysis.samples,
         )  # fmt: skip
 
 
-def _push(found: Any, index: int, whisker_end: NDArray[np.float64]) -> PlannedPush:
-    analysis, grasps = found.analysis, found.grasps
+def _push(plan: Any, index: int, whisker_end: NDArray[np.float64]) -> PlannedPush:
+    analysis, grasps = plan.analysis, plan.grasps
     return PlannedPush(
         contact=grasps.contacts[index],
         approach=grasps.approaches[index],
-        opening=float(found.openings[index]),
+        opening=float(plan.openings[index]),
         probability=float(analysis.quality[index]),
         lower_95=float(analysis.lower_95[index]),
         whisker_end=whisker_end,

@@ -138,12 +138,12 @@ class Pipeline(Service):
             "output": output,
             "description": described,
         }
-        return _saved(self._kept().save(stored, call.caller))
+        return _saved(self._saved_store().save(stored, call.caller))
 
     @method
     def saved_pipelines(self) -> list[SavedPipeline]:
         """Saved pipelines, sorted by name and version."""
-        return [_saved(one) for one in self._kept().listing()]
+        return [_saved(pipeline) for pipeline in self._saved_store().listing()]
 
     @method(output="removed", scope="write", effect="writes")
     def remove(self, pipeline: Text, version: Text, call: Call) -> str:
@@ -156,10 +156,10 @@ class Pipeline(Service):
         version
             Which one.
         """
-        self._kept().remove(pipeline, version, call.caller)
+        self._saved_store().remove(pipeline, version, call.caller)
         return f"{pipeline}@{version}"
 
-    def _kept(self) -> SavedPipelines:
+    def _saved_store(self) -> SavedPipelines:
         if self.saved is None:
             raise UnsupportedError("pipelines cannot be saved here: connect to a server")
         return self.saved
@@ -175,7 +175,7 @@ def carry_out(
     given, shown
         Its inputs by name, as they were read and as JSON.
     """
-    steps = [Step.model_validate(one) for one in stored["steps"]]
+    steps = [Step.model_validate(step) for step in stored["steps"]]
     return _carried_out(steps, stored["output"], given, shown, call)[0]
 
 
@@ -203,7 +203,7 @@ def _saved(stored: Stored) -> SavedPipeline:
     described = stored["description"]
     return SavedPipeline(
         name=described["name"], version=described["version"], owner=stored["owner"],
-        summary=described["summary"], steps=[Step.model_validate(one) for one in stored["steps"]],
+        summary=described["summary"], steps=[Step.model_validate(step) for step in stored["steps"]],
         output=stored["output"],
     )  # fmt: skip
 
@@ -225,17 +225,17 @@ def _checked(
     for step in steps:
         if step.id in plan or step.id == _ITEM or "." in step.id:
             raise UsageError(f"step {step.id!r}: expected a name of its own, without a dot")
-        found = call.find(*_called(step))
+        method = call.find(*_called(step))
         for own in step.inputs:
-            if own not in found.request.wire_names:
-                hint = nearest(own, list(found.request.wire_names))
+            if own not in method.request.wire_names:
+                hint = nearest(own, list(method.request.wire_names))
                 raise UsageError(f"step {step.id}: {step.call} has no input {own!r}{hint}")
         try:
             call.check_data(_called(step)[0], step.data)
         except MissingDataError as error:
             raise MissingDataError(f"step {step.id}: {error}", **error.details) from error
-        plan[step.id], methods[step.id] = step, found
-        fields[step.id] = None if step.each is not None else list(found.answer.model_fields)
+        plan[step.id], methods[step.id] = step, method
+        fields[step.id] = None if step.each is not None else list(method.answer.model_fields)
     for step in steps:
         _checkrefs_in(f"step {step.id}", [step.inputs, step.each], fields, given, bool(step.each))
     _checkrefs_in("output", [output], fields, given, False)
@@ -293,10 +293,10 @@ def _checkrefs_in(
         elif start not in fields:
             raise UsageError(f"{where}: there is no step {start!r}{nearest(start, list(fields))}")
         else:
-            known, first = fields[start], rest.partition(".")[0]
-            if known is not None and first and first not in known:
+            names, first = fields[start], rest.partition(".")[0]
+            if names is not None and first and first not in names:
                 raise UsageError(
-                    f"{where}: step {start} answers no {first!r}; it answers {', '.join(known)}"
+                    f"{where}: step {start} answers no {first!r}; it answers {', '.join(names)}"
                 )
 
 
@@ -331,9 +331,9 @@ def _run(
                 began[name] = time.monotonic()
                 running[threads.submit(_step, todo.pop(name), dict(answers), given, call)] = name
             done, _ = concurrent.futures.wait(running, return_when="FIRST_COMPLETED")
-            for one in done:
-                name = running.pop(one)
-                answers[name] = one.result()
+            for future in done:
+                name = running.pop(future)
+                answers[name] = future.result()
                 took_ms[name] = 1000 * (time.monotonic() - began[name])
             call.progress(len(answers) / len(plan), f"{len(answers)} of {len(plan)} steps")
     return answers, took_ms
@@ -346,12 +346,14 @@ def _step(step: Step, answers: Mapping[str, Any], given: Mapping[str, Any], call
         items = _filled(step.each, answers, given)
         if not isinstance(items, list) or len(items) > MAX_ITEMS:
             raise UsageError(f"each: expected a list of at most {MAX_ITEMS}")
-        found: list[Answer] = []
+        answers_given: list[Answer] = []
         for start in range(0, len(items), _AT_ONCE):
             some = items[start : start + _AT_ONCE]
-            tasks = [_start(step, {**answers, _ITEM: one}, given, call) for one in some]
-            found += [task.result() for task in tasks]
-        return found
+            tasks = [
+                _start(step, {**answers, _ITEM: item_value}, given, call) for item_value in some
+            ]
+            answers_given += [task.result() for task in tasks]
+        return answers_given
     except RtaskError as error:
         raise type(error)(f"step {step.id}: {error}", **error.details) from error
 
@@ -364,25 +366,25 @@ def _start(step: Step, values: Mapping[str, Any], given: Mapping[str, Any], call
 
 def _filled(value: Any, values: Mapping[str, Any], given: Mapping[str, Any]) -> Any:
     """Return a value with what its references stand for."""
-    found = ref_of(value)
-    if found is not None:
-        kind, path = found
+    reference = ref_of(value)
+    if reference is not None:
+        kind, path = reference
         return given[path] if kind == INPUT else _at(path, values)
     if isinstance(value, Mapping):
-        return {name: _filled(one, values, given) for name, one in value.items()}
-    return [_filled(one, values, given) for one in value] if isinstance(value, list) else value
+        return {name: _filled(part, values, given) for name, part in value.items()}
+    return [_filled(part, values, given) for part in value] if isinstance(value, list) else value
 
 
 def _at(path: str, values: Mapping[str, Any]) -> Any:
-    found: Any = values
+    value: Any = values
     for part in path.split("."):
         try:
-            found = found[int(part)] if isinstance(found, list) else found[part]
+            value = value[int(part)] if isinstance(value, list) else value[part]
         except (KeyError, IndexError, TypeError, ValueError):
             raise UsageError(f"there is nothing at {path}: no {part!r}") from None
-    return found
+    return value
 
 
 def _shown(answer: Any) -> Any:
     """Return an answer as JSON."""
-    return [one.as_json() for one in answer] if isinstance(answer, list) else answer.as_json()
+    return [part.as_json() for part in answer] if isinstance(answer, list) else answer.as_json()

@@ -92,30 +92,32 @@ class Segmentation(Service):
         plane = scene.plane
         return SegmentedView(
             status=scene.status,
-            objects=[_thing(view, scene, one) for one in scene.objects],
+            objects=[_segmented(view, scene, segment) for segment in scene.objects],
             table=None if plane is None else np.append(plane.normal, plane.offset),
         )
 
 
-def _thing(view: Frame | DecodedCloud, scene: Scene, one: SegmentedObject) -> SegmentedThing:
+def _segmented(
+    view: Frame | DecodedCloud, scene: Scene, segment: SegmentedObject
+) -> SegmentedThing:
     return SegmentedThing(
-        label=one.label,
-        points=len(one.indices),
-        centroid=one.centroid,
-        box_min=one.box[0],
-        box_max=one.box[1],
-        touches_border=one.touches_border,
-        cloud=_crop(view, scene, one),
+        label=segment.label,
+        points=len(segment.indices),
+        centroid=segment.centroid,
+        box_min=segment.box[0],
+        box_max=segment.box[1],
+        touches_border=segment.touches_border,
+        cloud=_crop(view, scene, segment),
     )
 
 
-def _crop(view: Frame | DecodedCloud, scene: Scene, one: SegmentedObject) -> bytes:
+def _crop(view: Frame | DecodedCloud, scene: Scene, segment: SegmentedObject) -> bytes:
     """Return the part of a view that shows an object, in the form that robots send."""
     from features.codec import encode_cloud, encode_frame
     from features.geometry import Frame
 
     if isinstance(view, Frame):
-        return encode_frame(view.crop(scene.labels == one.label))
+        return encode_frame(view.crop(scene.labels == segment.label))
     points, colours = view.grid()
-    flat = points.reshape(-1, 3)[one.indices]
-    return encode_cloud(flat, None if colours is None else colours.reshape(-1, 3)[one.indices])
+    flat = points.reshape(-1, 3)[segment.indices]
+    return encode_cloud(flat, None if colours is None else colours.reshape(-1, 3)[segment.indices])

@@ -157,10 +157,10 @@ class SpacePlans(Service):
         )
         file = MeshFile(name, kind, mesh)
         planned = BatchPlan((file,), hand, options, scale, floating).plan(file)
-        found = planned.found
+        plans = planned.found
         return SpacePlan(
-            grasps=[_sent(one) for one in found], reason=found.reason, notes=list(found.notes),
-            counts=dict(found.counts), advice=found.advice, error=planned.error,
+            grasps=[_sent(grasp) for grasp in plans], reason=plans.reason, notes=list(plans.notes),
+            counts=dict(plans.counts), advice=plans.advice, error=planned.error,
         )  # fmt: skip
 
 
@@ -196,26 +196,27 @@ def planned_from(answer: Mapping[str, Any], name: str) -> Planned:
     from grasp.spatial.candidate import GraspCandidate, Proposals
 
     candidates = []
-    for one in answer["grasps"]:
-        fields = {key: value for key, value in one.items() if value is not None}
+    for grasp in answer["grasps"]:
+        fields = {key: value for key, value in grasp.items() if value is not None}
         for key, shape in _ARRAYS.items():
             if key in fields:
                 fields[key] = np.array(fields[key], dtype=np.float64).reshape(shape)
         candidates.append(GraspCandidate(**fields))
-    found = Proposals(
+    proposals = Proposals(
         tuple(candidates), answer["reason"], tuple(answer["notes"]), answer["counts"],
         answer["advice"],
     )  # fmt: skip
-    return Planned(name, found, answer["error"])
+    return Planned(name, proposals, answer["error"])
 
 
-def _sent(one: GraspCandidate) -> SpaceGrasp:
+def _sent(grasp: GraspCandidate) -> SpaceGrasp:
     arrays: dict[str, Any] = {
-        name: None if (value := getattr(one, name)) is None else np.ravel(value) for name in _ARRAYS
+        name: None if (value := getattr(grasp, name)) is None else np.ravel(value)
+        for name in _ARRAYS
     }
     return SpaceGrasp(
-        **arrays, width=float(one.width), depth=float(one.depth), source=one.source,
-        antipodal=one.antipodal, completed=bool(one.completed),
-        opening=None if one.opening is None else float(one.opening),
-        scores={name: float(value) for name, value in one.scores.items()},
+        **arrays, width=float(grasp.width), depth=float(grasp.depth), source=grasp.source,
+        antipodal=grasp.antipodal, completed=bool(grasp.completed),
+        opening=None if grasp.opening is None else float(grasp.opening),
+        scores={name: float(value) for name, value in grasp.scores.items()},
     )  # fmt: skip

@@ -21,7 +21,7 @@ __all__ = ["INPUT", "REF", "Step", "interface", "ref_of", "refs_in"]
 REF, INPUT = "$ref", "$input"
 Schema = dict[str, Any]
 _ANYTHING: Schema = {
-    "anyOf": [{"type": one} for one in ("string", "number", "boolean", "array", "object")]
+    "anyOf": [{"type": kind} for kind in ("string", "number", "boolean", "array", "object")]
 }
 
 
@@ -42,15 +42,15 @@ class Step(Message):
 
 def refs_in(value: Any) -> Iterator[tuple[str, str]]:
     """Yield each reference in a value: its kind and its path."""
-    found = ref_of(value)
-    if found is not None:
-        yield found
+    reference = ref_of(value)
+    if reference is not None:
+        yield reference
     elif isinstance(value, Mapping):
-        for one in value.values():
-            yield from refs_in(one)
+        for part in value.values():
+            yield from refs_in(part)
     elif isinstance(value, list):
-        for one in value:
-            yield from refs_in(one)
+        for part in value:
+            yield from refs_in(part)
 
 
 def ref_of(value: Any) -> tuple[str, str] | None:
@@ -97,11 +97,11 @@ def interface(
         for name, (schema, _) in inputs.items()
     }
     required = [n for n, (_, is_needed) in inputs.items() if is_needed and n not in defaults]
-    answered = {name: _answered(one, steps, methods, taken) for name, one in output.items()}
+    answered = {name: _answered(step_, steps, methods, taken) for name, step_ in output.items()}
     return {
         METHOD: {
-            "summary": f"Run {', '.join(one.call for one in steps.values())}",
-            "effect": strongest(*(one.effect for one in methods.values())),
+            "summary": f"Run {', '.join(step_.call for step_ in steps.values())}",
+            "effect": strongest(*(step_.effect for step_ in methods.values())),
             "request": {"type": "object", "properties": taken, "required": required},
             "answer": {"type": "object", "properties": answered, "required": list(answered)},
         }
@@ -127,20 +127,20 @@ def _inputs(
     It is that of the first field that takes the input as it is; what is only put into a larger
     value may be anything.
     """
-    found: dict[str, tuple[Schema, bool]] = {}
+    inputs: dict[str, tuple[Schema, bool]] = {}
     for name, step in steps.items():
         request = request_schema(methods[name])
         for own, value in step.inputs.items():
             kind, path = ref_of(value) or ("", "")
-            if kind == INPUT and path not in found:
+            if kind == INPUT and path not in inputs:
                 schema = {k: v for k, v in request["properties"][own].items() if k != "default"}
-                found[path] = schema, own in request.get("required", ())
+                inputs[path] = schema, own in request.get("required", ())
     for kind, path in refs_in(
         [*(s.inputs for s in steps.values()), *(s.each for s in steps.values()), output]
     ):
         if kind == INPUT:
-            found.setdefault(path, (_ANYTHING, True))
-    return found
+            inputs.setdefault(path, (_ANYTHING, True))
+    return inputs
 
 
 def _answered(
@@ -161,6 +161,6 @@ def _answered(
         method = methods[step]
         members = schemas(method)[method.answer.__name__].get("properties", {})
         if not is_list and field in members:
-            found: Schema = members[field]
-            return found
+            schema: Schema = members[field]
+            return schema
     return _ANYTHING

@@ -61,18 +61,18 @@ class Merge:
 
     def doubts(self, before: Tree, after: Tree) -> list[dict[str, Any]]:
         """Return numbers in records that a merge brought and that are far from all others."""
-        found = []
+        doubts = []
         for path in sorted(path for path in after if self._key and path.endswith(ENDING)):
             if before.get(path) == after[path]:
                 continue
             every = self._records(path, after[path]) or {}
-            known = self._records(path, before.get(path)) or {}
-            new = {name: one for name, one in every.items() if known.get(name) != one}
-            found += [
+            earlier = self._records(path, before.get(path)) or {}
+            new = {name: record for name, record in every.items() if earlier.get(name) != record}
+            doubts += [
                 {"path": path, "key": json.loads(name), "field": field, "value": value}
                 for name, field, value in outliers(every, new)
             ]
-        return found
+        return doubts
 
     def _of_records(
         self, path: str, base: Entry | None, ours: Entry, theirs: Entry
@@ -80,7 +80,7 @@ class Merge:
         """Merge one file that both sides changed; none if it does not hold records."""
         if not path.endswith(ENDING):
             return None
-        was, mine, other = (self._records(path, one) for one in (base, ours, theirs))
+        was, mine, other = (self._records(path, version) for version in (base, ours, theirs))
         if was is None or mine is None or other is None:
             return None
         conflicts: list[Conflict] = []
@@ -110,5 +110,5 @@ def _refused(merged: Merged) -> ConflictError:
     return ConflictError(
         f"{len(merged.conflicts)} conflicts, the first at {first.place}: {first.kind}; "
         "give a rule, ours or theirs",
-        conflicts=[one.facts() for one in merged.conflicts],
+        conflicts=[conflict.facts() for conflict in merged.conflicts],
     )

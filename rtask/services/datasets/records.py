@@ -48,7 +48,7 @@ def read_records(data: bytes, key: str, path: str) -> Records:
     >>> read_records(b'{"id": "t1", "held": true}', "id", "outcomes.jsonl")
     {'"t1"': {'id': 't1', 'held': True}}
     """
-    found: Records = {}
+    records: Records = {}
     for number, line in enumerate(data.splitlines(), 1):
         if not line.strip():
             continue
@@ -63,10 +63,10 @@ def read_records(data: bytes, key: str, path: str) -> Records:
                 f"{where}: expected an object whose {key!r} is a text or a whole number", field=path
             )
         name = json.dumps(value, ensure_ascii=False)
-        if name in found:
+        if name in records:
             raise UsageError(f"{where}: another record has the {key} {name} already", field=path)
-        found[name] = record
-    return found
+        records[name] = record
+    return records
 
 
 def write_records(records: Mapping[str, dict[str, Any]]) -> bytes:
@@ -87,12 +87,12 @@ def without(data: bytes, key: str, path: str, where: Mapping[str, Any]) -> bytes
     b'{"id": 2}\\n'
     """
     records = read_records(data, key, path)
-    kept = {
-        name: one
-        for name, one in records.items()
-        if not all(field in one and one[field] == value for field, value in where.items())
+    remaining = {
+        name: record
+        for name, record in records.items()
+        if not all(field in record and record[field] == value for field, value in where.items())
     }
-    return write_records(kept) if len(kept) < len(records) else None
+    return write_records(remaining) if len(remaining) < len(records) else None
 
 
 def merge_records(
@@ -150,20 +150,22 @@ def outliers(records: Records, new: Records) -> list[tuple[str, str, float]]:
     >>> outliers({**many, "9": {"id": 9, "width_m": 55.0}}, {"9": {"id": 9, "width_m": 55.0}})
     [('9', 'width_m', 55.0)]
     """
-    found: list[tuple[str, str, float]] = []
+    outliers_found: list[tuple[str, str, float]] = []
     for field in sorted({field for record in new.values() for field in record}):
-        values = [one for record in records.values() if (one := _number(record, field)) is not None]
+        values = [
+            number for record in records.values() if (number := _number(record, field)) is not None
+        ]
         if len(values) < _MIN_VALUES:
             continue
         median = statistics.median(values)
-        deviation = statistics.median(abs(one - median) for one in values)
+        deviation = statistics.median(abs(number - median) for number in values)
         if deviation <= 0:
             continue
         for name, record in sorted(new.items()):
             value = _number(record, field)
             if value is not None and abs(value - median) > _MAX_DEVIATIONS * deviation:
-                found.append((name, field, value))
-    return found
+                outliers_found.append((name, field, value))
+    return outliers_found
 
 
 def _number(record: Mapping[str, Any], field: str) -> float | None:

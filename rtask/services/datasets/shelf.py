@@ -18,7 +18,7 @@ __all__ = ["Shelf", "is_name"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}/[A-Za-z][A-Za-z0-9_-]{0,63}")
 _RESERVED = ("blobs", "views")
-_MAX_KNOWN = 64
+_MAX_CACHED = 64
 _FACTS = "dataset.json"
 
 
@@ -48,8 +48,8 @@ class Shelf:
 
     def facts(self, name: str) -> dict[str, Any]:
         """Return owner, readers and key of a dataset."""
-        found: dict[str, Any] = json.loads((self._root / name / _FACTS).read_text("utf-8"))
-        return found
+        facts: dict[str, Any] = json.loads((self._root / name / _FACTS).read_text("utf-8"))
+        return facts
 
     def create(self, name: str, facts: dict[str, Any]) -> None:
         """Make an empty dataset."""
@@ -67,12 +67,12 @@ class Shelf:
         file = self._root / name / f"{number or HEAD}.json"
         facts = file.stat()
         changed = facts.st_mtime_ns, facts.st_ino  # each write makes another file
-        known = self._versions.get(file)
-        if known is not None and known[0] == changed:
-            return known[1]
+        cached = self._versions.get(file)
+        if cached is not None and cached[0] == changed:
+            return cached[1]
         version = Version.from_stored(name, number, json.loads(file.read_text("utf-8")))
         with self._lock:
-            if len(self._versions) >= _MAX_KNOWN:
+            if len(self._versions) >= _MAX_CACHED:
                 self._versions.clear()
             self._versions[file] = changed, version
         return version
@@ -88,16 +88,18 @@ class Shelf:
 
     def ancestor(self, ours: Version, theirs: Version) -> Tree:
         """Return the files of the nearest common ancestor; none if there is none."""
-        reached = {one.name for one in self._line(ours)}
-        return next((one.files for one in self._line(theirs) if one.name in reached), {})
+        reached = {version.name for version in self._line(ours)}
+        return next(
+            (version.files for version in self._line(theirs) if version.name in reached), {}
+        )
 
     def _line(self, version: Version) -> Iterator[Version]:
         """Yield a version and those that it was made from, the nearest first."""
         todo, seen = [version], {version.name}
         while todo:
-            one = todo.pop(0)
-            yield one
-            for name in one.parents:
+            reached = todo.pop(0)
+            yield reached
+            for name in reached.parents:
                 dataset, _, number = name.partition("@")
                 if name not in seen and (self._root / dataset / f"{number}.json").exists():
                     seen.add(name)

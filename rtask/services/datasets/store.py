@@ -135,18 +135,18 @@ class Datasets:
 
         A fork of a private dataset has the same readers, and one of records the same key.
         """
-        found = self.find(source, access)
-        if not found.number:
+        version = self.find(source, access)
+        if not version.number:
             raise UsageError(f"{source}: fork a version; make one by a snapshot")
-        facts = self._shelf.facts(found.dataset)
+        facts = self._shelf.facts(version.dataset)
         with self._lock:
-            self.create(name, access, facts["readers"], self.key(found.dataset))
-            self._shelf.write_head(name, found.files, (found.name,))
+            self.create(name, access, facts["readers"], self.key(version.dataset))
+            self._shelf.write_head(name, version.files, (version.name,))
 
     def key(self, name: str) -> str:
         """Return the field that tells the records of a dataset apart; empty if it has none."""
-        found: str = self._shelf.facts(name).get("key", "")
-        return found
+        key: str = self._shelf.facts(name).get("key", "")
+        return key
 
     def names(self, access: Access | None = None) -> list[str]:
         """Return the names of the datasets that a caller may read, sorted."""
@@ -161,20 +161,20 @@ class Datasets:
         UnknownTermError
             There is none; a private one looks the same to those who may not read it.
         """
-        plain, _, wanted = name.partition("@")
+        plain, _, requested = name.partition("@")
         self._store_offered(plain)
         if not self._may_read(plain, access):
             raise UnknownTermError(f"no dataset {plain}{nearest(plain, self.names(access))}")
         numbers = self.numbers(plain)
-        if wanted == HEAD or (not wanted and not numbers):
+        if requested == HEAD or (not requested and not numbers):
             return self._shelf.read(plain, 0)
-        if not wanted:
+        if not requested:
             return self._shelf.read(plain, numbers[-1])
-        number = next((one for one in numbers if str(one) == wanted), None)
+        number = next((candidate for candidate in numbers if str(candidate) == requested), None)
         if number is None:
-            known = ", ".join(map(str, numbers)) or "none"
+            available = ", ".join(map(str, numbers)) or "none"
             raise UnknownTermError(
-                f"{plain} has no version {wanted[:20]}; there are {known}, and head"
+                f"{plain} has no version {requested[:20]}; there are {available}, and head"
             )
         return self._shelf.read(plain, number)
 
@@ -224,7 +224,7 @@ class Datasets:
         VersionConflictError
             Somebody else wrote the file first.
         """
-        entries = self._kept(name, contents, access)
+        entries = self._store_version(name, contents, access)
         with self._changing(name, access) as files:
             for path, entry in entries.items():
                 before = files.get(path)
@@ -248,15 +248,17 @@ class Datasets:
         UsageError
             As :meth:`put`.
         """
-        entries = {name: self._kept(name, files, access) for name, files in contents.items()}
+        entries = {
+            name: self._store_version(name, files, access) for name, files in contents.items()
+        }
         with ExitStack() as heads:
-            for name, kept in entries.items():
+            for name, stored_files in entries.items():
                 files = heads.enter_context(self._changing(name, access))
-                for path, entry in kept.items():
+                for path, entry in stored_files.items():
                     check_kind(path, files)
                     files[path] = entry
 
-    def _kept(
+    def _store_version(
         self, name: str, contents: Mapping[str, bytes], access: Access | None
     ) -> dict[str, Entry]:
         """Store contents for the head of a dataset, and return their entries by path."""
@@ -449,5 +451,5 @@ class Datasets:
         return self._shelf.holds(name) and may_read(self._shelf.facts(name), access)
 
 
-def _matches(before: Entry | None, wanted: str) -> bool:
-    return before is not None and wanted.strip('"') in ("*", before.sha256)
+def _matches(before: Entry | None, condition: str) -> bool:
+    return before is not None and condition.strip('"') in ("*", before.sha256)

@@ -70,8 +70,8 @@ class Conflict:
 
     def facts(self) -> dict[str, Any]:
         """Return what callers see of it, as JSON."""
-        found = {"path": self.path, "kind": self.kind}
-        return {**found, "key": json.loads(self.key)} if self.key else found
+        facts = {"path": self.path, "kind": self.kind}
+        return {**facts, "key": json.loads(self.key)} if self.key else facts
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _without_clashes(
     files: dict[str, Entry], conflicts: list[Conflict], ours: Tree, rules: Mapping[str, Strategy]
 ) -> Merged:
     """Settle names that are a file on one side and a folder on the other."""
-    kept = dict(files)
+    remaining = dict(files)
     for path in files:
         inside = [other for other in files if other.startswith(f"{path}/")]
         if not inside:
@@ -192,8 +192,8 @@ def _without_clashes(
             conflicts.append(Conflict(path, "file_against_folder"))
         file_stays = (path in ours) == (rule != "theirs")
         for gone in inside if file_stays else [path]:
-            kept.pop(gone, None)
-    return Merged(kept, tuple(conflicts))
+            remaining.pop(gone, None)
+    return Merged(remaining, tuple(conflicts))
 
 
 def rule_for(path: str, rules: Mapping[str, Strategy]) -> Strategy:
@@ -223,16 +223,18 @@ def as_json(tree: Tree) -> dict[str, Any]:
     return {path: [entry.sha256, entry.size] for path, entry in sorted(tree.items())}
 
 
-def from_json(found: Mapping[str, Any]) -> dict[str, Entry]:
+def from_json(stored: Mapping[str, Any]) -> dict[str, Entry]:
     """Return the tree that :func:`as_json` wrote."""
-    return {path: Entry(sha, size) for path, (sha, size) in found.items()}
+    return {path: Entry(sha, size) for path, (sha, size) in stored.items()}
 
 
 def check_kind(path: str, files: Mapping[str, Entry]) -> None:
     """Refuse a file where a folder is, and a folder where a file is."""
     parts = path.split("/")
     above = ["/".join(parts[:count]) for count in range(1, len(parts))]
-    if any(one in files for one in above) or any(one.startswith(f"{path}/") for one in files):
+    if any(path_ in files for path_ in above) or any(
+        path_.startswith(f"{path}/") for path_ in files
+    ):
         raise ConflictError(f"{path}: a folder and a file cannot have one name")
 
 
@@ -245,8 +247,8 @@ def leave_out(files: dict[str, Entry], paths: list[str], name: str) -> None:
         There is no such file or folder in the head of the dataset of this name.
     """
     for path in map(check_path, paths):
-        gone = [one for one in files if one == path or one.startswith(f"{path}/")]
+        gone = [path_ for path_ in files if path_ == path or path_.startswith(f"{path}/")]
         if not gone:
             raise UnknownTermError(f"{name}@head has no file {path}")
-        for one in gone:
-            del files[one]
+        for path_ in gone:
+            del files[path_]

@@ -57,7 +57,7 @@ class Version:
         return {
             "name": self.name, "version": self.number or HEAD, "parents": list(self.parents),
             "author": self.author, "message": self.message, "time": self.time,
-            "digest": self.digest, "bytes": sum(one.size for one in self.files.values()),
+            "digest": self.digest, "bytes": sum(entry.size for entry in self.files.values()),
             "files": as_json(self.files), "doubts": list(self.doubts),
         }  # fmt: skip
 
@@ -73,10 +73,10 @@ class Version:
         }
 
     @classmethod
-    def from_stored(cls, dataset: str, number: int, found: dict[str, Any]) -> Version:
+    def from_stored(cls, dataset: str, number: int, stored: dict[str, Any]) -> Version:
         """Return the version that a file holds; a head has neither author nor message nor time."""
         return cls(
-            dataset, number, from_json(found["files"]), tuple(found["parents"]),
-            found.get("author", ""), found.get("message", ""), found.get("time", 0.0),
-            tuple(found.get("doubts", ())),
+            dataset, number, from_json(stored["files"]), tuple(stored["parents"]),
+            stored.get("author", ""), stored.get("message", ""), stored.get("time", 0.0),
+            tuple(stored.get("doubts", ())),
         )  # fmt: skip

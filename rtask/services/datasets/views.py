@@ -76,13 +76,13 @@ class Views:
         """Remove the views out of use, the longest unused first, until there are few."""
         limit = time.time() - self._idle_s
         aged = []
-        for one in self._folder.iterdir():
+        for view in self._folder.iterdir():
             with suppress(FileNotFoundError):  # another process prunes as well
-                used = one.stat().st_mtime
-                if one.is_dir() and "-" not in one.name:
-                    aged.append((used, one))
-                elif one.name.startswith(_MAKING) and used < limit:  # its maker was killed
-                    shutil.rmtree(one)
+                used = view.stat().st_mtime
+                if view.is_dir() and "-" not in view.name:
+                    aged.append((used, view))
+                elif view.name.startswith(_MAKING) and used < limit:  # its maker was killed
+                    shutil.rmtree(view)
         for used, place in sorted(aged)[: max(len(aged) - self._most, 0)]:
             if used < limit:
                 self._remove(place, limit)

@@ -51,10 +51,17 @@ def definition_from(source: str, exact: str) -> Definition:
         The file has changed and defines it no more.
     """
     module, _, _ = source.rpartition(":")
-    found = next((one for one in load(module) if one.exact == exact), None)
-    if found is None:
+    definition = next(
+        (
+            definition_loaded
+            for definition_loaded in load(module)
+            if definition_loaded.exact == exact
+        ),
+        None,
+    )
+    if definition is None:
         raise UsageError(f"{module} no longer defines {exact}: restart the server")
-    return found
+    return definition
 
 
 def values_of(message: BaseModel) -> dict[str, Any]:

@@ -49,9 +49,9 @@ class InProcess:
         is_due = self._calls <= FIRST_CALLS or self._calls % self._setup.check_every == 0
         is_checked = is_own and is_due
         before = digests(self._instance) if is_checked else {}
-        for one in self._setup.resources.values():
-            if isinstance(one, GraphResource):
-                one.ending = task.call.ending
+        for resource in self._setup.resources.values():
+            if isinstance(resource, GraphResource):
+                resource.ending = task.call.ending
         try:
             with naming_extras(task.service):
                 answer = task.method.carry_out(self._instance, task.request, task.call)
@@ -65,7 +65,9 @@ class InProcess:
     def _take_written(self) -> Written:
         """Return what the call wrote to its data resources, and forget it."""
         every = self._setup.resources.items()
-        return {name: one.take() for name, one in every if isinstance(one, WritableFiles)}
+        return {
+            name: resource.take() for name, resource in every if isinstance(resource, WritableFiles)
+        }
 
     def _check(self, before: Mapping[str, bytes], task: Task) -> None:
         names = changed(before, digests(self._instance))

@@ -95,11 +95,11 @@ class ChildProcess:
 
     def _receive(self, service: str, deadline: float, call: Call | None) -> Any:
         """Wait for an answer, passing progress on; kill the process when nobody waits for it."""
-        told = False
+        is_cancelled = False
         while True:
             try:
-                come = self._pipe.poll(_LOOK_S)
-                message: tuple[str, Any] = self._pipe.recv() if come else ("", None)
+                has_message = self._pipe.poll(_LOOK_S)
+                message: tuple[str, Any] = self._pipe.recv() if has_message else ("", None)
             except (EOFError, OSError):
                 self._process.join(_GRACE_S)
                 code = self._process.exitcode
@@ -114,11 +114,11 @@ class ChildProcess:
             if value is not None and call is not None:
                 call.report(*value)
             gone = call is not None and call.is_cancelled
-            if gone and not told:
+            if gone and not is_cancelled:
                 with contextlib.suppress(OSError):  # it ended; the next look at the pipe tells how
                     self._pipe.send("cancel")
-                told, deadline = True, min(deadline, time.monotonic() + _GRACE_S)
-            if time.monotonic() > deadline + (0 if told else _GRACE_S):
+                is_cancelled, deadline = True, min(deadline, time.monotonic() + _GRACE_S)
+            if time.monotonic() > deadline + (0 if is_cancelled else _GRACE_S):
                 self._process.kill()
 
     def close(self) -> None:

@@ -66,7 +66,7 @@ class RayActor:
         kind = self._ray.remote(_Instance).options(max_concurrency=3, num_cpus=1)
         self._actor = kind.remote()
         every = setup.resources.items()
-        shipped = {name: _packed(one) for name, one in every if isinstance(one, Files)}
+        shipped = {name: _packed(files) for name, files in every if isinstance(files, Files)}
         made = self._actor.make_ready.remote(source, exact, shipped, setup.check_every)
         try:
             if not self._ray.wait([made], timeout=_START_S)[0]:
@@ -93,9 +93,9 @@ class RayActor:
         """
         call = task.call
         done = self._actor.carry_out.remote(send(task))
-        told = self._follow(done, call)
+        reported = self._follow(done, call)
         values, written, reports = self._got(task.service, done)
-        for report in reports[told:]:
+        for report in reports[reported:]:
             call.report(*report)
         if isinstance(values, RtaskError):
             raise values
@@ -108,18 +108,18 @@ class RayActor:
         -------
         The number of reports of progress that were passed on.
         """
-        told, is_cancelled, deadline = 0, False, call.deadline + _GRACE_S
-        said = self._actor.reports.remote(told)
+        reported, is_cancelled, deadline = 0, False, call.deadline + _GRACE_S
+        pending_reports = self._actor.reports.remote(reported)
         while True:
-            ended, _ = self._ray.wait([done, said], timeout=_LOOK_S)
+            ended, _ = self._ray.wait([done, pending_reports], timeout=_LOOK_S)
             if done in ended:
-                return told
-            if said in ended:
+                return reported
+            if pending_reports in ended:
                 with contextlib.suppress(self._ray.exceptions.RayError):  # the call tells of it
-                    for report in self._ray.get(said):
+                    for report in self._ray.get(pending_reports):
                         call.report(*report)
-                        told += 1
-                said = self._actor.reports.remote(told)
+                        reported += 1
+                pending_reports = self._actor.reports.remote(reported)
             if call.is_cancelled and not is_cancelled:
                 self._actor.cancel.remote()
                 is_cancelled, deadline = True, min(deadline, time.monotonic() + _GRACE_S)
@@ -158,8 +158,8 @@ class _Instance:
         try:
             self._definition = definition_from(source, exact)
             resources = {
-                name: _unpacked(Path(self._folder.name) / name, *one)
-                for name, one in shipped.items()
+                name: _unpacked(Path(self._folder.name) / name, *contents)
+                for name, contents in shipped.items()
             }
             self._runner = InProcess(InstanceSetup(self._definition, resources, check_every))
         except Exception as error:  # noqa: BLE001 - the author's code; the server hears of it
@@ -202,8 +202,8 @@ class _Instance:
 
 
 def _packed(files: Files) -> tuple[str, bool, dict[str, bytes]]:
-    found = [one for one in files.folder.rglob("*") if one.is_file()]
-    contents = {one.relative_to(files.folder).as_posix(): one.read_bytes() for one in found}
+    paths = [path for path in files.folder.rglob("*") if path.is_file()]
+    contents = {path.relative_to(files.folder).as_posix(): path.read_bytes() for path in paths}
     return files.name, isinstance(files, WritableFiles), contents
 
 

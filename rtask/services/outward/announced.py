@@ -38,12 +38,12 @@ def contract_of(definition: Definition) -> str:
 def contract(description: Mapping[str, Any]) -> str:
     """Return requests, answers and data of a description as text to be compared."""
     methods = {
-        name: [_names(one.get("request")), _names(one.get("answer"))]
-        for name, one in description["methods"].items()
+        name: [_names(entry.get("request")), _names(entry.get("answer"))]
+        for name, entry in description["methods"].items()
     }
     needs = {
-        name: [one.get("type", "binary"), bool(one.get("writable"))]
-        for name, one in (description.get("resources") or {}).items()
+        name: [entry.get("type", "binary"), bool(entry.get("writable"))]
+        for name, entry in (description.get("resources") or {}).items()
     }
     return json.dumps([methods, needs], sort_keys=True)
 
@@ -74,7 +74,7 @@ def announced(description: Any) -> Definition:
     stem = "".join(part[:1].upper() + part[1:] for part in name.split("/"))
     return Definition(
         name, version, _text(description, "summary", name), _text(description, "description", ""),
-        {own: _checked(stem, own, one) for own, one in methods.items()},
+        {own: _checked(stem, own, method) for own, method in methods.items()},
         _needs(description.get("resources") or {}), _not_here, "outward",
         max_waiting=_waiting(description), timeout_s=_seconds(description),
     )  # fmt: skip
@@ -119,8 +119,8 @@ def _effect(given: Mapping[str, Any], where: str) -> Effect:
     effect = given.get("effect", "reads" if given.get("only_reads") is True else "writes")
     if effect not in EFFECTS:
         raise UsageError(f"{where}.effect: expected one of {', '.join(EFFECTS)}")
-    known: Effect = effect
-    return known
+    known_effect: Effect = effect
+    return known_effect
 
 
 def _fields(schema: Any, where: str, base: type[Message | Answer]) -> dict[str, Any]:
@@ -129,31 +129,31 @@ def _fields(schema: Any, where: str, base: type[Message | Answer]) -> dict[str, 
     if not isinstance(members, dict):
         raise UsageError(f"{where}: expected the JSON Schema of an object")
     parts = schema.get("$defs") or {}
-    found: dict[str, Any] = {}
-    for name, one in members.items():
+    fields: dict[str, Any] = {}
+    for name, member in members.items():
         if not name.isidentifier() or name.startswith("_") or hasattr(base, name):
             raise UsageError(f"{where}.{name}: a field cannot have this name")
-        if not isinstance(one, dict):
+        if not isinstance(member, dict):
             raise UsageError(f"{where}.{name}: expected a JSON Schema")
-        type_ = _type(one, parts, f"{where}.{name}")
-        words = one.get("description")
-        words = _without_unit(words, one) if isinstance(words, str) else None
+        type_ = _type(member, parts, f"{where}.{name}")
+        words = member.get("description")
+        words = _without_unit(words, member) if isinstance(words, str) else None
         if name in schema.get("required", ()):
-            found[name] = (type_, Field(..., description=words))
-        elif "default" in one:
-            found[name] = (type_, Field(one["default"], description=words))
+            fields[name] = (type_, Field(..., description=words))
+        elif "default" in member:
+            fields[name] = (type_, Field(member["default"], description=words))
         else:
-            found[name] = (type_ | None, Field(None, description=words))
-    return found
+            fields[name] = (type_ | None, Field(None, description=words))
+    return fields
 
 
 def _type(schema: Mapping[str, Any], parts: Mapping[str, Any], where: str) -> Any:
     """Return the type of values that a schema describes; what is nested deeper is free JSON."""
     options = schema.get("anyOf")
     if isinstance(options, list):
-        kept = [one for one in options if one != {"type": "null"}]
-        found = _type(kept[0], parts, where) if len(kept) == 1 else Any
-        return found if found is Any or len(kept) == len(options) else found | None
+        remaining = [option for option in options if option != {"type": "null"}]
+        inner = _type(remaining[0], parts, where) if len(remaining) == 1 else Any
+        return inner if inner is Any or len(remaining) == len(options) else inner | None
     if "enum" in schema:
         return Literal[tuple(schema["enum"])]
     kind = schema.get("type")
@@ -203,20 +203,20 @@ def _without_unit(words: str, schema: Mapping[str, Any]) -> str:
 def _needs(resources: Any) -> dict[str, ResourceNeed]:
     if not isinstance(resources, dict):
         raise UsageError("description.resources: expected an object")
-    found = {}
-    for name, one in resources.items():
-        if not isinstance(one, dict) or one.get("type", "binary") != "binary":
+    needs = {}
+    for name, resource in resources.items():
+        if not isinstance(resource, dict) or resource.get("type", "binary") != "binary":
             raise UsageError(f"description.resources.{name}: a worker can have type binary only")
-        default = one.get("default")
+        default = resource.get("default")
         if not isinstance(default, str | None):
             raise UsageError(
                 f"description.resources.{name}.default: expected the name of a dataset"
             )
-        found[name] = ResourceNeed(
-            "binary", writable=one.get("writable") is True, default=default,
-            summary=_text(one, "summary", ""),
+        needs[name] = ResourceNeed(
+            "binary", writable=resource.get("writable") is True, default=default,
+            summary=_text(resource, "summary", ""),
         )  # fmt: skip
-    return found
+    return needs
 
 
 def _names(schema: Any) -> Any:
@@ -225,8 +225,13 @@ def _names(schema: Any) -> Any:
         return {}
     required = set(schema.get("required", ()))
     return {
-        name: [one.get("type"), one.get("contentEncoding"), one.get("x-unit"), name in required]
-        for name, one in (schema.get("properties") or {}).items()
+        name: [
+            member.get("type"),
+            member.get("contentEncoding"),
+            member.get("x-unit"),
+            name in required,
+        ]
+        for name, member in (schema.get("properties") or {}).items()
     }
 
 

@@ -17,9 +17,9 @@ from rtask.services.task import Task
 __all__ = ["Connected"]
 
 _KINDS = {
-    one.slug: one
-    for one in vars(rtask.errors).values()
-    if isinstance(one, type) and issubclass(one, ServiceError)
+    error_class.slug: error_class
+    for error_class in vars(rtask.errors).values()
+    if isinstance(error_class, type) and issubclass(error_class, ServiceError)
 }
 
 
@@ -74,10 +74,10 @@ class Connected:
 
 def _failure(words: Any, slug: Any, transient: Any) -> RtaskError:
     """Return the error of a call that failed; without the name of its kind, the author's own."""
-    said = words[:500] if isinstance(words, str) and words else "the worker gave no reason"
+    reason = words[:500] if isinstance(words, str) and words else "the worker gave no reason"
     kind = _KINDS.get(slug) if isinstance(slug, str) else ServiceError
     details = {"transient": transient} if isinstance(transient, bool) else {}
-    return (kind or ServiceFailedError)(said, **details)
+    return (kind or ServiceFailedError)(reason, **details)
 
 
 def _written(given: Any, task: Task) -> dict[str, dict[str, bytes]]:
@@ -90,13 +90,13 @@ def _written(given: Any, task: Task) -> dict[str, dict[str, bytes]]:
     """
     if not given:
         return {}
-    known = {name for name, _, digest in task.data if not digest}  # the writable ones
-    found: dict[str, dict[str, bytes]] = {}
+    writable = {name for name, _, digest in task.data if not digest}  # the writable ones
+    written: dict[str, dict[str, bytes]] = {}
     for name, files in given.items() if isinstance(given, dict) else [("", None)]:
-        if name not in known or not isinstance(files, dict):
+        if name not in writable or not isinstance(files, dict):
             raise ServiceFailedError(f"{task.service} wrote to {name!r}, which it may not")
-        found[name] = {path: _contents(data) for path, data in files.items()}
-    return found
+        written[name] = {path: _contents(data) for path, data in files.items()}
+    return written
 
 
 def _contents(data: Any) -> bytes:

@@ -105,7 +105,7 @@ def _decode(tag: Any, *_: object) -> Any:
         return np.frombuffer(tag.value, _ELEMENTS[tag.tag]).copy()
     if tag.tag == _SHAPED and isinstance(tag.value, list | tuple) and len(tag.value) == 2:
         shape, elements = tag.value
-        sizes = [int(one) for one in shape]
+        sizes = [int(length) for length in shape]
         if isinstance(elements, np.ndarray) and math.prod(sizes) == elements.size:
             return elements.reshape(sizes)
     raise ValueError(f"tag {tag.tag} is not taken, or does not fit what it holds")

@@ -146,19 +146,19 @@ class Outward:
         made = announced(description)
         if type(seats) is not int or not 1 <= seats <= MAX_SEATS:
             raise UsageError(f"slots: expected a whole number from 1 to {MAX_SEATS}")
-        told = contract(description)
+        announced_contract = contract(description)
         with self._changed:
             self._withdraw(link, made.exact)
-            definition = self._agreed(made, told)
-            offered = self._offered.setdefault(made.exact, _Offered(told))
-            offered.contract = told
+            definition = self._agreed(made, announced_contract)
+            offered = self._offered.setdefault(made.exact, _Offered(announced_contract))
+            offered.contract = announced_contract
             offered.seats += [Seat(link) for _ in range(seats)]
             self._heard[link] = self._clock()
             self._changed.notify_all()
         self._on_change(made.exact)
         return definition
 
-    def _agreed(self, made: Definition, told: str) -> Definition:
+    def _agreed(self, made: Definition, announced_contract: str) -> Definition:
         """Return the definition to serve: the server's own where it has this version."""
         own = self._registry.exact(made.exact)
         if own is None:
@@ -166,8 +166,8 @@ class Outward:
             return made
         offered = self._offered.get(made.exact)
         is_free = own.executor == "outward" and not (offered and offered.seats)
-        known = offered.contract if offered else contract_of(own)
-        if known != told and not is_free:
+        agreed = offered.contract if offered else contract_of(own)
+        if agreed != announced_contract and not is_free:
             raise UsageError(
                 f"{made.exact} is served with other requests, answers or data; give this one a "
                 "new version"
@@ -197,7 +197,11 @@ class Outward:
         Whether it offered that.
         """
         with self._changed:
-            named = [one for one in self._offered if name in (one, one.partition("@")[0])]
+            named = [
+                offered_exact
+                for offered_exact in self._offered
+                if name in (offered_exact, offered_exact.partition("@")[0])
+            ]
             seats = [seat for exact in named for seat in self._offered[exact].seats]
             was_there = any(seat.link is link for seat in seats)
         for exact in named:
@@ -206,15 +210,15 @@ class Outward:
 
     def _withdraw(self, link: Link, exact: str) -> bool:
         offered = self._offered.get(exact)
-        gone = [one for one in offered.seats if one.link is link] if offered else []
+        gone = [entry for entry in offered.seats if entry.link is link] if offered else []
         for seat in gone:
             assert offered is not None
             offered.seats.remove(seat)
             seat.is_gone = True
-        for key, one in list(self._pending.items()):
-            if one.seat.link is link and one.task.service == exact:
+        for key, entry in list(self._pending.items()):
+            if entry.seat.link is link and entry.task.service == exact:
                 del self._pending[key]
-                one.end(None, WorkerDiedError(f"{link.name} left before it answered"))
+                entry.end(None, WorkerDiedError(f"{link.name} left before it answered"))
         return bool(gone)
 
     def drain(self, link: Link) -> None:
@@ -222,7 +226,7 @@ class Outward:
         left = []
         with self._changed:
             for name, offered in self._offered.items():
-                gone = [one for one in offered.seats if one.link is link]
+                gone = [free_seat for free_seat in offered.seats if free_seat.link is link]
                 for seat in gone:
                     offered.seats.remove(seat)
                     seat.is_gone = True
@@ -265,7 +269,7 @@ class Outward:
         with self._changed:
             while True:
                 offered = self._offered.get(definition.exact)
-                free = [one for one in offered.seats if one.is_free] if offered else []
+                free = [seat for seat in offered.seats if seat.is_free] if offered else []
                 if free:
                     taken = self._emptiest(free)
                     taken.is_held = True
@@ -280,7 +284,7 @@ class Outward:
     def _emptiest(self, free: Iterable[Seat]) -> Seat:
         """Return a seat of the worker with the most free ones, so that machines share the work."""
         seats = list(free)
-        return max(seats, key=lambda seat: sum(one.link is seat.link for one in seats))
+        return max(seats, key=lambda seat: sum(other.link is seat.link for other in seats))
 
     def release(self, seat: Seat) -> None:
         """Give a seat back."""

@@ -79,11 +79,11 @@ class Endpoint:
         >>> Endpoint(2, "aac3178e146ba6f1fc6e6a4085e77f21", 0, "NN", "listener").token
         '@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/0/NN/%/%/listener'
         """
-        told = f"@ros2_lv/{self.domain}/{self.session}/0/{self.number}/{self.kind}/%/%/{self.node}"
+        token = f"@ros2_lv/{self.domain}/{self.session}/0/{self.number}/{self.kind}/%/%/{self.node}"
         if self.kind == "NN":
-            return told
+            return token
         topic = f"%{_full(self.topic).replace('/', '%')}"
-        return f"{told}/{topic}/{dds_type(self.type)}/{self.type_hash}/{_QOS}"
+        return f"{token}/{topic}/{dds_type(self.type)}/{self.type_hash}/{_QOS}"
 
     @property
     def gid(self) -> bytes:
