@@ -185,7 +185,8 @@ def find(address: str) -> Match:
 @lru_cache(maxsize=4_096)
 def _matched(address: str) -> Match:
     try:
-        pattern, _ = _MAP.match(address)
+        # Slashes count as one here; the handler gets the address as it was sent.
+        pattern, _ = _MAP.match(re.sub("//+", "/", address))
     except (NotFound, MethodNotAllowed):
         return _NOTHING
     return Match(tuple(_BY_PATTERN[pattern]))

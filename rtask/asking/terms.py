@@ -77,7 +77,7 @@ class Reader:
         Returns the IRIs of what has a name.
     labels
         Returns the names of a thing.
-    names_things
+    takes_resources
         Whether the values of a property are things, so that a quoted value is a name.
     is_used
         Whether the graph mentions an IRI.

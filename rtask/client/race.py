@@ -54,7 +54,7 @@ class Attempt(Generic[T]):
         self.error: Exception | None = None
 
     @property
-    def is_awaited(self) -> bool:
+    def is_wanted(self) -> bool:
         """Whether the answer may still count; a long function looks now and then."""
         return self._is_wanted
 

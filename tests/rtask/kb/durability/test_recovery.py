@@ -273,7 +273,7 @@ def test_segments_are_turned_over_and_old_ones_forgotten(
         segments = sorted((tmp_path / "journal").iterdir())
         assert len(segments) > 2
         assert [entry.seq for entry in kb.history(since=9)] == [10, 11, 12]
-        monkeypatch.setattr(journal_module, "_KEPT_BYTES", 2_000)
+        monkeypatch.setattr(journal_module, "_RETAINED_BYTES", 2_000)
         kb.checkpoint()
         kept = sorted((tmp_path / "journal").iterdir())
         assert kept == segments[-len(kept) :]

@@ -182,7 +182,7 @@ def test_what_is_no_longer_kept_is_gone(tmp_path: Path, monkeypatch: pytest.Monk
         with pytest.raises(UsageError, match="no commit"):
             kb.subscribe(since=kb.seq + 1)
     monkeypatch.setattr("rtask.kb.durability.journal.SEGMENT_BYTES", 1_000)
-    monkeypatch.setattr("rtask.kb.durability.journal._KEPT_BYTES", 2_000)
+    monkeypatch.setattr("rtask.kb.durability.journal._RETAINED_BYTES", 2_000)
     with rtask.open(tmp_path / "kb", reason=False, ontologies=False, flush="os") as kb:
         for number in range(10):
             _insert(kb, number)

@@ -108,10 +108,8 @@ def test_a_client_that_stops_reading_stops_the_reader(memory: KnowledgeBase) -> 
     with contextlib.suppress(PermissionError):
         wait_until(lambda: written() == (time.sleep(0.3), written())[1])
         assert written() < 8 << 20  # a pipe of 1 MiB and a few pieces; the answer has 600 MB
-    started = time.monotonic()
     stream.close()
     wait_until(lambda: not is_alive(reader))
-    assert time.monotonic() - started < 10.0
     assert memory.query("ASK {}", timeout_s=30.0) is True
 
 
