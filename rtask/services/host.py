@@ -323,6 +323,15 @@ class ServiceHost:
         offers = [offer_of(declared_method) for declared_method in definition.methods.values()]
         return Proxy(definition.exact, offers, carry_out)
 
+    def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
+        """Refuse a call whose data resources are missing, before it is made.
+
+        Raises
+        ------
+        MissingDataError, UsageError
+        """
+        self._mapped(self.registry.find(service), data, access)
+
     def _mapped(self, definition: Definition, data: Mapping[str, str], access: Access) -> Mapped:
         """Return the exact version of the dataset for each data resource that takes one.
 
