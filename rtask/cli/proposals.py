@@ -65,10 +65,14 @@ def show(number: int, data: Path, as_json: bool) -> None:
 @proposals.command()
 @click.argument("number", type=int)
 @data_option
-def adopt(number: int, data: Path) -> None:
+@json_option
+def adopt(number: int, data: Path, as_json: bool) -> None:
     """Carry a proposal out, as the operator: it is checked against what holds now."""
     with open_to_change(data) as kb:
         commit = kb.adopt(number)
+    if as_json:
+        print_json({"commit": commit.seq, "added": commit.added, "removed": commit.removed})
+        return
     click.echo(f"adopted in commit {commit.seq}: {commit.added} added, {commit.removed} removed")
 
 
@@ -76,10 +80,15 @@ def adopt(number: int, data: Path) -> None:
 @click.argument("number", type=int)
 @data_option
 @click.option("--remark", default="", metavar="TEXT", help="Why, for the author.")
-def refuse(number: int, data: Path, remark: str) -> None:
+@json_option
+def refuse(number: int, data: Path, remark: str, as_json: bool) -> None:
     """Decide against a proposal."""
     with open_to_read(data) as kb:
         kb.proposals.refuse(number, "operator", remark)
+        refused = kb.proposals.get(number)
+    if as_json:
+        print_json(refused.to_dict())
+        return
     click.echo(f"refused proposal {number}")
 
 
