@@ -170,10 +170,10 @@ def token() -> None:
     "rights",
     multiple=True,
     metavar="RIGHT",
-    help="What it allows beyond its role: rules, to change rules of the reasoner; replicate, to "
-    "copy everything, as a follower does; deploy, to carry out calls of services, as a "
-    "worker does. For a reader: read:<IRI>, to read that named graph and no other but those it "
-    "has the same right for; without any, it reads all.",
+    help="What it allows beyond its role: rules, to change rules of the reasoner; schema, to state "
+    "axioms about terms of others; replicate, to copy everything, as a follower does; deploy, to "
+    "carry out calls of services, as a worker does. For a reader: read:<IRI>, to read that named "
+    "graph and no other but those it has the same right for; without any, it reads all.",
 )
 @json_option
 def create(

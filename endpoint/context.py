@@ -103,6 +103,7 @@ class ServerContext:
         if writer is not None:
             gauges["rtask_log_lines_dropped_total"] = lambda: writer.dropped
         if isinstance(kb, KnowledgeBase):
+            kb.proposes_axioms = config.propose_axioms
             gauges["rtask_writers_waiting"] = lambda: kb.write_queue()[0]
             gauges["rtask_writer_wait_seconds"] = lambda: kb.write_queue()[1]
         if following is not None:

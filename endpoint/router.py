@@ -86,7 +86,7 @@ class Router:
         kb, engine, services = context.kb, context.engine, context.services
         return {
             "protocol": self._protocol,
-            "check": lambda request, caller, address: check.plan_check(request),
+            "check": lambda request, caller, address: check.plan_check(context.kb, request),
             "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(

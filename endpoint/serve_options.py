@@ -220,6 +220,10 @@ _LOGS = _options(
         show_default=True,
         help="info logs one line for each request.",
     ),
+    click.option(
+        "--propose-axioms", is_flag=True,
+        help="Keep changes that are refused for lack of the right schema as proposals.",
+    ),
     click.option("--log-queries", is_flag=True, help="Log the text of every query."),
     _number("--drain-delay", 0.0, _ZERO_OR_MORE,
             "Seconds between reporting not ready and closing the socket."),
@@ -271,6 +275,7 @@ def config_of(options: dict[str, Any]) -> Config:
         behind_proxy=options["behind_proxy"],
         drain_delay_s=options["drain_delay"],
         backup_dir=options["backup_dir"],
+        propose_axioms=options["propose_axioms"],
         log_queries=options["log_queries"],
         cache=not options["no_cache"],
         limits=limits_of(options["limit"]),

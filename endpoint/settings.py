@@ -95,6 +95,8 @@ class Config:
         Seconds between reporting "not ready" and closing the listening socket.
     backup_dir
         Folder for backups; by default beside the data folder.
+    propose_axioms
+        Keep changes that are refused for lack of the right ``schema`` as proposals.
     log_queries
         Log the text of every query, not only of slow ones.
     cache
@@ -127,6 +129,7 @@ class Config:
     behind_proxy: bool = False
     drain_delay_s: float = 0.0
     backup_dir: Path | None = None
+    propose_axioms: bool = False
     log_queries: bool = False
     cache: bool = True
     limits: Limits = field(default_factory=Limits)

@@ -12,6 +12,7 @@ import importlib.util
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 from rtask.errors import MissingExtraError
 
@@ -42,7 +43,8 @@ EXTRA_OF = {
 }
 
 
-def missing_libraries(extra: str) -> list[str]:
+@cache
+def missing_libraries(extra: str) -> tuple[str, ...]:
     """Return the libraries of an extra that are not installed, without importing any.
 
     Parameters
@@ -50,11 +52,11 @@ def missing_libraries(extra: str) -> list[str]:
     extra
         Name of the extra, such as ``perception``.
     """
-    return [
+    return tuple(
         library
         for library, brought_by in EXTRA_OF.items()
         if brought_by == extra and importlib.util.find_spec(library) is None
-    ]
+    )
 
 
 def needs_extra(extra: str, subject: str) -> MissingExtraError:

@@ -13,6 +13,7 @@ from rtask.kb.core import GraphCore
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
+    from rtask.asking.check.findings import Finding
     from rtask.interop.rdflib_dataset import KnowledgeDataset
     from rtask.loader.load import LoadReport
     from rtask.model.dynamic import Vocabulary
@@ -96,6 +97,21 @@ class KnowledgeBase(GraphCore):
         from rtask.interop.owlready import to_world
 
         return to_world(self, graphs)
+
+    def check(self, text: str) -> list[Finding]:
+        """Return the faults of a query that its answer would hide, certain ones first.
+
+        Unknown terms, patterns that cannot match together, literals of another type, variables
+        that connect nothing; each with its place and repairs. See :mod:`rtask.asking.check`.
+
+        Raises
+        ------
+        QuerySyntaxError
+            The text is no query; gives line and column.
+        """
+        from rtask.asking.check.checker import check
+
+        return check(self, text)
 
     def update_from(
         self,

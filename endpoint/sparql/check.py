@@ -1,4 +1,4 @@
-"""Check of the syntax of a query or an update, without carrying it out, at ``/sparql/check``."""
+"""Check of a query or an update, without carrying it out, at ``/sparql/check``."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import json
 
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.served import ServedGraph
 from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
 from rtask.errors import DataError, UsageError
+from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.syntax import check_query, check_update
 from rtask.sparql.update_outline import read_update
 
@@ -16,11 +18,12 @@ __all__ = ["plan_check"]
 MAX_TEXT = 200_000
 
 
-def plan_check(request: Request) -> Plan:
+def plan_check(kb: ServedGraph, request: Request) -> Plan:
     """Plan the check of the text in the body; its media type says what it is.
 
-    The answer is 200 whether the text is right or not: ``ok``, and for a wrong one ``detail``,
-    ``line`` and ``column`` where they are known.
+    The answer is 200 whether the text is right or not: ``ok``, and for one that does not parse
+    ``detail``, ``line`` and ``column`` where they are known. For a query that parses, ``findings``
+    where there are any, as :meth:`rtask.asking.check.findings.Finding.to_dict` gives them.
 
     Raises
     ------
@@ -43,14 +46,17 @@ def plan_check(request: Request) -> Plan:
         raise UsageError("the text is not UTF-8") from None
     if len(text) > MAX_TEXT:
         raise UsageError(f"{len(text)} characters; at most {MAX_TEXT} are checked")
-    return Plan(lambda: _answer(text, is_query=media_type == QUERY_TYPE))
+    return Plan(lambda: _answer(kb, text, is_query=media_type == QUERY_TYPE))
 
 
-def _answer(text: str, *, is_query: bool) -> Response:
+def _answer(kb: ServedGraph, text: str, *, is_query: bool) -> Response:
     found: dict[str, object] = {"ok": True}
     try:
         if is_query:
             check_query(text)
+            findings = kb.check(text) if isinstance(kb, KnowledgeBase) else []
+            if findings:
+                found["findings"] = [finding.to_dict(text) for finding in findings]
         else:
             check_update(read_update(text))
     except DataError as error:

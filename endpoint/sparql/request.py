@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from dataclasses import dataclass
 
@@ -25,6 +26,14 @@ METHODS = {
     (QUERY,): ("GET", "HEAD", "POST", "OPTIONS"),
     (UPDATE,): ("POST", "OPTIONS"),
 }
+
+
+_QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout")
+_UPDATE_FIELDS = (
+    UPDATE, "using-graph-uri", "using-named-graph-uri", "agent", "note", "if-version",
+)  # fmt: skip
+# SPARQLWrapper and others send these beside the Accept header, which says the same and counts.
+_OF_CLIENTS = ("format", "output", "results")
 
 
 @dataclass(frozen=True)
@@ -131,6 +140,7 @@ def _from_get(request: Request) -> Operation:
     if any(name == "update" for name, _ in fields):
         raise RefusedError(400, "usage", "an update by GET is not allowed; send it by POST")
     if not any(name == "query" for name, _ in fields):
+        _refuse_unknown(fields, _QUERY_FIELDS)
         return DescriptionRequest()
     return _query(_single(fields, "query"), fields, request)
 
@@ -187,9 +197,24 @@ def _single(fields: Fields, name: str) -> str:
     return values[0]
 
 
+def _refuse_unknown(fields: Fields, known: tuple[str, ...]) -> None:
+    """Refuse a parameter without a meaning here: ignored, it would seem to have had its effect."""
+    for name, _ in fields:
+        if name not in known and name not in _OF_CLIENTS:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean `{near[0]}`? " if near else ""
+            raise RefusedError(
+                400,
+                "usage",
+                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(known)}",
+                parameter=name[:80],
+            )
+
+
 def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
     if len(fields) == 1 and fields[0][0] == QUERY:
         return QueryRequest(_without_nul(text, "query"), base=request.url)
+    _refuse_unknown(fields, _QUERY_FIELDS)
     return QueryRequest(
         _without_nul(text, "query"),
         _iris(fields, "default-graph-uri"),
@@ -201,6 +226,7 @@ def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
 
 
 def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
+    _refuse_unknown(fields, _UPDATE_FIELDS)
     using = _iris(fields, "using-graph-uri")
     using_named = _iris(fields, "using-named-graph-uri")
     agent, note = (_short(fields, name, most) for name, most in (("agent", 64), ("note", 500)))

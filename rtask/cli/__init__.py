@@ -42,6 +42,7 @@ _BUILT_IN = {
     "model": "rtask.cli.ontology:model",
     "objects": "rtask.cli.objects:objects",
     "ontology": "rtask.cli.ontology:ontology",
+    "proposals": "rtask.cli.proposals:proposals",
     "quarantine": "rtask.cli.maintenance:quarantine",
     "query": "rtask.cli.query:query",
     "reason": "rtask.cli.reasoning:reason",
@@ -72,8 +73,8 @@ _SECTIONS = {
     "Judge": ("feedback", "contributors", "episodes"),
     "Robots and services": ("robot", "ros", "service", "dataset"),
     "Look after": (
-        "doctor", "stats", "token", "validate", "reason", "quarantine", "verify", "rebuild",
-        "backup", "restore", "promote", "help",
+        "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
+        "rebuild", "backup", "restore", "promote", "proposals", "help",
     ),
 }  # fmt: skip
 """Sections of the help, by what one wants to do; a command of another package comes last."""

@@ -103,6 +103,8 @@ def history(
     else:
         for entry in entries:
             note = f"  {entry.note}" if entry.note else ""
+            if entry.clock_back_s >= 1.0:
+                note += f"  (clock {entry.clock_back_s:.0f} s behind an earlier commit)"
             click.echo(
                 f"{entry.seq:6d}  {entry.time[:19]}  {entry.agent or '-':12s}  "
                 f"+{len(entry.added)} -{len(entry.removed)}{note}"
@@ -120,6 +122,7 @@ def _entry_row(entry: HistoryEntry, statements: bool) -> dict[str, Any]:
         "time": entry.time,
         "agent": entry.agent,
         "note": entry.note,
+        "clock_back_s": entry.clock_back_s,
         "added": len(entry.added),
         "removed": len(entry.removed),
     }

@@ -180,6 +180,55 @@ def _store(folder: Path) -> Finding:
         return Finding("store", "broken", str(error), remedy)
 
 
+def examine_clock(folder: Path) -> Finding:
+    """Name the commits between which the clock went back, and those that lie in the future."""
+    from rtask.errors import RtaskError
+    from rtask.kb.durability.journal import JournalFile
+    from rtask.kb.feed.history import clock_jumps
+
+    if not (folder / "journal").is_dir():
+        return Finding("clock", "ok", "no commits yet")
+    journal = JournalFile(folder / "journal")
+    try:
+        jumps = list(clock_jumps(journal))
+    except RtaskError as error:
+        return Finding("clock", "note", f"the times of commits cannot be read: {error}")
+    finally:
+        journal.close()
+    if not jumps:
+        return Finding("clock", "ok", "the times of commits follow their order")
+    shown = [f"{jump.back_s:.0f} s at commit {jump.seq} ({jump.time[:19]})" for jump in jumps[-3:]]
+    more = f", and {len(jumps) - 3} times before" if len(jumps) > 3 else ""
+    return Finding(
+        "clock",
+        "note",
+        f"went back by {', '.join(shown)}{more}; commits are ordered by number, their times are as "
+        "the clock had them",
+        "synchronise the clock: timedatectl set-ntp true",
+    )
+
+
+def _axioms(folder: Path) -> Finding:
+    """Axioms about others' terms in the graphs of robots, from before these needed a right."""
+    import rtask
+    from rtask.errors import RtaskError
+    from rtask.kb.commit.schema_right import stored_axioms
+
+    if not folder.exists():
+        return Finding("axioms", "ok", "none of robots")
+    try:
+        with rtask.open(folder, mode="r") as kb:
+            found = list(stored_axioms(kb.store, kb.graphs))
+    except RtaskError:
+        return Finding("axioms", "note", "not looked at: the store does not open")
+    if not found:
+        return Finding("axioms", "ok", "none of robots about terms of others")
+    name, first = found[0]
+    statement = f"{first.subject} {first.predicate} {first.object}"
+    detail = f"{len(found)} of robots about terms of others, e.g. {name}: {statement}"
+    return Finding("axioms", "note", detail, "keep them, or remove them with rtask update")
+
+
 def examine(data: Path | None, port: int) -> Iterator[Finding]:
     """Look at everything, cheapest first."""
     checks: list[Callable[[], Finding]] = [
@@ -198,6 +247,8 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
             checks.append(partial(_imports, module, mend))
     if data is not None:
         checks.append(lambda: _store(data))
+        checks.append(lambda: examine_clock(data))
+        checks.append(lambda: _axioms(data))
     for check in checks:
         yield check()
 

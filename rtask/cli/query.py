@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import base_of, open_graph
+from rtask.cli.connection import base_of, open_graph, reasoner_of
 from rtask.cli.options import (
     agent_option,
     data_option,
@@ -75,6 +75,12 @@ _EMPTY = {
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 @click.option("--no-inferred", is_flag=True, help="Leave inferred statements out.")
 @click.option("--timeout", type=float, metavar="S", help="Stop the query after this time, s.")
+@click.option(
+    "--check/--no-check",
+    default=True,
+    help="Say on standard error what is certainly wrong with the query, and what is likely wrong "
+    "if it has no rows.  [default: check]",
+)
 def query(
     text: str | None,
     data: Path,
@@ -84,6 +90,7 @@ def query(
     as_json: bool,
     no_inferred: bool,
     timeout: float | None,
+    check: bool,
 ) -> None:
     """Run a SPARQL query; TEXT may be - for standard input.
 
@@ -99,7 +106,43 @@ def query(
             answer = _print_answer(kb, whole, not no_inferred, timeout)
         else:
             answer = _write_answer(_pieces(kb, whole, form, not no_inferred, timeout), form)
+        if check:
+            _print_findings(kb, server, whole, len(whole) - len(asked), answer)
     exit_if_empty(answer)
+
+
+def _print_findings(kb: Graph, server: str | None, whole: str, offset: int, has_rows: bool) -> None:
+    """Print the faults of a query: certain ones always, likely ones beside an empty answer.
+
+    Parameters
+    ----------
+    offset
+        Characters before the text as it was given.
+    """
+    from rtask.asking.check.findings import place_of
+
+    for finding in _findings(kb, server, whole):
+        if has_rows and finding["severity"] != "certain":
+            continue
+        line, column = place_of(whole[offset:], finding["start"] - offset)
+        click.echo(f"{finding['severity']}: {line}:{column}: {finding['detail']}", err=True)
+        for repair in finding["repairs"][:1]:
+            click.echo(f"  repair: {repair['words']}", err=True)
+
+
+def _findings(kb: Graph, server: str | None, text: str) -> list[dict[str, Any]]:
+    from rtask.errors import RtaskError
+    from rtask.knowledge_base import KnowledgeBase
+
+    if isinstance(kb, KnowledgeBase):
+        return [finding.to_dict(text) for finding in kb.check(text)]
+    if not server:
+        return []
+    try:
+        with reasoner_of(server) as client:
+            return client.check(text)
+    except RtaskError:  # a server of another kind, which checks nothing
+        return []
 
 
 @contextmanager

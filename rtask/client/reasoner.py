@@ -75,6 +75,14 @@ class ReasonerClient(HttpClient):
         explanation: dict[str, Any] = self._send("GET", _EXPLAIN, params=named).json()
         return explanation
 
+    def check(self, query: str) -> list[dict[str, Any]]:
+        """Return the faults of a query, as :meth:`Finding.to_dict` gives them."""
+        headers = {"Content-Type": "application/sparql-query"}
+        sent: dict[str, Any] = {"content": query.encode(), "headers": headers}
+        answer: dict[str, Any] = self._send("POST", "/sparql/check", **sent).json()
+        findings: list[dict[str, Any]] = answer.get("findings", [])
+        return findings
+
     def entails_statement(
         self, statement: tuple[str, str, str], budget: int | None = None
     ) -> dict[str, Any]:

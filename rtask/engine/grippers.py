@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 from grasp.spatial.gripper import EndEffector, ParallelGripper
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
-from rtask.errors import UnknownTermError, nearest
+from rtask.errors import ForbiddenError, UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
+    from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Change
     from rtask.kb.core import GraphCore
 
@@ -71,7 +72,7 @@ class GripperCatalogue:
                 forces[kind] = max(stored.max_force, forces.get(kind, 0.0))
         return forces
 
-    def find(self, gripper_id: str | None, agent: str | None) -> StoredGripper:
+    def find(self, gripper_id: str | None, access: Access) -> StoredGripper:
         """Return the end effector that a message names.
 
         Parameters
@@ -79,27 +80,42 @@ class GripperCatalogue:
         gripper_id
             IRI or name; None = the only gripper of the asking robot. An outcome is never credited
             to another robot's gripper, so a robot without a gripper must name one.
-        agent
-            The asking robot, whose grippers come first if several robots use a name.
+        access
+            Rights of the caller. A robot's token names its own grippers only; other callers may
+            name those of any robot, by IRI where several use a name.
 
         Raises
         ------
         UnknownTermError
             The message suggests the nearest name.
+        ForbiddenError
+            It belongs to another robot than the one that calls.
         """
         grippers = self.all()
-        own = [g for g in grippers if g.robot_name == agent]
+        own = [one for one in grippers if one.robot_name == access.agent]
         if gripper_id is None:
             if len(own) == 1:
                 return own[0]
-            reason = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
+            agent = access.agent
+            words = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
             raise UnknownTermError(
-                f"gripper_id is missing, and {reason}; known: {_listed(grippers)}"
+                f"gripper_id is missing, and {words}; known: {_listed(grippers)}"
             )
-        for g in (*own, *grippers):
-            if gripper_id in (g.iri.value, g.gripper.name):
-                return g
-        names = sorted({g.gripper.name for g in grippers})
+        fitting = [one for one in grippers if gripper_id in (one.iri.value, one.gripper.name)]
+        found = next((one for one in own if one in fitting), None)
+        if found is not None:
+            return found
+        if fitting and access.role == "robot":
+            others = ", ".join(f"{one.iri.value} of {one.robot_name}" for one in fitting[:3])
+            yours = ", ".join(one.iri.value for one in own) or "none: register_robot first"
+            raise ForbiddenError(
+                f"gripper_id: the token belongs to {access.agent!r}, and {gripper_id!r} is "
+                f"{others}; its own: {yours}",
+                field="gripper_id",
+            )
+        if fitting:
+            return fitting[0]
+        names = sorted({one.gripper.name for one in grippers})
         hint = nearest(gripper_id, names) or f"; known: {_listed(grippers)}"
         raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.catalogue import Catalogue
+from rtask.kb.commit.commit import Request
 from rtask.kb.commit.expiry import Expiry
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.writer import Writer
@@ -13,11 +14,13 @@ from rtask.kb.durability.private_copy import PrivateCopy
 from rtask.kb.feed.feed import Feed
 from rtask.kb.feed.following import Follower
 from rtask.kb.feed.live_queries import LiveQueries
+from rtask.kb.proposals.register import Proposals
 from rtask.kb.readers.pool import Readers
 from rtask.kb.search.index import SideIndex
 from rtask.kb.search.places import PlaceTable
 from rtask.kb.search.text import TextTable
 from rtask.kb.store.embedded import embedded_store
+from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import NamedNode
 
 __all__ = ["GraphBase"]
@@ -39,7 +42,13 @@ class GraphBase:
         Where the graph is stored; ``None`` in memory.
     store
         The quads; use it for reading only.
+    proposals
+        Changes that wait for a decision, and those that were decided.
+    proposes_axioms
+        Whether a change that is refused for lack of the right `schema` is kept as a proposal.
     """
+
+    proposes_axioms = False
 
     def __init__(
         self,
@@ -77,6 +86,8 @@ class GraphBase:
         writer.listen(self.index.announce)
         self._follower = _follower(files, writer, self.feed)
         access = Access().bind(self.graphs, catalogue.is_ontology, self.plain)
+        self.proposals = Proposals(files.folder)
+        writer.propose = self._keep_refused
         self.expiry = Expiry(files.store, writer, access, self._is_indexed)
         writer.listen(self.expiry.announce)
 
@@ -85,6 +96,13 @@ class GraphBase:
         if self.plain:
             return True
         return isinstance(graph, NamedNode) and not self.graphs.is_system(graph)
+
+    def _keep_refused(self, overlay: Overlay, request: Request, reason: str) -> int | None:
+        """Keep a change as a proposal, where that is so set; return its number."""
+        if not self.proposes_axioms:
+            return None
+        author, seq = request.access.agent or "", self.seq
+        return self.proposals.add(overlay.added, overlay.removed, author, seq, reason).number
 
     @property
     def base(self) -> str:

@@ -22,6 +22,7 @@ from rtask.kb.maintenance import verify as verification
 from rtask.kb.maintenance.backup import backup
 from rtask.kb.maintenance.replica import JournalTail, apply_records
 from rtask.kb.maintenance.verify import Finding
+from rtask.kb.proposing import Proposing
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.retraction import Retraction
@@ -32,7 +33,7 @@ __all__ = ["GraphCore"]
 _log = logging.getLogger(__name__)
 
 
-class GraphCore(Reading, Watching, Reasoning, Retraction):
+class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
     """A graph in one process: reads, watches, commits, reasons, retracts and checks itself.
 
     The loader, the object layer and the bridges to other libraries work on this class;
@@ -177,6 +178,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         self.feed.close()
         self.readers.close()
         self.live_queries.close()
+        self.proposals.close()
         self.index.close()
         if self._writer.committer.interrupted:
             self._files.abandon()

@@ -36,6 +36,9 @@ class Others(Protocol):
     def find(self, service: str, method: str) -> tuple[Any, Any]:
         """Return the definitions of a service and of one of its methods."""
 
+    def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
+        """Refuse a call whose data resources are missing."""
+
 
 class Ending:
     """The end of a call, settled once: what comes after it, or beside it, changes nothing.
@@ -274,6 +277,16 @@ class Call:
     def find(self, name: str, method: str) -> Any:
         """Return the :class:`~rtask.services.definition.Method` of another service."""
         return self._reach().find(name, method)[1]
+
+    def check_data(self, name: str, data: dict[str, str] | None = None) -> None:
+        """Refuse a call of another service, before it is made, whose data are missing.
+
+        Raises
+        ------
+        MissingDataError
+            A data resource has no dataset, or the caller may not read it.
+        """
+        self._reach().check_data(name, data or {}, self.caller)
 
     def _reach(self) -> Others:
         if self._others is None:

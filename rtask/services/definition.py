@@ -112,6 +112,8 @@ class Definition:
     source
         Where a worker process finds the class: ``module:Class`` or ``file.py:Class``; empty where
         it must stay in this process.
+    extra
+        Extra of RTASK whose libraries it needs.
     """
 
     name: str
@@ -126,6 +128,7 @@ class Definition:
     max_waiting: int = 100
     timeout_s: float = 60.0
     source: str = ""
+    extra: str = ""
 
     @property
     def exact(self) -> str:
@@ -192,7 +195,7 @@ def define(service: type[Service]) -> Definition:
     return Definition(
         service.name, service.version, summary, description, methods, needs, service,
         service.executor, service.max_workers, service.max_waiting, service.timeout_s,
-        _source(service),
+        _source(service), service.extra,
     )  # fmt: skip
 
 

@@ -50,6 +50,7 @@ def described(
         "description": definition.description,
         "executor": definition.executor,
         "timeout_s": definition.timeout_s,
+        "max_waiting": definition.max_waiting,
         "resources": {
             name: {
                 "type": need.type,

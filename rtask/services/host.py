@@ -15,12 +15,13 @@ from rtask.errors import (
     ClosedError,
     ForbiddenError,
     MissingDataError,
+    MissingExtraError,
     RtaskError,
-    StartupFailedError,
     UnknownTermError,
     UsageError,
     nearest,
 )
+from rtask.extras import missing_libraries, needs_extra
 from rtask.kb.commit.access import Access
 from rtask.services.call import Call, Invocation
 from rtask.services.datasets.store import Datasets
@@ -255,21 +256,23 @@ class ServiceHost:
         ``ready``, ``failed`` where it could not be made ready, ``untried`` where it has not been
         started yet, or ``waiting`` where only workers have it and none is connected.
         """
+        if _lacking_extra(definition) is not None:
+            return "failed"
         if definition.executor == "outward":
             return "ready" if self.outward.count(definition.exact) else "waiting"
         states = {pool.state for pool in self._pools_of(definition)}
         return next((one for one in ("failed", "ready") if one in states), "untried")
 
-    def problem(self, definition: Definition) -> StartupFailedError | None:
-        """Return why a service could not be made ready; None if it could, or was not started."""
-        found = (pool.problem for pool in self._pools_of(definition))
-        return next((one for one in found if one is not None), None)
+    def problem(self, definition: Definition) -> RtaskError | None:
+        """Return why a service cannot be used: an extra is missing, or its last start failed."""
+        failures = (pool.problem for pool in self._pools_of(definition))
+        return _lacking_extra(definition) or next((one for one in failures if one), None)
 
     def _pools_of(self, definition: Definition) -> list[Pool]:
         with self._lock:
             return [p for (exact, _), p in self._pools.items() if exact == definition.exact]
 
-    def check(self, timeout_s: float = CHECK_S) -> list[StartupFailedError]:
+    def check(self, timeout_s: float = CHECK_S) -> list[RtaskError]:
         """Start a worker of each service whose data are known, and return what went wrong.
 
         Services whose callers name the data, and those of connected workers, are left out.
@@ -322,6 +325,15 @@ class ServiceHost:
 
         offers = [offer_of(declared_method) for declared_method in definition.methods.values()]
         return Proxy(definition.exact, offers, carry_out)
+
+    def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
+        """Refuse a call whose data resources are missing, before it is made.
+
+        Raises
+        ------
+        MissingDataError, UsageError
+        """
+        self._mapped(self.registry.find(service), data, access)
 
     def _mapped(self, definition: Definition, data: Mapping[str, str], access: Access) -> Mapped:
         """Return the exact version of the dataset for each data resource that takes one.
@@ -467,3 +479,10 @@ def _close_in_threads(pools: Iterable[Pool]) -> list[threading.Thread]:
     for thread in threads:
         thread.start()
     return threads
+
+
+def _lacking_extra(definition: Definition) -> MissingExtraError | None:
+    """Return the error that names the extra of a service, where its libraries are missing."""
+    if not definition.extra or not missing_libraries(definition.extra):
+        return None
+    return needs_extra(definition.extra, definition.name)

@@ -116,6 +116,8 @@ class Service:
         Length of the queue; further calls are refused.
     timeout_s
         Time for a call, unless its caller gives another.
+    extra
+        Extra of RTASK whose libraries it needs; where they are missing, lists say so before a call.
 
     Examples
     --------
@@ -138,6 +140,7 @@ class Service:
     max_workers: ClassVar[int | None] = None
     max_waiting: ClassVar[int] = 100
     timeout_s: ClassVar[float] = 60.0
+    extra: ClassVar[str] = ""
 
     data_resources: Mapping[str, Resource]
 

@@ -270,7 +270,9 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
         return f"unknown field {path!r}{hint}"
     if kind == "missing":
         owner = _message_at(model, places[:-1])
-        return f"{path} is missing: {owner.model_fields[str(places[-1])].description}"
+        meaning = owner.model_fields[str(places[-1])].description
+        is_told = meaning and meaning != str(places[-1])
+        return f"{path} is missing: {meaning}" if is_told else f"{path} is missing"
     if kind == "refused":
         return f"{path}: {context['words']}"
     if kind in _BOUNDS:

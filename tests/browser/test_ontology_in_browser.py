@@ -39,7 +39,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
             "ann",
         )
     with closing(TokenStore(folder)) as tokens:
-        ann, _ = tokens.create("teacher", agent="ann")
+        ann, _ = tokens.create("teacher", agent="ann", rights=["schema"])
     with running_server(folder) as running:
         yield running, ann
 

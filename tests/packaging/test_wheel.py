@@ -103,6 +103,8 @@ def test_every_link_of_every_page_leads_somewhere_with_any_extras(
     lacking = [visit for visit in visits if visit.status == 501]
     assert not [visit.address for visit in lacking if "pip install" not in visit.text]
     assert bool(lacking) is not bool(extras)
+    services = next(visit.text for visit in visits if visit.address == "/services")
+    assert ("needs the extra" in services) is not bool(extras)
     dead = {
         (visit.address, visit.linked_from, visit.status)
         for visit in visits

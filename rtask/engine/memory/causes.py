@@ -48,6 +48,11 @@ class StatingCauses(Access):
     def may_write(self, graph: GraphName) -> bool:
         return super().may_write(graph) or (self.graphs is not None and graph == self.graphs.causes)
 
+    @property
+    def may_state_axioms(self) -> bool:
+        """Always: the engine words these statements, such as those of a new class of objects."""
+        return True
+
     @classmethod
     def of(cls, author: Access) -> StatingCauses:
         """Return the extended rights of an author."""

@@ -142,7 +142,7 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
     from grasp.spatial.scene_plan import SceneOptions
     from rtask.engine.perception.clutter import plan_in_view
 
-    gripper = context.grippers.find(request.gripper_id, access.agent)
+    gripper = context.grippers.find(request.gripper_id, access)
     hand = jaws_modelled(gripper.gripper)
     frame, view = _view(request)
     if view is None:

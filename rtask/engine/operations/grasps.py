@@ -149,7 +149,7 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
     remembered = memory.objects[name]
     grasps = memory.of(name)
     if request.gripper_id:
-        hand = context.grippers.find(request.gripper_id, access.agent).gripper
+        hand = context.grippers.find(request.gripper_id, access).gripper
         hand_kind = (hand.gripper_type, hand.contact_kind)
         grasps = [g for g in grasps if (g.gripper_type, g.contact_kind) == hand_kind]
     return RecalledGrasps(

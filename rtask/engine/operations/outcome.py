@@ -77,7 +77,7 @@ class ReportedOutcome(Answer):
 @operation("write", "writes", "store the outcome of a grasp on a known object", repeatable=True)
 def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
-    gripper = context.grippers.find(request.gripper_id, access.agent)
+    gripper = context.grippers.find(request.gripper_id, access)
     outcome = Outcome.of(_report(request), context.reasons, "outcome")
     task_id = request.task_id
     decision = context.decisions.get(task_id)
@@ -89,6 +89,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
         if task_id:
             before = earlier(context, task_id, [context.agent_iri(author), gripper.robot])
         if before is not None and before.has_attempt:
+            before.refuse_contradiction(task_id or "", outcome.held)
             statistics = over_all_robots(context, iri(before.grasp))
             return ReportedOutcome(stored=0, commit="", statistics=statistics, grasp=before.grasp)
         triples, pending = Triples(), Pending()

@@ -161,7 +161,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
 
-    hand = jaws_modelled(context.grippers.find(request.gripper_id, access.agent).gripper)
+    hand = jaws_modelled(context.grippers.find(request.gripper_id, access).gripper)
     if request.friction is not None:
         hand = with_friction(hand, request.friction)
     shape = object_shape(context, request.object)

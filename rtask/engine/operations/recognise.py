@@ -146,7 +146,7 @@ def recognise_for_grasp(
     """Return the object and its grasps in the learner's order, with reasons."""
     clock = Clock(*_STEPS)
     find_task(request.task)
-    gripper = context.grippers.find(request.gripper_id, access.agent)
+    gripper = context.grippers.find(request.gripper_id, access)
     thresholds = asked(context.policy, request)
     seen, looks = observe_all(context, request)
     clock.lap("decode_s")

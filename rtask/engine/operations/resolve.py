@@ -157,7 +157,7 @@ class ObjectCandidate:
 @operation("read", "reads", "choose a seen object that serves a request, and its grasps")
 def resolve_request(context: Context, request: ResolveRequest, access: Access) -> ResolvedRequest:
     """Return a visible object that can be held, with its grasps, or the reasons for failure."""
-    gripper = context.grippers.find(request.gripper_id, access.agent)
+    gripper = context.grippers.find(request.gripper_id, access)
     meant = meaning(context, request.wanted)
     candidates: list[ObjectCandidate] = []
     memory = Memory()

@@ -131,10 +131,15 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         It names an unknown object or gripper.
     UsageError
         Its fields contradict each other.
+    ConflictError
+        An earlier request with its id reported another outcome.
     """
     gripper = _gripper(context, item, access)
     before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
+        if item.outcome is not None:
+            told = Outcome.of(item.outcome, context.reasons, f"{where}.outcome")
+            before.refuse_contradiction(item.task_id or "", told.held)
         return Repeated(item.task_id or "", before, gripper)
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item.class_description)
@@ -240,7 +245,7 @@ SELECT ?view WHERE {{ ?content rt:hasBlob {blob} . ?view rt:viewContent ?content
 
 def _gripper(context: Context, item: NewObject, access: Access) -> StoredGripper | None:
     try:
-        return context.grippers.find(item.gripper_id, access.agent)
+        return context.grippers.find(item.gripper_id, access)
     except UnknownTermError:
         if item.gripper_id:
             raise

@@ -30,7 +30,7 @@ from rtask.engine.records.received import Received
 from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
 from rtask.engine.triples import Triples, rounded
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT
 from rtask.rdf.terms import NamedNode, Value, iri, literal
 
@@ -59,6 +59,26 @@ class Earlier:
     grasp: str = ""
     view: str = ""
     has_attempt: bool = False
+    held: bool | None = None
+    """Whether the attempt was reported as a success; None if there was none."""
+
+    def refuse_contradiction(self, task_id: str, held: bool) -> None:
+        """Refuse a report that says something else than the one that is stored.
+
+        Raises
+        ------
+        ConflictError
+            The message has both outcomes.
+        """
+        if self.held is not None and self.held != held:
+            words = ("failed", "succeeded")
+            raise ConflictError(
+                f"the task {task_id} is stored as {words[self.held]}, and this report says that it "
+                f"{words[held]}; report another attempt under an id of its own, or have a person "
+                "confirm what happened (give_feedback)",
+                stored=words[self.held],
+                reported=words[held],
+            )
 
 
 @dataclass(frozen=True)
@@ -91,9 +111,10 @@ def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | N
     same_request = f"?event rt:requestId {literal(task_id)}"
     # Each part is a query of its own; otherwise the store reads every event before the id.
     rows = context.kb.select(f"""{PREFIXES}
-SELECT ?thing ?grasp ?view WHERE {{
+SELECT ?thing ?grasp ?view ?held WHERE {{
   {{ {agents} {same_request} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
-     ?task rt:through ?event ; rt:handles ?thing }}
+     ?task rt:through ?event ; rt:handles ?thing
+     OPTIONAL {{ ?event rt:hasOutcome/rt:success ?held }} }}
   UNION
   {{ {agents} {same_request} ; prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
      ?view a rt:View ; prov:wasDerivedFrom ?event }}
@@ -106,7 +127,8 @@ SELECT ?thing ?grasp ?view WHERE {{
         return next((str(row[name]) for row in events if row[name] is not None), "")
 
     grasp = first("grasp")
-    return Earlier(first("thing"), grasp, first("view"), bool(grasp))
+    held = {"true": True, "false": False}.get(first("held").lower())
+    return Earlier(first("thing"), grasp, first("view"), bool(grasp), held)
 
 
 def task_iri(context: Context, task_id: str) -> NamedNode:

@@ -39,7 +39,9 @@ class Access:
         ``admin`` writes everything unprotected.
     rights
         What the caller may do beyond its role. ``rules``: add and remove rules of the reasoner,
-        which of the roles only an ``admin`` may. ``replicate``: copy the whole knowledge base,
+        which of the roles only an ``admin`` may. ``schema``: state axioms about terms that are not
+        the caller's own, which robots and teachers may not by their role; see
+        :mod:`rtask.kb.commit.schema_right`. ``replicate``: copy the whole knowledge base,
         tokens included, as a follower does. ``deploy``: carry out calls of services, as a worker
         does. ``read:<IRI>``, for a ``reader`` only and with no other kind of right: read that named
         graph, and no graph for which it has no such right.
@@ -89,6 +91,11 @@ class Access:
         """IRIs of the only graphs that this caller may read; none if it may read all."""
         graphs = (right for right in self.rights if right.startswith(_READ))
         return frozenset(right.removeprefix(_READ) for right in graphs) or None
+
+    @property
+    def may_state_axioms(self) -> bool:
+        """Whether this caller may state axioms about any term."""
+        return self.role not in ("robot", "teacher") or "schema" in self.rights or self.plain
 
     def bind(
         self,

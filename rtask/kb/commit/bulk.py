@@ -19,6 +19,7 @@ from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Committer, Request
 from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.schema_right import axiom_refused, is_axiom
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.saved_closures import discard_saved
@@ -78,7 +79,7 @@ def bulk_add(
             discard_saved(files.folder)
         _mark(files, graph)
         if isinstance(data, TripleText):
-            touched = _add_text(files, committer, data, graph)
+            touched = _add_text(files, committer, data, graph, request.access)
         else:
             touched = _add_quads(files, data, graph, request.access, committer)
         _checkpoint(files, committer.last_seq)
@@ -95,14 +96,14 @@ def bulk_add(
 
 
 def _add_text(
-    files: Files, committer: Committer, text: TripleText, graph: GraphName
+    files: Files, committer: Committer, text: TripleText, graph: GraphName, access: Access
 ) -> set[GraphName]:
     store = files.store
-    if not isinstance(store, EmbeddedStore):
+    if not isinstance(store, EmbeddedStore) or not access.may_state_axioms:
         with text.open() as stream:
             parsed = parse(stream, format=text.format, base_iri=text.base)
             quads = (Quad(q.subject, q.predicate, q.object, graph) for q in parsed)
-            return _add_quads(files, quads, graph, Access().bind(committer.graphs), committer)
+            return _add_quads(files, quads, graph, access, committer)
     for target in (graph, DEFAULT) if files.settings.is_merged else (graph,):
         try:
             with text.open() as stream:
@@ -129,9 +130,13 @@ def _add_quads(
 ) -> set[GraphName]:
     joined: dict[GraphName, bool] = {graph: files.settings.is_merged and Graphs.is_joined(graph)}
 
+    may_state_axioms = access.may_state_axioms
+
     def with_union() -> Iterator[Quad]:
         for quad in quads:
             name = quad.graph_name
+            if not may_state_axioms and is_axiom(quad):
+                raise axiom_refused(quad, access, committer.graphs)
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")

@@ -27,6 +27,7 @@ from rtask.kb.commit.budget import OF_ROBOTS, UNBOUNDED, Guard, ReasoningLimits
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
 from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
 from rtask.kb.commit.quarantine import set_aside
+from rtask.kb.commit.schema_right import require_schema
 from rtask.kb.commit.validation import ValidationReport, Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import CommitRecord, Journal
@@ -217,6 +218,8 @@ class Committer:
         is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
         self._check_version(request)
         self._check_rights(change, request)
+        if not (request.trusted or self.plain):
+            require_schema(change, request.access, self.graphs, self.graphs.is_input)
         if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
@@ -399,7 +402,8 @@ class Committer:
         }
 
     def _next_record(self, request: Request) -> CommitRecord:
-        ended = max(dt.datetime.now(dt.UTC), self.last_time)
+        # As the clock has it, even if it was set back: commits are ordered by their numbers.
+        ended = dt.datetime.now(dt.UTC)
         started = min(request.started, ended)
         return CommitRecord(
             self.last_seq + 1,

@@ -231,6 +231,10 @@ class Transaction:
         pending = self._pending()
         return len(pending.added), len(pending.removed)
 
+    def holds(self, quad: Quad) -> bool:
+        """Whether a statement, in the form in which the store keeps it, is in its graph."""
+        return quad in self._pending()
+
     def contains(
         self,
         subject: Subject | str,

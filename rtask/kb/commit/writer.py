@@ -39,6 +39,9 @@ class Writer:
 
     Attributes
     ----------
+    propose
+        Keeps a change that was refused for lack of the right ``schema`` and returns its number, or
+        ``None`` if such changes are not kept.
     follows
         Address of the process whose commits are taken in; nobody else may write then.
     """
@@ -61,6 +64,7 @@ class Writer:
         self._unannounced: deque[Change] = deque()
         self._listeners: list[Listener] = []
         self._waiting: dict[int, float] = {}
+        self.propose: Callable[[Overlay, Request, str], int | None] | None = None
 
     def queue(self) -> tuple[int, float]:
         """Return how many threads wait to write, and for how long the first has waited (s)."""
@@ -113,7 +117,7 @@ class Writer:
         """Store the change, release the lock, make it durable, announce it."""
         before = self.committer.last_seq
         try:
-            change = self.committer.commit(overlay, request)
+            change = self._commit(overlay, request)
             if change.commit.seq > before:
                 self._unannounced.append(change)
         finally:
@@ -124,6 +128,22 @@ class Writer:
         self._announce(change.commit.seq)
         self.checkpoint_if_due()
         return change.commit
+
+    def _commit(self, overlay: Overlay, request: Request) -> Change:
+        try:
+            return self.committer.commit(overlay, request)
+        except ForbiddenError as error:
+            if error.details.get("right") != "schema" or self.propose is None:
+                raise
+            number = self.propose(overlay, request, str(error))
+            if number is None:
+                raise
+            raise ForbiddenError(
+                f"{error}. The change is kept as proposal {number}, without effect until an "
+                "operator adopts it",
+                **error.details,
+                proposal=number,
+            ) from error
 
     def checkpoint_if_due(self) -> None:
         """Make a checkpoint if the last one is old or the journal has grown much."""

@@ -23,6 +23,7 @@ from pyoxigraph import Store
 
 from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
+from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.journal import JournalFile, KeptJournal, NoJournal
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.private_copy import PrivateCopy
@@ -37,6 +38,8 @@ from rtask.kb.store.replacement import complete_replacement
 __all__ = ["Files", "find", "make", "open_for_reading", "open_for_writing", "open_in_memory"]
 
 _log = logging.getLogger(__name__)
+
+_TO_WRITE = "to open it for writing; make room, or open it with mode='r' to read"
 
 
 @dataclass
@@ -79,8 +82,10 @@ class Files:
     def close(self, seq: int) -> None:
         """Force everything to disk and release the files."""
         try:
-            if self.checkpoints is not None and self.store.is_open and not self.store.is_stuck:
-                self.checkpoints.make(seq, clean=True)
+            checkpoints = self.checkpoints
+            if checkpoints is not None and self.store.is_open and not self.store.is_stuck:
+                checkpoints.reserve.spend_on(lambda: checkpoints.make(seq, clean=True))
+                checkpoints.reserve.give_back()
         finally:
             self.abandon()
 
@@ -138,15 +143,28 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     lock = _lock(folder, shared=False)
     journal = JournalFile(folder / "journal", durable)
     try:
-        store = _open_store(folder, reading=False)
+        return _open_locked(folder, settings, lock, journal, durable)
+    except BaseException as error:
+        journal.close()
+        lock.release()
+        if means_full(error):
+            raise full_disk(folder, _TO_WRITE) from error
+        raise
+
+
+def _open_locked(
+    folder: Path, settings: Settings, lock: FolderLock, journal: JournalFile, durable: bool
+) -> Files:
+    store = _open_store(folder, reading=False)
+    try:
         complete_replacement(store, folder)
         recovered = recover(folder, store, journal, settings)
         checkpoints = Checkpoints(folder, store, journal, durable)
         blobs = BlobStore(folder / "blobs")
     except BaseException:
-        journal.close()
-        lock.release()
+        store.close()
         raise
+    checkpoints.reserve.take()
     return Files(
         recovered.settings,
         store,
@@ -229,6 +247,10 @@ def _lock(folder: Path, shared: bool) -> FolderLock:
         return FolderLock(folder, shared)
     except PermissionError as error:
         raise StoreError(f"{folder} cannot be opened: {error.strerror}") from error
+    except OSError as error:
+        if means_full(error):
+            raise full_disk(folder, _TO_WRITE) from error
+        raise
 
 
 def _open_store(folder: Path, reading: bool) -> EmbeddedStore:
@@ -236,6 +258,8 @@ def _open_store(folder: Path, reading: bool) -> EmbeddedStore:
     try:
         return EmbeddedStore(Store.read_only(path)) if reading else EmbeddedStore(Store(path), path)
     except OSError as error:
+        if means_full(error):
+            raise
         if "lock" in str(error).lower():
             raise StoreError(f"the store in {folder} cannot be opened: {error}") from error
         raise _damaged(folder, error) from error

@@ -44,7 +44,11 @@ class FolderLock:
             os.close(self._handle)
             raise StoreLockedError(_explain(folder, holder), holder=holder) from None
         if not shared:
-            self._write({})
+            try:
+                self._write({})
+            except OSError:
+                os.close(self._handle)
+                raise
 
     def publish(self, **facts: Any) -> None:
         """Add facts about this process to the lock file, e.g. the ``url`` it serves."""

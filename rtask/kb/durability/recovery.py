@@ -19,6 +19,7 @@ from pyoxigraph import Quad
 
 from rtask.errors import StoreError, StoreFormatError
 from rtask.kb.durability.blobs import sync_folder
+from rtask.kb.durability.disk_space import Reserve
 from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.published import Publisher
 from rtask.kb.durability.seal import Seal, require_sealed, seal
@@ -85,7 +86,7 @@ class Checkpoint:
             return None
         except (ValueError, TypeError, AttributeError) as error:
             raise StoreFormatError(
-                f"{path} is damaged: {error}; delete it, and the next opening replays the journal",
+                f"{path} is damaged: {error}; opening the folder for writing replays the journal",
                 damaged="checkpoint",
             ) from error
 
@@ -111,6 +112,7 @@ class Checkpoints:
         self._journal = journal
         self._durable = durable
         self._publisher = Publisher(folder, store)
+        self.reserve = Reserve(folder)
         self._seal: Seal = {}
         self._time = time.monotonic()
 
@@ -201,9 +203,14 @@ def recover(folder: Path, store: GraphStore, journal: JournalFile, settings: Set
     Raises
     ------
     StoreFormatError
-        Checkpoint or journal was changed, truncated or deleted after the folder was closed.
+        The journal was changed, truncated or deleted after the folder was closed.
     """
-    checkpoint = Checkpoint.load(folder) or _checkpoint_lost(folder, store, journal)
+    try:
+        checkpoint = Checkpoint.load(folder)
+    except StoreFormatError as error:
+        _log.warning("%s", error)
+        checkpoint = None
+    checkpoint = checkpoint or _checkpoint_lost(folder, store, journal)
     if checkpoint.clean:
         if checkpoint.journal is not None:
             require_sealed(folder, journal, checkpoint.journal)
@@ -224,7 +231,7 @@ def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> C
     """Return a substitute for a missing checkpoint, based on the journal if there is one."""
     segments = journal.segments()
     if segments:
-        _log.warning("%s is missing: the whole journal is replayed", folder / _FILE)
+        _log.warning("without a usable %s the whole journal is replayed", folder / _FILE)
         return Checkpoint(int(segments[0].stem) - 1, clean=False, boot=boot_id())
     if len(store):
         raise StoreFormatError(

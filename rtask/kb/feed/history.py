@@ -10,9 +10,9 @@ from pyoxigraph import Quad
 
 from rtask.kb.durability.journal import KeptJournal, NoJournal
 from rtask.kb.feed.feed import Feed
-from rtask.rdf.terms import GraphName, moment
+from rtask.rdf.terms import LONG_AGO, GraphName, moment
 
-__all__ = ["HistoryEntry", "Period", "history", "matcher"]
+__all__ = ["ClockJump", "HistoryEntry", "Period", "clock_jumps", "history", "matcher"]
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,12 @@ class HistoryEntry:
     Parameters
     ----------
     time
-        ISO 8601, UTC.
+        ISO 8601, UTC, by the clock of the machine that committed.
     agent
         Name of the author, or ``None`` for the program itself.
+    clock_back_s
+        By how many seconds the time is before that of an earlier commit among those read: the clock
+        was wrong then, or is now.
     """
 
     seq: int
@@ -33,6 +36,7 @@ class HistoryEntry:
     note: str | None
     added: tuple[Quad, ...]
     removed: tuple[Quad, ...]
+    clock_back_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,20 +87,23 @@ def _entries(
     feed: Feed, journal: KeptJournal | NoJournal, period: Period
 ) -> Iterator[HistoryEntry]:
     upto = feed.last_seq if period.upto is None else period.upto
+    clock = _Clock()
     if isinstance(journal, NoJournal):
         for change in feed.changes(period.after, upto):
             time = change.commit.time.isoformat()
+            back = clock.back_s(time)
             if period.holds(time, change.agent):
                 added = (*change.added, *change.inferred_added)
                 removed = (*change.removed, *change.inferred_removed)
                 yield HistoryEntry(
-                    change.commit.seq, time, change.agent, change.note, added, removed
+                    change.commit.seq, time, change.agent, change.note, added, removed, back
                 )
         return
     for record in journal.records(period.after):
         if record.seq > upto:
             return
         header = record.header
+        back = clock.back_s(header.get("time"))
         if period.holds(header.get("time"), header.get("agent")):
             yield HistoryEntry(
                 record.seq,
@@ -105,7 +112,50 @@ def _entries(
                 header.get("note"),
                 tuple(record.added()),
                 tuple(record.removed()),
+                back,
             )
+
+
+class _Clock:
+    """Compares the times of commits, in their order."""
+
+    _latest = LONG_AGO
+
+    def back_s(self, time: object) -> float:
+        """Return by how much a time is before the latest so far; 0 if it is not, or is unknown."""
+        at = moment(str(time)) if time else LONG_AGO
+        back = (self._latest - at).total_seconds() if time else 0.0
+        self._latest = max(self._latest, at)
+        return max(back, 0.0)
+
+
+@dataclass(frozen=True)
+class ClockJump:
+    """A commit whose clock was behind that of an earlier commit.
+
+    Parameters
+    ----------
+    seq, time
+        Of the commit.
+    back_s
+        Seconds between the latest earlier time and this one.
+    """
+
+    seq: int
+    time: str
+    back_s: float
+
+
+def clock_jumps(journal: KeptJournal | NoJournal, least_s: float = 1.0) -> Iterator[ClockJump]:
+    """Yield where the clock went back between two commits in a row, oldest first."""
+    before = LONG_AGO
+    for record in journal.records(0) if not isinstance(journal, NoJournal) else ():
+        time = str(record.header.get("time") or "")
+        if time:
+            at = moment(time)
+            if (before - at).total_seconds() >= least_s:
+                yield ClockJump(record.seq, time, (before - at).total_seconds())
+            before = at
 
 
 def matcher(

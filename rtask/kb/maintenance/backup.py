@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import errno
 import json
 import shutil
 from dataclasses import replace
@@ -13,7 +12,7 @@ from typing import Any
 from pyoxigraph import Store
 
 from rtask.errors import (
-    StorageFullError,
+    RtaskError,
     StoreError,
     StoreFormatError,
     UnsupportedError,
@@ -21,6 +20,7 @@ from rtask.errors import (
 )
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import BlobStore, copy_blob
+from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
@@ -62,11 +62,11 @@ def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> di
         raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
     try:
         return _copy(files, writer, files.folder if blobs else None, files.checkpoints, target)
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise StorageFullError(
-                f"the disk is full: the backup in {target} is incomplete; remove it and name a "
-                "folder on another disk"
+    except (OSError, RuntimeError, RtaskError) as error:
+        if means_full(error):
+            shutil.rmtree(target, ignore_errors=True)
+            raise full_disk(
+                target, "for the backup, of which nothing is left; name a folder on another disk"
             ) from error
         raise
 
@@ -85,7 +85,7 @@ def _copy(
     target.mkdir(parents=True)
     with writer.exclusive():
         seq = writer.committer.last_seq
-        checkpoints.make(seq)
+        checkpoints.reserve.spend_on(lambda: checkpoints.make(seq))
         embedded_store(files.store, "a backup").raw.backup(str(target / "store"))
         _copy_journal(files.journal, target / "journal")
     for blob in sorted((folder / "blobs").glob("??/??/*")) if folder is not None else ():

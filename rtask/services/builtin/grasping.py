@@ -60,6 +60,7 @@ class Grasping(Service):
 
     name = "example/Grasping"
     version = "1.2.0"
+    extra = "perception"
 
     @startup
     def compile(self) -> None:

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 from annotated_types import Len
 
-from rtask.errors import RtaskError, UnsupportedError, UsageError, nearest
+from rtask.errors import MissingDataError, RtaskError, UnsupportedError, UsageError, nearest
 from rtask.services.builtin.steps import INPUT, REF, Step, interface, ref_of, refs_in
 from rtask.services.call import Call
 from rtask.services.pipelines import SavedPipelines, Stored
@@ -230,6 +230,10 @@ def _checked(
             if own not in method.request.wire_names:
                 hint = nearest(own, list(method.request.wire_names))
                 raise UsageError(f"step {step.id}: {step.call} has no input {own!r}{hint}")
+        try:
+            call.check_data(_called(step)[0], step.data)
+        except MissingDataError as error:
+            raise MissingDataError(f"step {step.id}: {error}", **error.details) from error
         plan[step.id], methods[step.id] = step, method
         fields[step.id] = None if step.each is not None else list(method.answer.model_fields)
     for step in steps:

@@ -67,6 +67,7 @@ class PushTrials(Service):
 
     name = NAME
     version = "1.3.0"
+    extra = "perception"
     timeout_s = 300.0
 
     @startup

@@ -55,6 +55,7 @@ class Segmentation(Service):
 
     name = "rtask/Segmentation"
     version = "1.0.0"
+    extra = "perception"
 
     @startup
     def compile(self) -> None:

@@ -80,6 +80,7 @@ class SpacePlans(Service):
 
     name = NAME
     version = "1.0.0"
+    extra = "perception"
     timeout_s = 300.0
 
     @startup

@@ -16,6 +16,10 @@ from rtask.services.task import Task
 __all__ = ["InProcess"]
 
 
+FIRST_CALLS = 10
+"""How many calls of an instance are all checked for changes of its state; then a sample is."""
+
+
 class InProcess:
     """One instance, made ready."""
 
@@ -42,7 +46,8 @@ class InProcess:
         """
         self._calls += 1
         is_own = isinstance(self._instance, Service)
-        is_checked = is_own and (self._calls - 1) % self._setup.check_every == 0
+        is_due = self._calls <= FIRST_CALLS or self._calls % self._setup.check_every == 0
+        is_checked = is_own and is_due
         before = digests(self._instance) if is_checked else {}
         for resource in self._setup.resources.values():
             if isinstance(resource, GraphResource):

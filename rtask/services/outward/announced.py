@@ -25,6 +25,7 @@ __all__ = ["announced", "contract", "contract_of"]
 
 MAX_METHODS = 100
 MAX_CHARACTERS = 1 << 20
+MAX_WAITING = 10_000
 _SCOPES = ("read", "write", "teach")
 _NO_DOCS = {"use_attribute_docstrings": False}
 
@@ -75,7 +76,7 @@ def announced(description: Any) -> Definition:
         name, version, _text(description, "summary", name), _text(description, "description", ""),
         {own: _checked(stem, own, method) for own, method in methods.items()},
         _needs(description.get("resources") or {}), _not_here, "outward",
-        timeout_s=_seconds(description),
+        max_waiting=_waiting(description), timeout_s=_seconds(description),
     )  # fmt: skip
 
 
@@ -246,6 +247,15 @@ def _seconds(given: Mapping[str, Any]) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 3600:
         raise UsageError("description.timeout_s: expected seconds, above 0 and at most 3600")
     return float(value)
+
+
+def _waiting(given: Mapping[str, Any]) -> int:
+    value = given.get("max_waiting", 100)
+    if type(value) is not int or not 1 <= value <= MAX_WAITING:
+        raise UsageError(
+            f"description.max_waiting: expected a whole number from 1 to {MAX_WAITING}"
+        )
+    return value
 
 
 def _not_here(*_: object) -> Any:

@@ -163,3 +163,20 @@ def test_escapes_are_decoded_as_the_standard_library_decodes_them() -> None:
     for broken in ("%FF", "%C3", "%C3+%A9"):
         with pytest.raises(RefusedError, match="not UTF-8"):
             parse_fields(f"query={broken}", "form")
+
+
+@pytest.mark.parametrize(
+    ("request_", "message"),
+    [
+        (get("query=ASK%7B%7D&infered=0"), "`infered`; did you mean `inferred`"),
+        (get("query=ASK%7B%7D&as_of=3"), "`as_of`"),
+        (get("qurey=ASK%7B%7D"), "did you mean `query`"),
+        (post(FORM, "update=CLEAR+ALL&timeout=3"), "`timeout`"),
+        (post(UPDATE_BODY, "CLEAR ALL", "if_version=a:1"), "did you mean `if-version`"),
+        (post(QUERY_BODY, "ASK {}", "using-graph-uri=urn:a"), "`using-graph-uri`"),
+    ],
+)
+def test_a_parameter_without_a_meaning_is_refused_by_name(request_: Request, message: str) -> None:
+    with pytest.raises(RefusedError, match=message) as error:
+        parse_operation(request_)
+    assert error.value.http_status == 400

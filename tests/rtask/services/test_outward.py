@@ -84,6 +84,21 @@ def test_a_call_is_checked_sent_and_its_answer_checked():
                 assert task.result()["value"] == outcome
 
 
+def test_no_more_calls_wait_for_a_worker_than_it_says():
+    with ServiceHost() as host:
+        link = FakeLink()
+        host.outward.join(link, {**description(), "max_waiting": 3}, 1)
+        tasks = [host.submit(Invocation("farm/Plough", "double", {"value": 1}))]
+        link.next()  # the worker is busy with the first one
+        tasks += [host.submit(Invocation("farm/Plough", "double", {"value": 1})) for _ in range(3)]
+        with pytest.raises(QueueFullError, match="3 calls are waiting"):
+            host.submit(Invocation("farm/Plough", "double", {"value": 1}))
+        for task in tasks:
+            task.cancel()
+        with pytest.raises(UsageError, match="max_waiting: expected a whole number"):
+            host.outward.join(link, {**description(), "max_waiting": 0}, 1)
+
+
 @pytest.mark.parametrize(
     ("error", "kind"),
     [(None, ServiceError), ("service-failed", ServiceFailedError), ("what", ServiceFailedError)],

@@ -8,11 +8,13 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import pytest
 
-from rtask.errors import ServiceError, UnknownTermError, UsageError
+from rtask.errors import MissingDataError, ServiceError, UnknownTermError, UsageError
 from rtask.services import Service, ServiceHost, method
 from rtask.services.builtin import Pipeline
+from rtask.services.definition import define
 from rtask.wire.message import Answer
 from rtask.wire.types import Array, Bytes, Pose, Unit
+from tests.rtask.services.lab import Reader
 
 
 class Part(Answer):
@@ -171,3 +173,11 @@ def test_a_pipeline_in_a_pipeline_is_a_circle(host):
 @pytest.mark.parametrize("value", [{"$input": 5}, {"$ref": ["parts"]}, {"$ref": None}])
 def test_what_only_looks_like_a_reference_stands_for_itself(host, value):
     assert run(host, CUT, output={"x": value}) == {"x": value}
+
+
+def test_missing_data_are_named_before_the_first_step_runs(host):
+    host.registry.add(define(Reader))
+    steps = [CUT, {"id": "model", "call": "lab/Reader/read", "inputs": {}}]
+    with pytest.raises(MissingDataError, match=r"step model: .* needs a dataset for 'model'"):
+        host.call("rtask/Pipeline", "run", {"steps": steps, "output": {}, "inputs": {"cloud": ""}})
+    assert Cut.calls == []

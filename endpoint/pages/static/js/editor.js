@@ -76,11 +76,11 @@ class SparqlEditor extends HTMLElement {
     }).catch(() => null);
     if (!answer?.ok || text !== this.field.value) return;
     const found = text.trim() ? await answer.json() : { ok: true };
-    this.mark(found.ok ? null : found);
+    this.mark(found.ok ? null : found, found.findings ?? []);
   }
 
-  /** Mark a fault at its line and column; none takes marks away. */
-  mark(fault) {
+  /** Mark a fault at its line and column, and findings with their repairs; none takes marks away. */
+  mark(fault, findings = []) {
     if (!this.#view) return;
     const { setDiagnostics } = this.#library;
     const document_ = this.#view.state.doc;
@@ -90,7 +90,19 @@ class SparqlEditor extends HTMLElement {
       const from = Math.min(line.from + Math.max((fault.column ?? 1) - 1, 0), line.to);
       diagnostics.push({ from, to: Math.max(from, line.to), severity: "error", message: fault.detail });
     }
+    for (const { start, end, severity, detail, repairs } of findings) {
+      diagnostics.push({
+        from: start, to: end, message: detail,
+        severity: severity === "certain" ? "error" : "warning",
+        actions: repairs.map(({ words, edits }) => ({
+          name: words,
+          apply: (view) => view.dispatch({ changes: edits.map((one) => ({ from: one.start, to: one.end, insert: one.text })) }),
+        })),
+      });
+    }
+    diagnostics.sort((one, other) => one.from - other.from);
     this.#view.dispatch(setDiagnostics(this.#view.state, diagnostics));
+    this.dataset.findings = findings.length ? String(findings.length) : "";
     this.dataset.fault = fault ? `${fault.line ?? ""}:${fault.column ?? ""}` : "";
   }
 

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 
 def _hand(engine, name="right_hand", robot="nao-1"):
-    return engine.context.grippers.find(name, robot)
+    return engine.context.grippers.find(name, Access(robot, "robot"))
 
 
 def _told(engine):

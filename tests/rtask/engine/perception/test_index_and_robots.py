@@ -143,7 +143,7 @@ def test_registering_twice_changes_nothing_and_a_changed_hand_is_corrected(bench
     changed = bench.registration("nao-1", "right_hand")
     changed["end_effectors"][0]["max_opening"] = "0.06"
     robot.call("register_robot", **changed)
-    assert engine.grippers.find("right_hand", "nao-1").gripper.max_opening == 0.06
+    assert engine.grippers.find("right_hand", Access("nao-1", "robot")).gripper.max_opening == 0.06
     rows = kb.select("SELECT ?w { ?h <https://w3id.org/rtask-kg/ns#maxOpening> ?w }")
     assert [row.value("w") for row in rows] == [0.06]
 
@@ -151,9 +151,9 @@ def test_registering_twice_changes_nothing_and_a_changed_hand_is_corrected(bench
 def test_hands_of_one_name_belong_to_their_robots(bench, robots, engine):
     robots("nao-1", gripper_type="nao_hand")
     robots("nao-2", gripper_type="other_hand")
-    assert engine.grippers.find("right_hand", "nao-2").robot_name == "nao-2"
-    assert engine.grippers.find("right_hand", "nao-1").robot_name == "nao-1"
-    assert engine.grippers.find(None, "nao-2").gripper.gripper_type == "other_hand"
+    assert engine.grippers.find("right_hand", Access("nao-2", "robot")).robot_name == "nao-2"
+    assert engine.grippers.find("right_hand", Access("nao-1", "robot")).robot_name == "nao-1"
+    assert engine.grippers.find(None, Access("nao-2", "robot")).gripper.gripper_type == "other_hand"
 
 
 @pytest.mark.parametrize("name", ["", "nao 1", "nao/1", "n" * 65])

@@ -11,6 +11,7 @@ import pytest
 
 import ontology
 import rtask
+from rtask.cli.doctor import examine_clock
 from rtask.errors import (
     ClosedError,
     DataError,
@@ -124,22 +125,32 @@ def test_blank_nodes_keep_their_labels_and_can_be_removed(kb: KnowledgeBase) -> 
     assert kb.verify() == []
 
 
-def test_time_never_runs_backwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also across a restart with a wrong clock; the order is that of the numbers anyway."""
-    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
-        first = kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+def test_one_commit_at_a_wrong_time_does_not_move_those_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The order is that of the numbers; also across a restart."""
+    real = dt.datetime
 
-    class Slow(dt.datetime):
+    class Fast(dt.datetime):
         @classmethod
         def now(cls, tz: dt.tzinfo | None = None) -> dt.datetime:  # type: ignore[override]
-            return first.time - dt.timedelta(days=1)
+            return real.now(tz) + dt.timedelta(days=1_000)
 
     with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
-        monkeypatch.setattr("rtask.kb.commit.commit.dt.datetime", Slow)
-        second = kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+        first = kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+        monkeypatch.setattr("rtask.kb.commit.commit.dt.datetime", Fast)
+        wrong = kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
         monkeypatch.undo()
-    assert second.time == first.time
-    assert second.seq == 2
+        third = kb.update("INSERT DATA { <urn:a> <urn:p> 3 }")
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        fourth = kb.update("INSERT DATA { <urn:a> <urn:p> 4 }")
+        back = [round(entry.clock_back_s / 86_400) for entry in kb.history("urn:a")]
+    assert first.time <= third.time <= fourth.time < wrong.time
+    assert [c.seq for c in (first, wrong, third, fourth)] == [1, 2, 3, 4]
+    assert back == [0, 0, 1_000, 1_000]
+    clock = examine_clock(tmp_path)
+    assert (clock.state, "at commit 3" in clock.detail) == ("note", True)
+    assert "commit 4" not in clock.detail
 
 
 def test_people_and_robots_are_named_apart(kb: KnowledgeBase) -> None:

@@ -163,7 +163,9 @@ def test_an_unclean_folder_is_not_read_before_it_is_recovered(tmp_path: Path) ->
     _bare(tmp_path, mode="r").close()
     (tmp_path / "checkpoint.json").write_text("{")
     with pytest.raises(StoreFormatError, match="damaged"):
-        _bare(tmp_path)
+        _bare(tmp_path, mode="r")
+    _bare(tmp_path).close()
+    _bare(tmp_path, mode="r").close()
 
 
 def test_a_full_disk_stores_nothing_and_writing_goes_on_after_it(

@@ -1,0 +1,126 @@
+"""What the statements of a graph say about patterns: whether they match, alone and together.
+
+Each question looks at a bounded number of rows, so that a check costs the same in a large graph;
+where the bound is reached, the answer is "perhaps".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pyoxigraph import Literal, NamedNode
+
+from rtask.asking.check.outline import Edge, Node, Step
+from rtask.kb.core import GraphCore
+from rtask.rdf.terms import Term, stored
+
+__all__ = ["Evidence"]
+
+MAX_ROWS, MIN_ROWS = 60, 12
+_KNOWN = 20_000
+
+
+class Evidence:
+    """Looks patterns up in one state of a graph; answers are remembered until the next commit."""
+
+    def __init__(self, kb: GraphCore) -> None:
+        self._quads = kb.store.quads_for_pattern
+        self._seq = -1
+        self._kb = kb
+        self._known: dict[object, bool | None] = {}
+
+    def refresh(self) -> None:
+        """Forget what an earlier state answered."""
+        if self._seq != self._kb.seq or len(self._known) > _KNOWN:
+            self._seq = self._kb.seq
+            self._known = {}
+
+    def is_used(self, iri: str) -> bool:
+        """Return whether any statement, or the name of a graph, mentions an IRI."""
+        key = ("used", iri)
+        found = self._known.get(key)
+        if found is None:
+            term = NamedNode(iri)
+            found = any(
+                next(iter(rows), None) is not None
+                for rows in (
+                    self._quads(term, None, None, None),
+                    self._quads(None, term, None, None),
+                    self._quads(None, None, term, None),
+                    self._quads(None, None, None, term),
+                )
+            )
+            self._known[key] = found
+        return bool(found)
+
+    def matches(self, edge: Edge, steps: list[Step] | None = None) -> bool:
+        """Return whether a pattern matches anything by itself."""
+        key = ("edge", _key(edge, steps))
+        if key not in self._known:
+            self._known[key] = next(self._rows(edge, steps), None) is not None
+        return bool(self._known[key])
+
+    def is_common(self, edge: Edge) -> bool:
+        """Return whether a pattern matches more than a few times."""
+        key = ("common", _key(edge, None))
+        if key not in self._known:
+            rows = zip(range(MIN_ROWS), self._rows(edge, None), strict=False)
+            self._known[key] = sum(1 for _ in rows) == MIN_ROWS
+        return bool(self._known[key])
+
+    def meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
+        """Return whether two patterns match with the same term at an end; None for perhaps."""
+        key = ("meet", _key(one, None), at, _key(other, None), other_at)
+        if key not in self._known:
+            found = self._meet(one, at, other, other_at)
+            if found is None:
+                found = self._meet(other, other_at, one, at)
+            self._known[key] = found
+        return self._known[key]
+
+    def _meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
+        seen: set[Term] = set()
+        for row, terms in enumerate(self._rows(one, None)):
+            if row >= MAX_ROWS:
+                return None
+            term = terms[at]
+            if term in seen or (isinstance(term, Literal) and other_at == 0):
+                continue
+            seen.add(term)
+            if next(self._rows(other, None, other_at, term), None) is not None:
+                return True
+        return False
+
+    def _rows(
+        self, edge: Edge, steps: list[Step] | None, at: int | None = None, term: Term | None = None
+    ) -> Iterator[tuple[Term, Term]]:
+        """Yield the subjects and objects of a pattern, as its path walks."""
+        ends: list[Term | None] = [_term(node) for node in edge.ends]
+        if at is not None:
+            if ends[at] is not None and ends[at] != term:
+                return
+            ends[at] = term
+        for step in edge.steps if steps is None else steps:
+            s, o = ends[::-1] if step.is_inverse else ends
+            if isinstance(s, Literal):
+                continue
+            for quad in self._quads(s, NamedNode(step.node.value), o, None):
+                pair = (quad.subject, quad.object)
+                yield pair[::-1] if step.is_inverse else pair
+
+
+def _term(node: Node) -> Term | None:
+    if node.kind == "iri":
+        return NamedNode(node.value)
+    if node.kind == "literal" and not node.datatype.endswith("langString"):
+        return stored(Literal(node.value, datatype=NamedNode(node.datatype)))
+    return None
+
+
+def _key(edge: Edge, steps: list[Step] | None) -> tuple[object, ...]:
+    ends = tuple(
+        (node.kind, node.value, node.datatype) if node.kind != "variable" else None
+        for node in edge.ends
+    )
+    walked = edge.steps if steps is None else steps
+    return (*ends, *((step.node.value, step.is_inverse) for step in walked))

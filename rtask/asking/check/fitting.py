@@ -1,0 +1,174 @@
+"""How well a term would go with the other patterns, with names and with the data."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.names import affinity, likeness
+from rtask.asking.check.outline import Edge, Node, Outline, Step
+from rtask.asking.check.types import TYPE, Conflict, Context, Demand, Demands, contexts, overlap
+from rtask.asking.check.usual import usual_properties
+from rtask.asking.check.vocabulary import Property, Vocabulary, local
+
+__all__ = ["Fitting", "is_same_variable", "replaced", "reversed_edge"]
+
+
+class Fitting:
+    """How well a term would fit in the place of another in a pattern."""
+
+    def __init__(self, vocabulary: Vocabulary, evidence: Evidence, outline: Outline) -> None:
+        self.vocabulary = vocabulary
+        self.evidence = evidence
+        self.demands = Demands(vocabulary)
+        self.contexts = list(contexts(outline.body))
+        self._at: dict[int, Context] = {}
+        for context in self.contexts:
+            for edge in context.own:
+                self._at.setdefault(id(edge), context)
+
+    @property
+    def usual(self) -> Mapping[str, float]:
+        """How usual each property is in the questions that come with the ontology, from 0 to 1."""
+        return usual_properties()
+
+    def context(self, edge: Edge) -> Context | None:
+        """Return the context that a pattern stands in."""
+        return self._at.get(id(edge))
+
+    def conflicts_of(self, edge: Edge, context: Context) -> list[Conflict]:
+        """Return the conflicts of one pattern, perhaps a changed one, with the others."""
+        own = self.demands.of(edge, context)
+        found: list[Conflict] = []
+        if own is None:
+            return found
+        for other in context.edges:
+            if other.start == edge.start and other.end == edge.end and is_same_pattern(other, edge):
+                continue
+            given = self.demands.of(other, context)
+            for demand in given or ():
+                for mine in own:
+                    if is_same_variable(mine.node, demand.node):
+                        made = self.demands.between(mine, demand)
+                        if made is not None:
+                            found.append(made)
+        return found
+
+    def beside(self, edge: Edge, context: Context) -> dict[str, list[Demand]]:
+        """Return what the other patterns demand of the variables of one."""
+        names = {end.value for end in edge.ends if end.kind == "variable"}
+        found: dict[str, list[Demand]] = defaultdict(list)
+        for other in context.edges:
+            if other is not edge:
+                for demand in self.demands.of(other, context) or ():
+                    if demand.node.kind == "variable" and demand.node.value in names:
+                        found[demand.node.value].append(demand)
+        return found
+
+    def fits(
+        self, known: Property, about: Node, value: Node, beside: dict[str, list[Demand]]
+    ) -> bool:
+        """Return whether a property goes with what other patterns demand of its ends."""
+        for node, given, kind, types in (
+            (about, known.domain, True, frozenset[str]()),
+            (value, known.range, known.relates_things, frozenset(known.datatypes)),
+        ):
+            if node.kind == "literal":
+                if kind is not False or (types and node.datatype not in types):
+                    return False
+            elif node.kind == "iri" and kind is False:
+                return False
+            for other in beside.get(node.value, ()) if node.kind == "variable" else ():
+                if None not in (kind, other.is_thing) and kind != other.is_thing:
+                    return False
+                if given is not None and other.bits is not None and not given & other.bits:
+                    return False
+                if types and other.datatypes and not overlap(types, other.datatypes):
+                    return False
+        return True
+
+    def misfits(self, edge: Edge, context: Context) -> int:
+        """Return how many patterns a changed pattern would not go together with."""
+        count = len(self.conflicts_of(edge, context))
+        for at, node in enumerate(edge.ends):
+            count += not self.suits(edge, at, node, context)
+        return count
+
+    def suits(self, edge: Edge, at: int, node: Node, context: Context) -> bool:
+        """Return whether a constant is of the kind that an end of a pattern demands."""
+        demands = self.demands.of(edge, context)
+        if demands is None or node.kind == "variable":
+            return True
+        demand = demands[at]
+        if node.kind == "literal":
+            return demand.is_thing is not True and at != 0
+        if any(step.node.value == TYPE for step in edge.steps) and at == 1:
+            return True
+        return demand.is_thing is not False
+
+    def ranked(self, candidates: Iterable[str], node: Node, edge: Edge) -> list[str]:
+        """Return the candidates for an unknown term, by nearness and by how well they fit."""
+        context = self.context(edge)
+        if context is None:
+            return list(candidates)
+        name = local(node.value).lower()
+        rated = []
+        for iri in candidates:
+            changed = replaced(edge, node, iri)
+            clash = 0.25 * min(self.misfits(changed, context), 2)
+            rated.append((-(likeness(name, local(iri).lower()) - clash), iri))
+        return [iri for _, iri in sorted(rated)]
+
+    def merit(self, edge: Edge, context: Context) -> float:
+        """Return how well a changed pattern that fits goes with names and data."""
+        merit = 0.0
+        (step,) = edge.steps
+        merit += 0.5 * self.usual.get(step.node.value, 0.0)
+        value = edge.subject if step.is_inverse else edge.object
+        about = edge.object if step.is_inverse else edge.subject
+        if value.kind == "variable":
+            merit += 2.0 * affinity(value.value, step.node.value, self.vocabulary)
+        if about.kind == "variable":
+            merit += 0.4 * affinity(about.value, step.node.value, self.vocabulary)
+        if not self.evidence.matches(edge):
+            return merit
+        merit += 0.6
+        meets = [
+            self.evidence.meet(edge, at, other, other_at)
+            for other in context.edges
+            if other.steps and not is_same_pattern(other, edge)
+            for at, mine in enumerate(edge.ends)
+            for other_at, node in enumerate(other.ends)
+            if is_same_variable(mine, node)
+        ]
+        if meets:
+            merit += 0.8 * sum(met is True for met in meets) / len(meets)
+            merit -= 0.8 * sum(met is False for met in meets) / len(meets)
+        return merit
+
+
+def reversed_edge(edge: Edge) -> Edge:
+    """Return an edge with its predicates walked the other way."""
+    steps = [Step(step.node, not step.is_inverse) for step in edge.steps]
+    return replace(edge, steps=steps)
+
+
+def replaced(edge: Edge, node: Node, iri: str) -> Edge:
+    """Return an edge with another term in the place of one."""
+    other = replace(node, value=iri)
+    steps = [Step(other, step.is_inverse) if step.node is node else step for step in edge.steps]
+    subject, value = (other if end is node else end for end in edge.ends)
+    return replace(edge, steps=steps, subject=subject, object=value)
+
+
+def is_same_pattern(one: Edge, other: Edge) -> bool:
+    """Return whether two edges are the same pattern, perhaps changed."""
+    return [step.node.start for step in one.steps] == [
+        step.node.start for step in other.steps
+    ] and (one.subject.start == other.subject.start and one.object.start == other.object.start)
+
+
+def is_same_variable(one: Node, other: Node) -> bool:
+    return one.kind == other.kind == "variable" and one.value == other.value

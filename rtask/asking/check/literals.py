@@ -1,0 +1,94 @@
+"""Literals whose datatype the property does not have, and things where a literal belongs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from rtask.asking.check.findings import Edit, Finding, Repair
+from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.types import family, range_of
+from rtask.asking.check.vocabulary import Property, Vocabulary, local
+
+__all__ = ["check_literals"]
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)")
+
+
+def check_literals(
+    outline: Outline, vocabulary: Vocabulary, others: Callable[[Edge], list[Repair]]
+) -> Iterator[Finding]:
+    """Yield the constants of a query that the values of their property can never equal.
+
+    Parameters
+    ----------
+    others
+        Returns the properties that would fit instead.
+    """
+    for group in outline.body.walk():
+        if group.role == "service":
+            continue
+        for edge in group.edges:
+            if len(edge.steps) == 1 and not edge.is_loose:
+                for finding in _constant(edge, vocabulary):
+                    repairs = finding.repairs or tuple(others(edge))
+                    yield replace(finding, repairs=repairs)
+
+
+def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
+    (step,) = edge.steps
+    known = vocabulary.properties.get(step.node.value)
+    value = edge.subject if step.is_inverse else edge.object
+    if known is None or value.kind == "variable":
+        return
+    name = local(known.iri)
+    if value.kind == "iri":
+        if known.relates_things is False:
+            words = f"the values of {name} are literals, never a thing such as this"
+            yield Finding("literal-expected", "certain", value.start, value.end, words)
+        return
+    if known.relates_things is True:
+        words = f"the values of {name} are things, never a literal such as this"
+        yield Finding("thing-expected", "certain", value.start, value.end, words)
+        return
+    yield from _datatype(value, known, name)
+
+
+def _datatype(value: Node, known: Property, name: str) -> Iterator[Finding]:
+    wanted = range_of(known)
+    if not wanted or not family(wanted) or value.datatype == wanted:
+        return
+    kind = local(wanted)
+    if family(value.datatype) == family(wanted) and family(wanted) not in ("number", "text"):
+        return
+    if family(wanted) == family(value.datatype) == "number" and (
+        kind not in ("double", "float", "decimal") or local(value.datatype) == kind
+    ):
+        return
+    if family(wanted) == "text" and kind != "string" and not value.datatype.endswith("langString"):
+        return
+    words = f"the values of {name} are of type xsd:{kind}, and this is of another"
+    yield Finding("wrong-datatype", "certain", value.start, value.end, words, _repairs(value, kind))
+
+
+def _repairs(value: Node, kind: str) -> tuple[Repair, ...]:
+    text = value.value
+    if kind == "boolean" and text in ("true", "false", "0", "1"):
+        written = {"0": "false", "1": "true"}.get(text, text)
+    elif kind in ("double", "float") and _NUMBER.fullmatch(text):
+        written = f'"{text}"^^<http://www.w3.org/2001/XMLSchema#{kind}>'
+        if kind == "double":
+            written = text if "e" in text.lower() else text.rstrip(".") + "e0"
+    elif kind == "decimal" and _NUMBER.fullmatch(text) and "e" not in text.lower():
+        written = text if "." in text else text + ".0"
+    elif kind == "integer" and re.fullmatch(r"[+-]?\d+", text):
+        written = text
+    elif kind == "string":
+        written = '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    elif kind == "dateTime" and _DATE.fullmatch(text):
+        written = f'"{text}"^^<http://www.w3.org/2001/XMLSchema#dateTime>'
+    else:
+        return ()
+    return (Repair(f"write {written}", (Edit(value.start, value.end, written),)),)

@@ -1,0 +1,69 @@
+"""Nearness of names: of a misspelt term to a known one, and of a variable to what it stands for."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from functools import lru_cache
+
+from rtask.asking.check.vocabulary import Vocabulary, local
+
+__all__ = ["affinity", "likeness", "words_of"]
+
+_PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+
+
+@lru_cache(maxsize=8192)
+def words_of(name: str) -> tuple[str, ...]:
+    """Return the words of a name in camel case or with underscores, in lower case.
+
+    >>> words_of("hasHiddenCause"), words_of("robot_name")
+    (('has', 'hidden', 'cause'), ('robot', 'name'))
+    """
+    return tuple(word.lower() for word in _PART.findall(name))
+
+
+@lru_cache(maxsize=16_384)
+def _pairs(name: str) -> Counter[str]:
+    """Return the letters of a name and its pairs of neighbours, ends included."""
+    framed = f"^{name}$"
+    return Counter([*name, *(framed[at : at + 2] for at in range(len(framed) - 1))])
+
+
+@lru_cache(maxsize=65_536)
+def likeness(one: str, other: str) -> float:
+    """Return how alike two names are, from 0 to 1: the share of letters and of neighbours.
+
+    >>> likeness("GrapsAttempt", "GraspAttempt") > 0.8 > likeness("Grasp", "Task")
+    True
+    """
+    a, b = _pairs(one), _pairs(other)
+    if len(a) > len(b):
+        a, b = b, a
+    shared = sum(min(count, b[pair]) for pair, count in a.items() if pair in b)
+    total = len(one) * 2 + len(other) * 2 + 2
+    return 2 * shared / total
+
+
+def affinity(variable: str, iri: str, vocabulary: Vocabulary) -> float:
+    """Return how well the name of a variable fits a class or property, from 0 to 1."""
+    labels = vocabulary.labels.get(iri)
+    return _affinity(variable, local(iri), min(labels) if labels else "")
+
+
+@lru_cache(maxsize=65_536)
+def _affinity(variable: str, name: str, label: str) -> float:
+    asked = words_of(variable)
+    if not asked or len(asked[0]) < 2:
+        return 0.0
+    best = 0.0
+    for words in (words_of(name), tuple(label.split())):
+        hits = sum(any(_same(a, b) for b in words) for a in asked)
+        best = max(best, hits / len(asked) * (0.6 + 0.4 * hits / max(len(words), 1)))
+    return best
+
+
+def _same(one: str, other: str) -> bool:
+    if one == other or one.rstrip("s") == other.rstrip("s"):
+        return True
+    return min(len(one), len(other)) >= 4 and one[:4] == other[:4]

@@ -1,0 +1,157 @@
+"""Outline of a query: its groups, triple patterns and variables, each with its place in the text.
+
+Read from the tokens in one pass, for texts that the store's parser accepts. Paths are split into
+edges: a sequence introduces variables of its own, and an alternative gives an edge several
+predicates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal as Choice
+from typing import TypeAlias
+
+__all__ = ["Edge", "Group", "Node", "Outline", "Step"]
+
+Kind: TypeAlias = Choice["variable", "iri", "literal", "blank"]
+Role: TypeAlias = Choice["plain", "optional", "union", "minus", "exists", "service"]
+
+
+@dataclass(slots=True)
+class Node:
+    """A term of a pattern.
+
+    Attributes
+    ----------
+    kind
+        Of term.
+    value
+        IRI, name of the variable, or text of the literal.
+    start, end
+        Place in the text; equal for what the text does not name.
+    datatype
+        IRI of a literal's datatype.
+    """
+
+    kind: Kind
+    value: str
+    start: int
+    end: int
+    datatype: str = ""
+
+
+@dataclass(slots=True)
+class Step:
+    """A predicate of an edge; a path may walk it against its direction."""
+
+    node: Node
+    is_inverse: bool = False
+
+
+@dataclass(slots=True)
+class Edge:
+    """A triple pattern, or a step of a path.
+
+    Attributes
+    ----------
+    subject, object
+        Its ends.
+    steps
+        Its predicates: one, or the alternatives of a path; none for a variable or a complex path.
+    is_loose
+        Whether a path may be of length zero, so that nothing is known of its ends.
+    is_path
+        Whether it is a part of a longer path, or repeated.
+    start, end
+        Place of the pattern in the text, its object included.
+    """
+
+    subject: Node
+    steps: list[Step]
+    object: Node
+    start: int
+    end: int
+    is_loose: bool = False
+    is_path: bool = False
+
+    @property
+    def ends(self) -> tuple[Node, Node]:
+        """Subject and object."""
+        return self.subject, self.object
+
+
+@dataclass(slots=True)
+class Group:
+    """A group of patterns and what stands in it.
+
+    Attributes
+    ----------
+    role
+        How it is joined with the group around it.
+    edges
+        Its triple patterns.
+    children
+        Groups inside it, those of EXISTS filters too.
+    filters
+        The variables of each FILTER.
+    binds
+        Variable of each BIND, with those of its expression.
+    values
+        Variables of VALUES, with the terms of their columns.
+    graph
+        Term after GRAPH, for a group of that kind.
+    """
+
+    role: Role
+    start: int
+    end: int = 0
+    edges: list[Edge] = field(default_factory=list)
+    children: list[Group] = field(default_factory=list)
+    filters: list[list[Node]] = field(default_factory=list)
+    binds: list[tuple[Node, list[Node]]] = field(default_factory=list)
+    values: list[tuple[Node, list[Node]]] = field(default_factory=list)
+    graph: Node | None = None
+
+    def walk(self) -> Iterator[Group]:
+        """Yield this group and all inside it."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+@dataclass(slots=True)
+class Outline:
+    """A whole query.
+
+    Attributes
+    ----------
+    form
+        ``SELECT``, ``ASK``, ``CONSTRUCT`` or ``DESCRIBE``.
+    body
+        The WHERE clause.
+    projected
+        Plain variables of the SELECT clause.
+    selects_all
+        Whether the clause is ``*``.
+    defined
+        Variables that expressions of the SELECT clause define.
+    mentioned
+        Variables of expressions, GROUP BY, HAVING and ORDER BY, and of a template.
+    grouped
+        Variables of GROUP BY; None without one.
+    iris
+        Every IRI outside triple patterns, such as in expressions.
+    prefixes
+        Namespaces by prefix.
+    """
+
+    form: str
+    body: Group
+    projected: list[Node] = field(default_factory=list)
+    selects_all: bool = False
+    defined: list[Node] = field(default_factory=list)
+    mentioned: list[Node] = field(default_factory=list)
+    grouped: list[Node] | None = None
+    iris: list[Node] = field(default_factory=list)
+    prefixes: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,473 @@
+"""Reads the outline of a query from its tokens (SPARQL 1.1 Query Language, 19.8)."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import urljoin
+
+from rtask.asking.check.outline import Edge, Group, Node, Outline, Role
+from rtask.asking.check.paths import Path, links_of, steps_of
+from rtask.errors import QuerySyntaxError
+from rtask.rdf.terms import RDF_TYPE, XSD
+from rtask.sparql.lexer import tokenise
+from rtask.sparql.tokens import Token
+
+__all__ = ["read_outline"]
+
+_ESCAPED = re.compile(r"\\([_~.\-!$&'()*+,;=/?#@%])")
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+_BEHIND_WHERE = ("GROUP", "HAVING", "ORDER", "LIMIT", "OFFSET", "VALUES")
+_TERMS = {"iri", "name", "variable", "string", "number", "blank"}
+
+
+def read_outline(text: str, base: str = "") -> Outline:
+    """Return the outline of a query that the store's parser accepts.
+
+    Raises
+    ------
+    QuerySyntaxError
+        The text is no query, or of a form that is not read here.
+    """
+    return _Reader(text, base).query()
+
+
+class _Reader:
+    """One pass over the tokens of a query."""
+
+    def __init__(self, text: str, base: str) -> None:
+        self._tokens = tokenise(text)
+        self._at = 0
+        self._base = base
+        self._prefixes: dict[str, str] = {}
+        self.iris: list[Node] = []
+        self._fresh = 0
+
+    # Tokens.
+
+    @property
+    def _now(self) -> Token:
+        return self._tokens[self._at]
+
+    def _next(self) -> Token:
+        token = self._tokens[self._at]
+        self._at = min(self._at + 1, len(self._tokens) - 1)
+        return token
+
+    def _is(self, mark: str) -> bool:
+        return self._now.is_mark(mark)
+
+    def _skip(self, mark: str) -> bool:
+        if self._is(mark):
+            self._next()
+            return True
+        return False
+
+    def _fail(self) -> QuerySyntaxError:
+        return QuerySyntaxError(f"{self._now.text!r} at {self._now.start} was not expected")
+
+    # The query.
+
+    def query(self) -> Outline:
+        self._prologue()
+        outline = self._select(inner=False)
+        outline.iris, outline.prefixes = self.iris, self._prefixes
+        return outline
+
+    def _prologue(self) -> None:
+        while self._now.is_word("BASE", "PREFIX", "VERSION"):
+            word = self._next()
+            if word.is_word("PREFIX"):
+                name = self._next().text.partition(":")[0]
+                self._prefixes[name] = self._resolved(self._next().text[1:-1])
+            elif word.is_word("BASE"):
+                self._base = self._resolved(self._next().text[1:-1])
+            else:
+                self._next()
+
+    def _select(self, inner: bool) -> Outline:
+        form = self._next().text.upper()
+        if form not in ("SELECT", "ASK", "CONSTRUCT", "DESCRIBE"):
+            raise self._fail()
+        outline = Outline(form, Group("plain", self._now.start))
+        if form == "SELECT":
+            self._projection(outline)
+        elif form == "DESCRIBE":
+            outline.selects_all = True
+            while not (self._now.is_word("WHERE", "FROM") or self._is("{") or self._ended()):
+                token = self._next()
+                if token.kind == "variable":
+                    outline.mentioned.append(self._variable(token))
+        elif form == "CONSTRUCT" and self._is("{"):
+            self._template(outline)
+        while self._now.is_word("FROM"):
+            self._next()
+            if self._now.is_word("NAMED"):
+                self._next()
+            self._next()
+        if self._now.is_word("WHERE"):
+            self._next()
+        if self._is("{"):
+            outline.body = self._group("plain", outline)
+        self._behind_where(outline, inner)
+        return outline
+
+    def _ended(self) -> bool:
+        return self._now.kind == "end"
+
+    def _projection(self, outline: Outline) -> None:
+        if self._now.is_word("DISTINCT", "REDUCED"):
+            self._next()
+        if self._skip("*"):
+            outline.selects_all = True
+            return
+        while not (self._is("{") or self._now.is_word("WHERE", "FROM") or self._ended()):
+            if self._is("("):
+                variables = self._expression(outline.body)
+                outline.defined.append(variables.pop())
+                outline.mentioned += variables
+            else:
+                outline.projected.append(self._variable(self._next()))
+
+    def _template(self, outline: Outline) -> None:
+        template = self._group("plain", outline)
+        for group in template.walk():
+            for edge in group.edges:
+                outline.mentioned += [end for end in edge.ends if end.kind == "variable"]
+
+    def _behind_where(self, outline: Outline, inner: bool) -> None:
+        grouped: list[Node] | None = None
+        target: list[Node] = outline.mentioned
+        while not self._ended() and not (inner and self._is("}")):
+            token = self._now
+            if token.is_word("GROUP"):
+                grouped = target = []
+            elif token.is_word(*_BEHIND_WHERE):
+                target = outline.mentioned
+                if token.is_word("VALUES"):
+                    self._next()
+                    self._values(outline.body)
+                    continue
+            elif token.kind == "variable":
+                target.append(self._variable(token))
+            elif self._is("{"):  # EXISTS in HAVING
+                outline.body.children.append(self._group("exists", outline))
+                continue
+            self._next()
+        outline.grouped = grouped
+        outline.mentioned += grouped or []
+
+    # Groups.
+
+    def _group(self, role: Role, outline: Outline) -> Group:
+        group = Group(role, self._next().start)
+        if self._now.is_word("SELECT"):
+            self._subselect(group)
+            self._skip("}")
+            return group
+        while not self._is("}"):
+            if self._ended():
+                raise self._fail()
+            self._element(group, outline)
+        group.end = self._next().end
+        return group
+
+    def _element(self, group: Group, outline: Outline) -> None:
+        token = self._now
+        if token.is_word("OPTIONAL", "MINUS"):
+            self._next()
+            role: Role = "optional" if token.is_word("OPTIONAL") else "minus"
+            group.children.append(self._group(role, outline))
+        elif token.is_word("GRAPH", "SERVICE"):
+            self._next()
+            if self._now.is_word("SILENT"):
+                self._next()
+            name = self._term()
+            child = self._group("service" if token.is_word("SERVICE") else "plain", outline)
+            child.graph = name if token.is_word("GRAPH") else None
+            group.children.append(child)
+        elif token.is_word("FILTER"):
+            self._next()
+            group.filters.append(self._constraint(group, outline))
+        elif token.is_word("BIND"):
+            self._next()
+            variables = self._expression(group, outline)
+            group.binds.append((variables.pop(), variables))
+        elif token.is_word("VALUES"):
+            self._next()
+            self._values(group)
+        elif self._is("{"):
+            self._union(group, outline)
+        elif not self._skip("."):
+            self._triples(group)
+
+    def _union(self, group: Group, outline: Outline) -> None:
+        branches = [self._group("plain", outline)]
+        while self._now.is_word("UNION"):
+            self._next()
+            branches.append(self._group("plain", outline))
+        if len(branches) > 1:
+            for branch in branches:
+                branch.role = "union"
+        group.children += branches
+
+    def _subselect(self, group: Group) -> None:
+        inner = self._select(inner=True)
+        group.end = self._now.end
+        shown = {node.value for node in (*inner.projected, *inner.defined)}
+        if not inner.selects_all:
+            self._fresh += 1
+            for node in _variables(inner):
+                if node.value not in shown:
+                    node.value += f" {self._fresh}"
+        group.children.append(inner.body)
+        for node in inner.defined:
+            group.binds.append((node, []))
+        for node in inner.mentioned:
+            group.filters.append([node])
+
+    def _values(self, group: Group) -> None:
+        columns: list[tuple[Node, list[Node]]] = []
+        if self._skip("("):
+            while not self._skip(")"):
+                columns.append((self._variable(self._next()), []))
+        else:
+            columns.append((self._variable(self._next()), []))
+        self._next()  # {
+        at = 0
+        while not self._skip("}"):
+            if self._ended():
+                raise self._fail()
+            if self._skip("(") or self._skip(")"):
+                continue
+            if self._now.is_word("UNDEF"):
+                self._next()
+            else:
+                columns[at % len(columns)][1].append(self._term())
+            at += 1
+        group.values += columns
+
+    def _constraint(self, group: Group, outline: Outline) -> list[Node]:
+        """Read a FILTER: a bracketed expression, a call, or EXISTS."""
+        variables: list[Node] = []
+        if self._now.is_word("NOT"):
+            self._next()
+        if self._now.is_word("EXISTS"):
+            self._next()
+            group.children.append(self._group("exists", outline))
+            return variables
+        if not self._is("("):
+            token = self._next()
+            if token.kind in ("name", "iri"):
+                self.iris.append(self._iri(token))
+        return self._expression(group, outline)
+
+    def _expression(self, group: Group, outline: Outline | None = None) -> list[Node]:
+        """Read a bracketed expression; return its variables, in order."""
+        variables: list[Node] = []
+        depth = 0
+        while not self._ended():
+            token = self._now
+            if token.is_word("EXISTS") and outline is not None:
+                self._next()
+                group.children.append(self._group("exists", outline))
+                continue
+            self._next()
+            if token.is_mark("("):
+                depth += 1
+            elif token.is_mark(")"):
+                depth -= 1
+                if depth == 0:
+                    break
+            elif token.kind == "variable":
+                variables.append(self._variable(token))
+            elif token.kind in ("name", "iri"):
+                self.iris.append(self._iri(token))
+        return variables
+
+    # Triple patterns.
+
+    def _triples(self, group: Group) -> None:
+        is_node = self._is("[") or self._is("(")
+        subject = self._node(group)
+        if is_node and (self._is(".") or self._is("}")):
+            return
+        self._properties(subject, group)
+
+    def _properties(self, subject: Node, group: Group) -> None:
+        while True:
+            path = self._path()
+            while True:
+                value = self._node(group)
+                _connect(self, group, subject, path, value)
+                if not self._skip(","):
+                    break
+            if not self._skip(";"):
+                return
+            while self._skip(";"):
+                pass
+            if self._is(".") or self._is("}") or self._is("]") or self._starts_element():
+                return
+
+    def _starts_element(self) -> bool:
+        return self._is("{") or self._now.is_word(
+            "OPTIONAL", "MINUS", "GRAPH", "SERVICE", "FILTER", "BIND", "VALUES"
+        )
+
+    def _node(self, group: Group) -> Node:
+        """Read a term, a blank node with properties, or a list."""
+        start = self._now.start
+        if self._skip("["):
+            node = self.fresh(start)
+            if not self._is("]"):
+                self._properties(node, group)
+            self._skip("]")
+            return node
+        if self._skip("("):
+            node = self.fresh(start)
+            while not self._skip(")"):
+                self._node(group)
+            return node
+        return self._term()
+
+    def _term(self) -> Node:
+        token = self._next()
+        if token.kind == "variable":
+            return self._variable(token)
+        if token.kind in ("iri", "name"):
+            return self._iri(token)
+        if token.kind == "blank":
+            return Node("variable", token.text, token.start, token.end)
+        if token.kind == "string":
+            return self._string(token)
+        if token.is_word("TRUE", "FALSE"):
+            return Node("literal", token.text, token.start, token.end, XSD + "boolean")
+        start = token.start
+        if token.kind == "mark" and token.text in "+-":
+            token = self._next()
+        if token.kind != "number":
+            raise QuerySyntaxError(f"{token.text!r} at {token.start} was not expected")
+        kind = (
+            "double" if "e" in token.text.lower() else "decimal" if "." in token.text else "integer"
+        )
+        return Node("literal", token.text, start, token.end, XSD + kind)
+
+    def _string(self, token: Token) -> Node:
+        quotes = 3 if token.text[:3] in ('"""', "'''") else 1
+        node = Node("literal", token.text[quotes:-quotes], token.start, token.end, XSD + "string")
+        if self._now.kind == "language":
+            node.datatype, node.end = _RDF + "langString", self._next().end
+        elif self._skip("^^"):
+            kind = self._next()
+            node.datatype, node.end = self._iri(kind).value, kind.end
+        return node
+
+    def _variable(self, token: Token) -> Node:
+        if token.kind != "variable":
+            raise QuerySyntaxError(f"{token.text!r} at {token.start} was not expected")
+        return Node("variable", token.text[1:], token.start, token.end)
+
+    def _iri(self, token: Token) -> Node:
+        if token.kind == "iri":
+            return Node("iri", self._resolved(token.text[1:-1]), token.start, token.end)
+        prefix, _, local = token.text.partition(":")
+        value = self._prefixes.get(prefix, "") + _ESCAPED.sub(r"\1", local)
+        return Node("iri", value, token.start, token.end)
+
+    def _resolved(self, value: str) -> str:
+        return urljoin(self._base, value) if self._base and ":" not in value else value
+
+    def fresh(self, start: int) -> Node:
+        """Return a variable that the text does not name."""
+        self._fresh += 1
+        return Node("variable", f" {self._fresh}", start, start)
+
+    # Paths.
+
+    def _path(self) -> Path:
+        if self._now.kind == "variable":
+            token = self._next()
+            return Path("variable", node=self._variable(token), start=token.start, end=token.end)
+        return self._alternative()
+
+    def _alternative(self) -> Path:
+        start = self._now.start
+        parts = [self._sequence()]
+        while self._skip("|"):
+            parts.append(self._sequence())
+        return (
+            parts[0] if len(parts) == 1 else Path("alternative", parts, None, start, self._before())
+        )
+
+    def _sequence(self) -> Path:
+        start = self._now.start
+        parts = [self._step()]
+        while self._skip("/"):
+            parts.append(self._step())
+        return parts[0] if len(parts) == 1 else Path("sequence", parts, None, start, self._before())
+
+    def _step(self) -> Path:
+        start = self._now.start
+        if self._skip("^"):
+            inner = self._step()
+            return Path("inverse", [inner], None, start, inner.end)
+        if self._skip("!"):
+            inner = self._step()
+            return Path("negated", [inner], None, start, inner.end)
+        if self._skip("("):
+            inner = self._alternative() if not self._is(")") else Path("negated")
+            self._skip(")")
+        else:
+            token = self._next()
+            if token.is_word("A") and token.text == "a":
+                node = Node("iri", RDF_TYPE.value, token.start, token.end)
+            else:
+                node = self._iri(token) if token.kind in ("iri", "name") else self._bad(token)
+            inner = Path("link", [], node, token.start, token.end)
+        for mark in "*+?":
+            if self._is(mark):
+                end = self._next().end
+                return Path("repeated" if mark == "+" else "loose", [inner], None, start, end)
+        return inner
+
+    def _bad(self, token: Token) -> Node:
+        raise QuerySyntaxError(f"{token.text!r} at {token.start} was not expected")
+
+    def _before(self) -> int:
+        return self._tokens[self._at - 1].end
+
+
+def _connect(reader: _Reader, group: Group, subject: Node, path: Path, value: Node) -> None:
+    """Add the edges of a path between two nodes to a group."""
+    if path.kind == "sequence":
+        before = subject
+        for part in path.parts[:-1]:
+            middle = reader.fresh(part.end)
+            _connect(reader, group, before, part, middle)
+            before = middle
+        _connect(reader, group, before, path.parts[-1], value)
+        for edge in group.edges[-len(path.parts) :]:
+            edge.is_path = True
+        return
+    if path.kind == "inverse" and path.parts[0].kind not in ("link",):
+        _connect(reader, group, value, path.parts[0], subject)
+        return
+    inner = path.parts[0] if path.kind in ("repeated", "loose") else path
+    edge = Edge(subject, steps_of(inner), value, min(subject.start, path.start), value.end)
+    edge.is_loose = path.kind == "loose"
+    edge.is_path = path.kind in ("repeated", "loose")
+    group.edges.append(edge)
+    if not edge.steps and path.kind != "variable":
+        reader.iris += links_of(path)
+
+
+def _variables(outline: Outline) -> list[Node]:
+    """Return every mention of a variable in a query, once each."""
+    found = [*outline.projected, *outline.defined, *outline.mentioned]
+    for group in outline.body.walk():
+        found += [end for edge in group.edges for end in edge.ends if end.kind == "variable"]
+        found += [node for nodes in group.filters for node in nodes]
+        for node, nodes in (*group.binds, *group.values):
+            found += [node, *(other for other in nodes if other.kind == "variable")]
+        if group.graph is not None and group.graph.kind == "variable":
+            found.append(group.graph)
+    return list({id(node): node for node in found}.values())

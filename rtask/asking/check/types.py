@@ -1,0 +1,228 @@
+"""What the patterns of a query demand of the classes of its variables, and where that conflicts."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from rtask.asking.check.outline import Edge, Group, Node, Step
+from rtask.asking.check.vocabulary import Property, Vocabulary
+from rtask.rdf.terms import RDF_TYPE
+
+__all__ = ["Conflict", "Context", "Demand", "contexts"]
+
+TYPE = RDF_TYPE.value
+_Ends: TypeAlias = tuple[int | None, bool | None, frozenset[str]]
+"""Classes, whether things, and datatypes of one end."""
+
+
+@dataclass(slots=True)
+class Demand:
+    """What one end of an edge must be.
+
+    Attributes
+    ----------
+    bits
+        Classes, one of which it has; None where nothing is known.
+    is_thing
+        True for a resource, False for a literal, None for either.
+    datatypes
+        That a literal may have.
+    """
+
+    edge: Edge
+    at: int
+    bits: int | None
+    is_thing: bool | None
+    datatypes: frozenset[str] = frozenset()
+
+    @property
+    def node(self) -> Node:
+        """The term or variable."""
+        return self.edge.ends[self.at]
+
+
+@dataclass(slots=True)
+class Conflict:
+    """Two demands on one variable that nothing meets."""
+
+    one: Demand
+    other: Demand
+    is_certain: bool
+
+
+@dataclass(slots=True)
+class Context:
+    """Patterns that must match together: those of a group and of the groups around it.
+
+    Attributes
+    ----------
+    own
+        Those of the group.
+    around
+        Those of the groups around it.
+    columns
+        Terms that VALUES gives to variables.
+    """
+
+    own: list[Edge]
+    around: list[Edge]
+    columns: dict[str, list[Node]] = field(default_factory=dict)
+
+    @property
+    def edges(self) -> list[Edge]:
+        """All of them."""
+        return [*self.around, *self.own]
+
+
+def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
+    """Yield the context of a group, and those of the groups in it that need not match."""
+    own = Context([], around.edges if around else [], dict(around.columns) if around else {})
+    apart: list[Group] = []
+    _collect(group, own, apart)
+    yield own
+    for child in apart:
+        yield from contexts(child, own)
+
+
+def _collect(group: Group, own: Context, apart: list[Group]) -> None:
+    """Add what must match in a group to a context, and the groups that stand apart to a list."""
+    own.own += group.edges
+    own.columns.update((node.value, terms) for node, terms in group.values)
+    for child in group.children:
+        if child.role == "plain":
+            _collect(child, own, apart)
+        elif child.role != "service":
+            apart.append(child)
+
+
+class Demands:
+    """Demands of edges, with a vocabulary."""
+
+    def __init__(self, vocabulary: Vocabulary) -> None:
+        self._vocabulary = vocabulary
+
+    def of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
+        """Return what an edge demands of its ends; None where nothing is known."""
+        if edge.is_loose or not edge.steps:
+            return None
+        found = [self._of_step(step, edge, context) for step in edge.steps]
+        subject = Demand(edge, 0, *_either([one[0] for one in found]))
+        value = Demand(edge, 1, *_either([one[1] for one in found]))
+        return subject, value
+
+    def _of_step(self, step: Step, edge: Edge, context: Context) -> tuple[_Ends, ...]:
+        nothing: _Ends = (None, None, frozenset())
+        ends: tuple[_Ends, _Ends]
+        if step.node.value == TYPE:
+            value = edge.ends[0 if step.is_inverse else 1]
+            bits = self._members(value, context)
+            ends = ((bits, True, frozenset[str]()), nothing)
+        else:
+            known = self._vocabulary.properties.get(step.node.value)
+            if known is None:
+                return nothing, nothing
+            datatypes = frozenset(known.datatypes)
+            ends = (
+                (known.domain, True, frozenset()),
+                (known.range, known.relates_things, datatypes),
+            )
+        return ends[::-1] if step.is_inverse else ends
+
+    def _members(self, node: Node, context: Context) -> int | None:
+        """Return the bits of the classes that a pattern with rdf:type names."""
+        nodes = [node] if node.kind == "iri" else context.columns.get(node.value, [])
+        bits = 0
+        for one in nodes:
+            below = self._vocabulary.below.get(one.value)
+            if below is None:
+                return None
+            bits |= below
+        return bits or None
+
+    def conflicts(self, context: Context) -> list[Conflict]:
+        """Return the pairs of demands in a context that nothing meets, its own in one of them."""
+        demands: dict[str, list[Demand]] = defaultdict(list)
+        for edge in context.edges:
+            for demand in self.of(edge, context) or ():
+                if demand.node.kind == "variable":
+                    demands[demand.node.value].append(demand)
+                elif demand.node.kind == "literal":
+                    continue
+        own = {id(edge) for edge in context.own}
+        found: list[Conflict] = []
+        for given in demands.values():
+            for at, one in enumerate(given):
+                for other in given[at + 1 :]:
+                    if id(one.edge) not in own and id(other.edge) not in own:
+                        continue
+                    made = self.between(one, other)
+                    if made is not None:
+                        found.append(made)
+        return found
+
+    def between(self, one: Demand, other: Demand) -> Conflict | None:
+        """Return the conflict of two demands, if there is one."""
+        if one.edge is other.edge and one.at == other.at:
+            return None
+        if None not in (one.is_thing, other.is_thing) and one.is_thing != other.is_thing:
+            return Conflict(one, other, True)
+        if one.datatypes and other.datatypes and not overlap(one.datatypes, other.datatypes):
+            return Conflict(one, other, False)
+        if one.bits is None or other.bits is None or one.bits & other.bits:
+            return None
+        return Conflict(one, other, self._is_impossible(one.bits, other.bits))
+
+    def _is_impossible(self, one: int, other: int) -> bool:
+        """Return whether axioms of disjointness, not only the lack of a class, part two sets."""
+        vocabulary = self._vocabulary
+        tops = [vocabulary.most_general(bits) for bits in (one, other)]
+        return all(vocabulary.are_disjoint(a, b) for a in tops[0] for b in tops[1])
+
+
+def _either(
+    found: Iterable[tuple[int | None, bool | None, frozenset[str]]],
+) -> tuple[int | None, bool | None, frozenset[str]]:
+    """Return what an end must be if one of several demands is met."""
+    rows = list(found)
+    bits = 0
+    for one, _, _ in rows:
+        if one is None:
+            bits = 0
+            break
+        bits |= one
+    kinds = {kind for _, kind, _ in rows}
+    datatypes = frozenset().union(*(types for _, _, types in rows))
+    if not all(types for _, _, types in rows):
+        datatypes = frozenset()
+    return bits or None, kinds.pop() if len(kinds) == 1 else None, datatypes
+
+
+_TEXTS = {"string", "langString", "PlainLiteral", "Literal", "normalizedString", "token", "anyURI"}
+_NUMBERS = {"double", "float", "decimal", "integer", "int", "long", "short", "nonNegativeInteger",
+            "positiveInteger", "unsignedInt", "unsignedLong", "byte"}  # fmt: skip
+
+
+def family(datatype: str) -> str:
+    """Return the kind of a datatype whose values can be compared with each other.
+
+    >>> family("http://www.w3.org/2001/XMLSchema#int")
+    'number'
+    """
+    name = datatype.rpartition("#")[2]
+    if name == "Literal":
+        return ""
+    return "number" if name in _NUMBERS else "text" if name in _TEXTS else name
+
+
+def overlap(one: frozenset[str], other: frozenset[str]) -> bool:
+    """Return whether values of two sets of datatypes can be compared."""
+    families = [{family(kind) for kind in kinds} for kinds in (one, other)]
+    return "" in families[0] | families[1] or bool(families[0] & families[1])
+
+
+def range_of(known: Property) -> str:
+    """Return the single datatype of a property's values; empty if it has none or several."""
+    return next(iter(known.datatypes)) if len(known.datatypes) == 1 else ""

@@ -1,0 +1,198 @@
+"""Terms that neither the ontology nor the graph knows, or that stand where another kind does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import ontology
+from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.findings import Edit, Finding, Repair, Severity
+from rtask.asking.check.fitting import Fitting
+from rtask.asking.check.names import likeness
+from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.types import TYPE
+from rtask.asking.check.vocabulary import Vocabulary, local
+from rtask.asking.check.writing import written
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Unknown"]
+
+_OFFERED = 3
+_MIN_LIKENESS, _NEAR = 0.55, 0.68
+_MAX_NAMES = 5_000
+_RDFS = ontology.PREFIXES["rdfs"]
+_SUB_CLASS = (_RDFS + "subClassOf", ontology.PREFIXES["owl"] + "disjointWith")
+_OF_SERVICE = {
+    ontology.NS + name for name in ("matches", "score", "text", "lang", "limit", "subjects")
+}
+# These are open: applications use terms of them that no loaded ontology repeats.
+_OPEN = tuple(ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd", "sh", "unit"))
+
+
+class Unknown:
+    """Looks for unknown terms in one query."""
+
+    def __init__(
+        self, kb: GraphCore, vocabulary: Vocabulary, evidence: Evidence, outline: Outline
+    ) -> None:
+        self._kb = kb
+        self._vocabulary = vocabulary
+        self._evidence = evidence
+        self._outline = outline
+        self._fitting = Fitting(vocabulary, evidence, outline)
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield the unknown and misplaced terms of a query."""
+        seen: set[int] = set()
+        for group in self._outline.body.walk():
+            if group.role == "service":
+                seen.update(node.start for edge in group.edges for node in _iris(edge))
+                continue
+            for edge in group.edges:
+                yield from self._of_edge(edge)
+                seen.update(node.start for node in _iris(edge))
+            for _, terms in group.values:
+                yield from self._mentions(terms)
+            if group.graph is not None and group.graph.kind == "iri":
+                yield from self._mention(group.graph)
+        yield from self._mentions(node for node in self._outline.iris if node.start not in seen)
+
+    def _of_edge(self, edge: Edge) -> Iterator[Finding]:
+        for step in edge.steps:
+            yield from self._predicate(step.node, edge)
+        types = any(step.node.value == TYPE for step in edge.steps)
+        for at, node in enumerate(edge.ends):
+            if node.kind == "iri":
+                yield from self._class(node, edge) if types and at == 1 else self._mention(node)
+
+    def _predicate(self, node: Node, edge: Edge) -> Iterator[Finding]:
+        iri = node.value
+        if iri in _OF_SERVICE and not self._evidence.matches(edge):
+            words = f"{local(iri)} is answered inside SERVICE <urn:rtask:text> {{ }} only"
+            yield Finding("needs-service", "certain", node.start, node.end, words)
+            return
+        if iri == TYPE or iri in self._vocabulary.properties or iri.startswith(_OPEN):
+            return
+        if iri in self._vocabulary.bit:
+            words = f"{self._short(node)} is a class, not a property"
+            candidates = self._near(node, self._vocabulary.properties)
+            yield self._finding("class-as-property", node, words, candidates, edge)
+        elif not self._evidence.is_used(iri):
+            candidates = self._near(node, self._vocabulary.properties)
+            severity = self._severity(iri, candidates)
+            if severity:
+                words = f"there is no property {self._short(node)}"
+                yield self._finding("unknown-term", node, words, candidates, edge, severity)
+
+    def _class(self, node: Node, edge: Edge) -> Iterator[Finding]:
+        iri = node.value
+        if iri in self._vocabulary.bit or iri.startswith(_OPEN):
+            return
+        if iri in self._vocabulary.properties:
+            words = f"{self._short(node)} is a property, not a class"
+            candidates = self._near(node, self._vocabulary.bit)
+            yield self._finding("property-as-class", node, words, candidates, edge)
+        elif not self._evidence.is_used(iri):
+            candidates = self._near(node, self._vocabulary.bit)
+            severity = self._severity(iri, candidates)
+            if severity:
+                words = f"there is no class {self._short(node)}"
+                yield self._finding("unknown-term", node, words, candidates, edge, severity)
+
+    def _mentions(self, nodes: Iterable[Node]) -> Iterator[Finding]:
+        for node in nodes:
+            if node.kind == "iri":
+                yield from self._mention(node)
+
+    def _mention(self, node: Node) -> Iterator[Finding]:
+        """Yield a fault of an IRI that may be of any kind."""
+        iri, vocabulary = node.value, self._vocabulary
+        if iri in vocabulary.bit or iri in vocabulary.properties or iri.startswith(_OPEN):
+            return
+        is_own = not self._kb.plain and iri.startswith(self._kb.base)
+        if not (is_own or iri.startswith(ontology.NS)) or self._evidence.is_used(iri):
+            return
+        if is_own:
+            words = f"nothing in the graph is called {self._short(node)}"
+            yield self._finding("unknown-thing", node, words, self._things(node), None)
+        else:
+            near = self._near(node, (*vocabulary.bit, *vocabulary.properties))
+            words = f"there is no term {self._short(node)}"
+            yield self._finding("unknown-term", node, words, near, None)
+
+    def _severity(self, iri: str, candidates: list[str]) -> Severity | None:
+        """Return how sure it is that an unknown term is a fault; None for not at all."""
+        if iri.startswith(ontology.NS) or (not self._kb.plain and iri.startswith(self._kb.base)):
+            return "certain"
+        namespace = iri[: len(iri) - len(local(iri))]
+        in_known = namespace in self._vocabulary.namespaces
+        is_near = bool(candidates) and likeness(local(iri), local(candidates[0])) >= _NEAR
+        return "likely" if in_known and is_near else None
+
+    def _near(self, node: Node, known: Iterable[str]) -> list[str]:
+        """Return the known terms with names like that of an unknown one, the nearest first."""
+        name = local(node.value).lower()
+        namespace = node.value[: len(node.value) - len(local(node.value))]
+        rated = []
+        for iri in known:
+            other = local(iri).lower()
+            if abs(len(other) - len(name)) > max(4, len(name) // 2):
+                continue
+            rating = likeness(name, other) + (0.1 if iri.startswith(namespace) else 0.0)
+            if rating >= _MIN_LIKENESS:
+                rated.append((-rating, iri))
+        return [iri for _, iri in sorted(rated)[:12]]
+
+    def _things(self, node: Node) -> list[str]:
+        """Return the things of the graph whose IRIs or names are near an unknown one."""
+        from rtask.rdf.terms import Literal, NamedNode
+
+        base = self._kb.base
+        asked = node.value[len(base) :].lower()
+        rated: dict[str, float] = {}
+        rows = self._kb.store.quads_for_pattern(None, NamedNode(ontology.NS + "name"), None, None)
+        for count, quad in enumerate(rows):
+            if count >= _MAX_NAMES:
+                break
+            if isinstance(quad.subject, NamedNode) and quad.subject.value.startswith(base):
+                path = quad.subject.value[len(base) :].lower()
+                name = quad.object.value.lower() if isinstance(quad.object, Literal) else ""
+                rating = max(likeness(asked, path), likeness(asked.rpartition("/")[2], name) - 0.05)
+                rated[quad.subject.value] = max(rating, rated.get(quad.subject.value, 0.0))
+        best = sorted(rated, key=lambda iri: (-rated[iri], iri))
+        return [iri for iri in best if rated[iri] >= _MIN_LIKENESS][:_OFFERED]
+
+    def _finding(
+        self,
+        rule: str,
+        node: Node,
+        words: str,
+        candidates: list[str],
+        edge: Edge | None,
+        severity: Severity = "certain",
+    ) -> Finding:
+        if edge is not None:
+            candidates = self._fitting.ranked(candidates, node, edge)
+        repairs = []
+        for iri in candidates[:_OFFERED]:
+            text = written(iri, self._outline.prefixes, self._kb.base)
+            repairs.append(Repair(f"write {text}", (Edit(node.start, node.end, text),)))
+        hint = f"; did you mean {repairs[0].edits[0].text}?" if repairs else ""
+        return Finding(
+            rule,
+            severity,
+            node.start,
+            node.end,
+            words + hint,
+            tuple(repairs),
+        )
+
+    def _short(self, node: Node) -> str:
+        return written(node.value, self._outline.prefixes, self._kb.base)
+
+
+def _iris(edge: Edge) -> list[Node]:
+    return [*(step.node for step in edge.steps), *(end for end in edge.ends if end.kind == "iri")]

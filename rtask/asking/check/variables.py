@@ -1,0 +1,215 @@
+"""Variables that occur once, are never bound, or do not connect the groups of a query."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+
+from rtask.asking.check.findings import Edit, Finding, Repair
+from rtask.asking.check.names import likeness
+from rtask.asking.check.outline import Group, Node, Outline
+from rtask.rdf.terms import RDF_TYPE
+
+__all__ = ["check_variables"]
+
+_NEAR = 0.6
+
+
+def check_variables(outline: Outline) -> Iterator[Finding]:
+    """Yield the faults of a query that its variables show."""
+    bound = _bound(outline)
+    used = _used(outline)
+    counts = Counter(node.value for node in (*bound, *used))
+    shown = {node.value for node in (*outline.projected, *outline.defined)}
+    names = {node.value for node in bound} | {node.value for node in outline.defined}
+    yield from _unbound(outline, bound, names, counts)
+    yield from _once(outline, bound, counts, shown)
+    yield from _grouping(outline)
+    if not any(_is_loose(group) for group in outline.body.walk()):
+        yield from _bridges(outline)
+
+
+def as_written(name: str) -> str:
+    """Return the name of a variable as the text writes it; those of sub-selects have a number."""
+    return name.partition(" ")[0]
+
+
+def _is_loose(group: Group) -> bool:
+    """Return whether a group binds variables in ways that are not followed here."""
+    return group.role == "service"
+
+
+def _bound(outline: Outline) -> list[Node]:
+    """Return the variables that patterns, BIND and VALUES bind, one for each mention."""
+    found: list[Node] = []
+    for group in outline.body.walk():
+        for edge in group.edges:
+            found += [end for end in edge.ends if end.kind == "variable"]
+        found += [node for node, _ in group.binds]
+        found += [node for node, _ in group.values]
+        if group.graph is not None and group.graph.kind == "variable":
+            found.append(group.graph)
+    return found
+
+
+def _used(outline: Outline) -> list[Node]:
+    found = list(outline.mentioned)
+    for group in outline.body.walk():
+        found += [node for nodes in group.filters for node in nodes]
+        found += [node for _, nodes in group.binds for node in nodes]
+    return found
+
+
+def _unbound(
+    outline: Outline, bound: list[Node], names: set[str], counts: Counter[str]
+) -> Iterator[Finding]:
+    """Yield the variables that are shown, tested or sorted by, and that nothing binds."""
+    asked = [*outline.projected, *outline.mentioned]
+    places = {node.value: node for node in bound if node.start < node.end}
+    for group in outline.body.walk():
+        asked += [node for nodes in group.filters for node in nodes]
+    if outline.form == "DESCRIBE" or _has_variable_predicates(outline):
+        return
+    for node in asked:
+        if node.value in names or node.start == node.end:
+            continue
+        near = max(names, key=lambda name: likeness(node.value, name), default="")
+        repairs = _renamed(node, near) if likeness(node.value, near) >= 0.5 else ()
+        if repairs and counts[near] == 1 and near in places:
+            repairs = _renamed(places[near], node.value)  # the pattern is the one misspelt
+        words = f"?{as_written(node.value)} is never bound: no pattern mentions it"
+        yield Finding("unbound-variable", "likely", node.start, node.end, words, repairs)
+
+
+def _has_variable_predicates(outline: Outline) -> bool:
+    return any(not edge.steps for group in outline.body.walk() for edge in group.edges)
+
+
+def _once(
+    outline: Outline, bound: list[Node], counts: Counter[str], shown: set[str]
+) -> Iterator[Finding]:
+    """Yield the variables that occur once and are spelt much like another.
+
+    A variable that occurs once is a usual way to say "something", so that alone is no fault.
+    """
+    if outline.selects_all:
+        return
+    others = [name for name in counts if not name.startswith((" ", "_:"))]
+    for node in bound:
+        name = node.value
+        if counts[name] > 1 or name in shown or name.startswith((" ", "_:")) or len(name) < 3:
+            continue
+        near = max((o for o in others if o != name), key=lambda o: likeness(name, o), default="")
+        if near and likeness(name, near) >= _NEAR and _differs_little(name, near):
+            words = (
+                f"?{as_written(name)} occurs once and is not shown; "
+                f"?{as_written(near)} is spelt much like it"
+            )
+            yield Finding("used-once", "likely", node.start, node.end, words, _renamed(node, near))
+
+
+def _differs_little(name: str, other: str) -> bool:
+    """Return whether two names look like two spellings, not like a numbered or longer one."""
+    if name.rstrip("0123456789") == other.rstrip("0123456789") and name[-1:].isdigit():
+        return other[-1:].isdigit() is False
+    return abs(len(name) - len(other)) <= 2
+
+
+def _renamed(node: Node, name: str) -> tuple[Repair, ...]:
+    text = "?" + as_written(name)
+    return (Repair(f"write {text}", (Edit(node.start, node.end, text),)),)
+
+
+def _grouping(outline: Outline) -> Iterator[Finding]:
+    """Yield the plain variables of a grouped SELECT that are not grouped by."""
+    if outline.grouped is None or not outline.grouped:
+        return
+    grouped = {node.value for node in outline.grouped}
+    for node in outline.projected:
+        if node.value not in grouped:
+            words = f"?{as_written(node.value)} is shown and not grouped by"
+            last = outline.grouped[-1].end
+            repair = Repair(
+                f"group by ?{as_written(node.value)} too", (Edit(last, last, f" ?{node.value}"),)
+            )
+            yield Finding("not-grouped", "certain", node.start, node.end, words, (repair,))
+
+
+def _bridges(outline: Outline) -> Iterator[Finding]:
+    """Yield the patterns that share no variable with the rest, so that all is combined with all."""
+    parent: dict[str, str] = {}
+
+    def find(name: str) -> str:
+        while parent.setdefault(name, name) != name:
+            name = parent[name]
+        return name
+
+    def join(names: list[str]) -> None:
+        for name in names[1:]:
+            parent[find(name)] = find(names[0])
+
+    places: dict[str, list[Node]] = defaultdict(list)
+    for group in outline.body.walk():
+        inside: list[str] = []
+        for edge in group.edges:
+            ends = [end for end in edge.ends if end.kind == "variable"]
+            # A thing that the query names connects its patterns; a class that it names does not.
+            is_type = any(step.node.value == RDF_TYPE.value for step in edge.steps)
+            named = [end for end in edge.ends if end.kind == "iri" and not is_type]
+            join([*(end.value for end in ends), *(f"<{end.value}>" for end in named)])
+            for end in ends:
+                places[end.value].append(end)
+            inside += [end.value for end in ends]
+        if group.graph is not None and group.graph.kind == "variable":
+            join([group.graph.value, *inside])
+        for nodes in group.filters:
+            join([node.value for node in nodes])
+        for node, nodes in group.binds:
+            join([node.value, *(one.value for one in nodes)])
+        join([node.value for node, _ in group.values])
+        # The branches of a UNION are alternatives, which nothing has to connect.
+        branches = [child for child in group.children if child.role == "union"]
+        join([f"union {id(group)}", *(name for one in branches for name in _mentions(one))])
+    parts: dict[str, list[Node]] = defaultdict(list)
+    for name, nodes in places.items():
+        parts[find(name)] += nodes
+    if len(parts) < 2:
+        return
+    ordered = sorted(parts.values(), key=lambda nodes: min(node.start for node in nodes))
+    for nodes in ordered[1:]:
+        first = min(nodes, key=lambda node: node.start)
+        if first.start == first.end:
+            continue
+        words = f"nothing connects ?{as_written(first.value)} with the patterns before it"
+        yield Finding(
+            "missing-bridge", "likely", first.start, first.end, words, _bridge(nodes, ordered[0])
+        )
+
+
+def _mentions(group: Group) -> Iterator[str]:
+    """Yield the variables of the patterns of a group and of those inside it."""
+    for one in group.walk():
+        for edge in one.edges:
+            yield from (end.value for end in edge.ends if end.kind == "variable")
+
+
+def _bridge(nodes: list[Node], others: list[Node]) -> tuple[Repair, ...]:
+    """Return the renaming that connects two parts, of the two variables most alike."""
+    named = [node for node in nodes if node.start < node.end]
+    pairs = [
+        (likeness(node.value, other.value), node, other)
+        for node in named
+        for other in others
+        if other.start < other.end
+    ]
+    if not pairs:
+        return ()
+    score, node, other = max(pairs, key=lambda pair: (pair[0], -pair[1].start))
+    if score < 0.4:
+        return ()
+    edits = tuple(
+        Edit(one.start, one.end, f"?{as_written(other.value)}")
+        for one in named
+        if one.value == node.value
+    )
+    return (Repair(f"write ?{as_written(other.value)} for ?{as_written(node.value)}", edits),)

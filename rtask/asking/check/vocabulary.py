@@ -1,0 +1,266 @@
+"""What a check needs to know of the classes and properties of a graph, as sets of bits.
+
+A class is a bit. ``below`` of a class has the bits of its subclasses, so that two classes can have
+a common member only if these sets meet; where they do not, an individual would need a type that no
+class provides for.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+
+from pyoxigraph import BlankNode, Literal, NamedNode
+
+import ontology
+from rtask.kb.core import GraphCore
+from rtask.rdf.terms import RDF_TYPE, XSD, Term
+
+__all__ = ["Property", "Vocabulary", "local"]
+
+_RDFS, _OWL = ontology.PREFIXES["rdfs"], ontology.PREFIXES["owl"]
+_RDF = ontology.PREFIXES["rdf"]
+_TOP = {_OWL + "Thing", _RDFS + "Resource", _RDFS + "Literal"}
+_CLASSES = tuple(NamedNode(iri) for iri in (_OWL + "Class", _RDFS + "Class"))
+_PROPERTIES = tuple(
+    NamedNode(iri)
+    for iri in (
+        _OWL + "ObjectProperty",
+        _OWL + "DatatypeProperty",
+        _OWL + "AnnotationProperty",
+        _RDF + "Property",
+    )
+)
+
+
+def local(iri: str) -> str:
+    """Return the part of an IRI behind the last ``#``, ``/`` or ``:``."""
+    return iri[max(iri.rfind(mark) for mark in "#/:") + 1 :]
+
+
+def _meet(axioms: list[int]) -> int | None:
+    bits: int | None = None
+    for axiom in axioms:
+        bits = axiom if bits is None else bits & axiom
+    return bits or None
+
+
+@dataclass
+class Property:
+    """A property as a check sees it.
+
+    Attributes
+    ----------
+    domains, ranges
+        For each axiom the bits of the classes whose members it allows.
+    datatypes
+        IRIs of the datatypes that its values may have; empty for an object property.
+    relates_things
+        True for an object property, False for one with literals, None where that is not known.
+    classes
+        Most specific classes of subject and object, for words.
+    """
+
+    iri: str
+    domains: list[int] = field(default_factory=list)
+    ranges: list[int] = field(default_factory=list)
+    datatypes: set[str] = field(default_factory=set)
+    relates_things: bool | None = None
+    classes: tuple[list[str], list[str]] = field(default_factory=lambda: ([], []))
+
+    @cached_property
+    def domain(self) -> int | None:
+        """Classes that meet all axioms about its subjects; None where nothing is known."""
+        return _meet(self.domains)
+
+    @cached_property
+    def range(self) -> int | None:
+        """Classes that meet all axioms about its values; None where nothing is known."""
+        return _meet(self.ranges)
+
+
+class Vocabulary:
+    """Classes and properties of one state of a graph.
+
+    Attributes
+    ----------
+    bit
+        Number of each class.
+    below
+        Bits of the subclasses of a class, with itself.
+    above
+        Superclasses of a class, with itself.
+    properties
+        By IRI.
+    labels
+        Words of each class and property, in lower case.
+    """
+
+    def __init__(self, kb: GraphCore) -> None:
+        self._kb = kb
+        self.bit: dict[str, int] = {}
+        self.below: dict[str, int] = {}
+        self.above: dict[str, set[str]] = defaultdict(set)
+        self.properties: dict[str, Property] = {}
+        self.labels: dict[str, set[str]] = defaultdict(set)
+        self._disjoint: set[frozenset[str]] = set()
+        self._unions: dict[Term, list[str]] = {}
+        self._general: dict[int, list[str]] = {}
+        self._read()
+
+    def _quads(self, predicate: str) -> Iterator[tuple[Term, Term]]:
+        for quad in self._kb.match(None, NamedNode(predicate)):
+            yield quad.subject, quad.object
+
+    def _read(self) -> None:
+        for kind in _CLASSES:
+            for quad in self._kb.match(None, RDF_TYPE, kind):
+                self._class(quad.subject)
+        for part, whole in self._quads(_RDFS + "subClassOf"):
+            if isinstance(part, NamedNode) and isinstance(whole, NamedNode):
+                self._class(part)
+                self._class(whole)
+                self.above[part.value].add(whole.value)
+        self._close()
+        for a, b in self._quads(_OWL + "disjointWith"):
+            if isinstance(a, NamedNode) and isinstance(b, NamedNode):
+                self._disjoint.add(frozenset((a.value, b.value)))
+        for _, head in self._quads(_OWL + "members"):
+            named = [one for one in self._list(head) if one in self.bit]
+            self._disjoint.update(map(frozenset, combinations(named, 2)))
+        for node, head in self._quads(_OWL + "unionOf"):
+            self._unions[node] = self._list(head)
+        self._read_properties()
+        for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
+            for term, text in self._quads(label):
+                if not isinstance(term, NamedNode) or not isinstance(text, Literal):
+                    continue
+                if term.value in self.bit or term.value in self.properties:
+                    self.labels[term.value].add(text.value.lower())
+
+    def _class(self, term: Term) -> None:
+        if isinstance(term, NamedNode) and term.value not in self.bit:
+            self.bit[term.value] = 1 << len(self.bit)
+            self.above[term.value].add(term.value)
+
+    def _close(self) -> None:
+        """Add what is above the classes above, for graphs opened without reasoning too."""
+        for start in self.bit:
+            todo, seen = list(self.above[start]), {start}
+            while todo:
+                one = todo.pop()
+                if one not in seen:
+                    seen.add(one)
+                    todo += self.above.get(one, ())
+            self.above[start] = seen - (_TOP - {start})
+        self.below = dict.fromkeys(self.bit, 0)
+        for part, wholes in self.above.items():
+            for whole in wholes:
+                self.below[whole] |= self.bit[part]
+
+    def _list(self, head: Term) -> list[str]:
+        found: list[str] = []
+        seen: set[Term] = set()
+        while isinstance(head, BlankNode | NamedNode) and head not in seen:
+            seen.add(head)
+            rows = self._kb.match(head, NamedNode(_RDF + "first"))
+            found += [q.object.value for q in rows if isinstance(q.object, NamedNode)]
+            rest = self._kb.match(head, NamedNode(_RDF + "rest"))
+            if not rest:
+                break
+            head = rest[0].object
+        return found
+
+    def _read_properties(self) -> None:
+        for kind in _PROPERTIES:
+            for quad in self._kb.match(None, RDF_TYPE, kind):
+                if isinstance(quad.subject, NamedNode):
+                    made = self._property(quad.subject.value)
+                    if kind == _PROPERTIES[0]:
+                        made.relates_things = True
+                    elif kind == _PROPERTIES[1]:
+                        made.relates_things = False
+        for name, at in (("domain", 0), ("range", 1)):
+            axioms: dict[str, list[Term]] = defaultdict(list)
+            for term, value in self._quads(_RDFS + name):
+                if isinstance(term, NamedNode):
+                    axioms[term.value].append(value)
+            for iri, given in axioms.items():
+                self._constrain(self._property(iri), at, given)
+
+    def _property(self, iri: str) -> Property:
+        return self.properties.setdefault(iri, Property(iri))
+
+    def _constrain(self, made: Property, at: int, given: Iterable[Term]) -> None:
+        """Add what domain or range axioms demand; the most specific of nested classes suffices."""
+        for value in given:
+            names = self._unions.get(value) or (
+                [value.value] if isinstance(value, NamedNode) else []
+            )
+            if at == 1 and names and all(_is_datatype(name) for name in names):
+                made.datatypes.update(names)
+                if made.relates_things is None:
+                    made.relates_things = False
+                continue
+            known = [name for name in names if name in self.below and name not in _TOP]
+            if known and len(known) == len(names):
+                bits = 0
+                for name in known:
+                    bits |= self.below[name]
+                (made.ranges if at else made.domains).append(bits)
+                made.classes[at].extend(known)
+        made.classes[at][:] = self.most_specific(made.classes[at])
+
+    def most_specific(self, names: Iterable[str]) -> list[str]:
+        """Return the classes that have none of the others below them."""
+        kept = list(dict.fromkeys(names))
+        return [
+            one
+            for one in kept
+            if not any(one in self.above[other] for other in kept if other != one)
+        ]
+
+    def are_disjoint(self, one: str, other: str) -> bool:
+        """Return whether the ontology says that two classes have no common member."""
+        if not self._disjoint:
+            return False
+        return any(
+            frozenset((a, b)) in self._disjoint for a in self.above[one] for b in self.above[other]
+        )
+
+    def most_general(self, bits: int) -> list[str]:
+        """Return the classes of bits that have none of the others above them."""
+        known = self._general.get(bits)
+        if known is None:
+            names = set(self.names(bits))
+            known = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
+            self._general[bits] = known
+        return known
+
+    def names(self, bits: int) -> list[str]:
+        """Return the classes of bits."""
+        return [name for name, bit in self.bit.items() if bit & bits]
+
+    @cached_property
+    def by_local(self) -> dict[str, list[str]]:
+        """Classes and properties by local name in lower case."""
+        found: dict[str, list[str]] = defaultdict(list)
+        for iri in (*self.bit, *self.properties):
+            found[local(iri).lower()].append(iri)
+        return found
+
+    @cached_property
+    def namespaces(self) -> frozenset[str]:
+        """Namespaces in which terms are defined."""
+        return frozenset(iri[: len(iri) - len(local(iri))] for iri in (*self.bit, *self.properties))
+
+
+def _is_datatype(iri: str) -> bool:
+    return iri.startswith(XSD) or iri in (
+        _RDFS + "Literal",
+        _RDF + "langString",
+        _RDF + "PlainLiteral",
+    )

@@ -1,0 +1,1 @@
+"""Changes kept without effect until somebody decides; see :mod:`rtask.kb.proposals.register`."""

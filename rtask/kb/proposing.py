@@ -1,0 +1,87 @@
+"""Methods for changes that wait for a decision: propose and adopt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pyoxigraph import Quad
+
+from rtask.errors import ConflictError, ForbiddenError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.commit import Commit
+from rtask.kb.proposals.proposal import Proposal
+from rtask.kb.writing import Writing
+
+__all__ = ["Proposing"]
+
+
+class Proposing(Writing):
+    """Proposals of this graph; see :mod:`rtask.kb.proposals.register`."""
+
+    def propose(
+        self,
+        added: Iterable[Quad],
+        removed: Iterable[Quad] = (),
+        *,
+        author: str | None,
+        reason: str = "",
+        rests_on: int | None = None,
+    ) -> Proposal:
+        """Keep a change without effect until somebody with the right to it decides.
+
+        Parameters
+        ----------
+        added, removed
+            Statements to assert and to withdraw, each with its graph.
+        author
+            Name of the robot or person.
+        reason
+            What the change is for.
+        rests_on
+            Number of the commit that the author has seen; the last one if not given.
+
+        Raises
+        ------
+        UsageError, TooLargeError, QueueFullError
+            As :meth:`rtask.kb.proposals.register.Proposals.add`.
+        """
+        seq = self.seq if rests_on is None else rests_on
+        return self.proposals.add(added, removed, author or "", seq, reason)
+
+    def adopt(self, number: int, *, access: Access | None = None) -> Commit:
+        """Carry a proposal out as one commit, checked against what holds now.
+
+        Parameters
+        ----------
+        access
+            Who adopts it; must be allowed to write its graphs and to state axioms.
+
+        Raises
+        ------
+        UnknownTermError
+            There is no proposal with this number.
+        ConflictError
+            It was decided before, or a statement that it withdraws has gone since.
+        ForbiddenError
+            The caller may not adopt it.
+        RtaskError
+            As :meth:`update`; the proposal stays open.
+        """
+        rights = self.access(access=access)
+        if rights.role != "admin" and "schema" not in rights.rights:
+            raise ForbiddenError(
+                "adopting a proposal needs the right schema, which an admin has", right="schema"
+            )
+        found = self.proposals.require_open(number)
+        added, removed = found.quads()
+        note = f"proposal {number} of {found.author or 'a caller without a name'}"
+        with self.transaction(note=note, access=rights) as tx:
+            for quad in removed:
+                if not tx.holds(quad):
+                    raise ConflictError(
+                        f"proposal {number} withdraws a statement that is there no more: {quad}"
+                    )
+            tx.remove_quads(removed)
+            tx.add_quads(added)
+        self.proposals.adopted(number, rights.agent or rights.role, tx.commit.seq)
+        return tx.commit

@@ -1,0 +1,140 @@
+"""Figures of asking: mutated queries that the check flags and repairs, and false alarms.
+
+    .venv/bin/python -m tests.benchmarks.kb.bench_asking [--data FOLDER] [--seed 1] [--show KIND]
+
+Each query is changed at every triple pattern. A change that leaves a valid query with equal answers
+is none, and is not counted. Without ``--data``, the graph is the ontology's sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from pathlib import Path
+
+import ontology
+import rtask
+from rtask.asking.check.checker import Checker
+from rtask.asking.check.findings import Finding
+from rtask.errors import RtaskError
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import prologue
+from tests.benchmarks.kb.mutations import KINDS, Mutation, mutations
+
+_HERE = Path(__file__).parent
+_ROOM = Path(ontology.__file__).parent / "queries"
+
+
+def queries() -> list[tuple[str, str]]:
+    """Return the ontology's questions and the further queries, each with its name."""
+    files = [*sorted(_ROOM.glob("*.rq")), *sorted((_ROOM / "episodes").glob("*.rq"))]
+    found = [(file.stem, file.read_text("utf-8")) for file in files]
+    more = (_HERE / "asking_queries.rq").read_text("utf-8").strip().split("\n\n")
+    head = prologue(ontology.PREFIXES)
+    return found + [(f"more{at:03d}", head + text) for at, text in enumerate(more)]
+
+
+class Bench:
+    """Counts over one graph."""
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self.kb = kb
+        self.checker = Checker(kb)
+        self.meant: Counter[str] = Counter()
+        self.flagged: Counter[str] = Counter()
+        self.repaired: Counter[str] = Counter()
+        self.missed: list[tuple[str, Mutation, str]] = []
+        self.seconds: list[float] = []
+
+    def check(self, text: str) -> list[Finding]:
+        """Check a query, and note the processor time."""
+        began = time.process_time()
+        found = self.checker.check(text)
+        self.seconds.append(time.process_time() - began)
+        return found
+
+    def answers(self, text: str) -> object:
+        """Return the answers of a query, in a form that can be compared; None where it fails."""
+        try:
+            answer = self.kb.query(text, timeout_s=5)
+        except RtaskError:
+            return None
+        if isinstance(answer, bool):
+            return answer
+        rows = [tuple(map(str, row)) for row in answer]
+        return Counter(rows)
+
+    def mutate(self, name: str, text: str, seed: int) -> None:
+        """Check each mutation of a query."""
+        right = self.answers(text)
+        for change in mutations(text, self.checker.vocabulary, seed):
+            is_unknown = change.kind.startswith("unknown")
+            answers = self.answers(change.text)
+            if not is_unknown and (answers is None or answers == right):
+                continue
+            self.meant[change.kind] += 1
+            found = self.check(change.text)
+            if not found:
+                self.missed.append((name, change, "not flagged"))
+                continue
+            self.flagged[change.kind] += 1
+            repairs = found[0].repairs
+            mended = repairs[0].apply(change.text) if repairs else change.text
+            if mended.split() == text.split() or (repairs and self.answers(mended) == right):
+                self.repaired[change.kind] += 1
+            else:
+                self.missed.append(
+                    (name, change, f"{found[0].words}: {[r.words for r in repairs]}")
+                )
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--show", default="")
+    given = parser.parse_args()
+    kb = rtask.open(given.data, mode="r") if given.data else rtask.open(":memory:")
+    assert isinstance(kb, KnowledgeBase)
+    with kb:
+        if not given.data:
+            kb.load(ontology.path("examples/sample.trig"))
+        bench = Bench(kb)
+        alarms = []
+        for name, text in queries():
+            if bench.answers(text) is None:
+                print(f"{name} cannot be evaluated")
+            for finding in bench.check(text):
+                alarms.append(name)
+                print(f"false alarm in {name}: {finding.to_dict(text)}")
+        print(f"unchanged: {len(set(alarms))} of {len(queries())} queries with a false alarm")
+        for name, text in queries():
+            bench.mutate(name, text, given.seed)
+    report(bench, given.show)
+
+
+def report(bench: Bench, show: str) -> None:
+    """Print the table of a run."""
+    for name, change, why in bench.missed:
+        if show and show in change.kind:
+            body = change.text[change.text.upper().rfind("SELECT") :]
+            print(f"--- {change.kind} {name}: {why}\n{body if show else ''}")
+    print(f"{'kind':20s} {'meant':>6s} {'flagged':>8s} {'repaired':>9s}")
+    for kind in (*KINDS, ""):
+        meant, flagged, repaired = (
+            sum(one.values()) if not kind else one[kind]
+            for one in (bench.meant, bench.flagged, bench.repaired)
+        )
+        if meant:
+            share = f"{flagged / meant:8.1%} {repaired / meant:9.1%}"
+            print(f"{kind or 'all':20s} {meant:6d} {share}")
+    times = sorted(bench.seconds[1:])
+    mean = sum(times) / len(times)
+    print(f"processor time of a check: mean {1000 * mean:.2f} ms, "
+          f"95 % below {1000 * times[int(0.95 * len(times))]:.2f} ms")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

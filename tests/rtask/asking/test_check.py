@@ -1,0 +1,126 @@
+"""A query is checked before it is believed: faults with place, severity and repair."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import ontology
+import rtask
+from rtask.asking.check.findings import Finding
+from rtask.cli import cli
+from rtask.errors import QuerySyntaxError
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import prologue
+
+QUESTIONS = sorted((Path(ontology.__file__).parent / "queries").rglob("*.rq"))
+HEAD = prologue({name: ontology.PREFIXES[name] for name in ("rt", "prov", "cora", "xsd")})
+HEAD += "PREFIX kb: <urn:lab/>\n"
+
+
+def only(kb: KnowledgeBase, body: str) -> Finding:
+    (found,) = kb.check(HEAD + body)
+    return found
+
+
+def repaired(body: str, found: Finding) -> str:
+    return found.repairs[0].apply(HEAD + body).removeprefix(HEAD)
+
+
+def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None:
+    assert len(QUESTIONS) > 40
+    alarms = {file.stem: kb.check(file.read_text("utf-8")) for file in QUESTIONS}
+    assert {name: found for name, found in alarms.items() if found} == {}
+
+
+@pytest.mark.parametrize(
+    ("body", "rule", "severity", "right"),
+    [
+        ("SELECT ?a { ?a rt:executesGrsap ?g }", "unknown-term", "certain",
+         "SELECT ?a { ?a rt:executesGrasp ?g }"),
+        ("SELECT ?a { ?a a rt:GraspAtempt }", "unknown-term", "certain",
+         "SELECT ?a { ?a a rt:GraspAttempt }"),
+        ("SELECT ?o { ?a a rt:GraspAttempt ; ^rt:hasOutcome ?o . ?o rt:success true }",
+         "reversed", "certain",
+         "SELECT ?o { ?a a rt:GraspAttempt ; rt:hasOutcome ?o . ?o rt:success true }"),
+        ("SELECT ?o { ?o a rt:Outcome ; rt:success \"true\" }", "wrong-datatype", "certain",
+         "SELECT ?o { ?o a rt:Outcome ; rt:success true }"),
+        ("SELECT ?o { ?o rt:extentX 3 }", "wrong-datatype", "certain",
+         "SELECT ?o { ?o rt:extentX 3e0 }"),
+        ("SELECT ?o { ?o rt:success rt:Mug }", "literal-expected", "certain", None),
+        ("SELECT ?o { ?o rt:hasGrasp kb:grasp77 }", "unknown-thing", "certain", None),
+        ("SELECT ?robot { ?attempt rt:performedBy ?robot . ?atempt rt:executesGrasp ?g }",
+         "missing-bridge", "likely", None),
+        ("SELECT ?reward { ?object rt:hasGrasp ?grasp . ?grasp rt:reward ?reward }",
+         "wrong-type", "likely", None),
+        ("SELECT ?held (COUNT(?a) AS ?n) { ?a rt:hasOutcome/rt:success ?helt } GROUP BY ?held",
+         "unbound-variable", "likely",
+         "SELECT ?held (COUNT(?a) AS ?n) { ?a rt:hasOutcome/rt:success ?held } GROUP BY ?held"),
+        ("SELECT ?x { ?x rt:matches \"mug\" }", "needs-service", "certain", None),
+        ("SELECT ?r { ?r rt:Mug ?o }", "class-as-property", "certain", None),
+        ("SELECT ?r { ?r a rt:extentX }", "property-as-class", "certain", None),
+    ],
+)  # fmt: skip
+def test_a_fault_is_found_with_its_repair(
+    kb: KnowledgeBase, body: str, rule: str, severity: str, right: str | None
+) -> None:
+    found = next(one for one in kb.check(HEAD + body) if one.rule == rule)
+    assert found.severity == severity
+    assert body[found.start - len(HEAD) : found.end - len(HEAD)].strip()
+    if right is not None:
+        assert repaired(body, found) == right
+
+
+def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeBase) -> None:
+    for body in (
+        "SELECT ?o { ?o a rt:Mug ; rt:hasGrasp ?grasp ; rt:extentX ?x }",
+        "SELECT ?s { ?s <urn:other:vocabulary> ?o ; a <urn:other:Class> }",
+        "SELECT ?s { ?s prov:wasQuotedFrom ?o }",
+        "SELECT ?c { ?o rt:objectId ?id ; a/rdfs:subClassOf* ?c }",
+        'SELECT * { SERVICE <urn:rtask:text> { ?iri rt:matches "mug" ; rt:score ?score } }',
+        "SELECT ?s ?t { { SELECT ?s { ?s rt:hasGrasp ?g } } UNION { ?t rt:reward ?g } }",
+        "CONSTRUCT { ?a rt:notYetThere ?o } { ?a rt:hasOutcome ?o }",
+        "DESCRIBE <urn:lab/object/7>",
+    ):
+        assert kb.check(HEAD + f"PREFIX rdfs: <{ontology.PREFIXES['rdfs']}>\n" + body) == [], body
+
+
+def test_a_thing_that_is_nearly_called_so_is_suggested(kb: KnowledgeBase) -> None:
+    found = only(kb, "SELECT ?o { <urn:lab/robot/panda-11> rt:canGrasp ?o }")
+    assert (found.rule, found.severity) == ("unknown-thing", "certain")
+    assert repaired("SELECT ?o { <urn:lab/robot/panda-11> rt:canGrasp ?o }", found) == (
+        "SELECT ?o { <urn:lab/robot/panda-1> rt:canGrasp ?o }"
+    )
+
+
+def test_a_check_follows_the_commits() -> None:
+    query = "SELECT ?o { ?o a <urn:t/class/kettle> }"
+    with rtask.open(":memory:", base="urn:t/") as kb:
+        assert isinstance(kb, KnowledgeBase)
+        assert [found.rule for found in kb.check(query)] == ["unknown-term"]
+        kb.update("INSERT DATA { <urn:t/1> a <urn:t/class/kettle> }")
+        assert kb.check(query) == []
+
+
+def test_a_text_that_does_not_parse_is_an_error_with_its_place(kb: KnowledgeBase) -> None:
+    with pytest.raises(QuerySyntaxError, match="query 1:"):
+        kb.check("SELECT ?s { ?s ?p }")
+
+
+def test_the_command_says_beside_the_rows_what_is_certainly_wrong(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", base="urn:lab/") as kb:
+        kb.update(HEAD + "INSERT DATA { <urn:lab/object/1> a rt:Mug }")
+    run = CliRunner().invoke
+    where = ["--data", str(tmp_path / "kb")]
+    asked = "SELECT ?o { ?o a rt:Mug OPTIONAL { ?o rt:hasGrsap ?g } }"
+    done = run(cli, ["query", asked, "--json", *where])
+    assert done.exit_code == 0
+    assert len(json.loads(done.stdout)["results"]["bindings"]) == 1
+    assert done.stderr.splitlines() == [
+        "certain: 1:39: there is no property rt:hasGrsap; did you mean rt:hasGrasp?",
+        "  repair: write rt:hasGrasp",
+    ]
+    assert run(cli, ["query", asked, "--json", "--no-check", *where]).stderr == ""

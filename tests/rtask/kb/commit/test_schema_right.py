@@ -1,0 +1,166 @@
+"""What a robot stores is data, and never the schema of others."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pyoxigraph import NamedNode, Quad
+
+import rtask
+from rtask.errors import ConflictError, ForbiddenError, QueueFullError, UnknownTermError, UsageError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.schema_right import stored_axioms
+from rtask.kb.proposals.register import LIFETIME, MAX_OPEN, Proposals
+from rtask.knowledge_base import KnowledgeBase
+
+PREFIXES = (
+    "PREFIX rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> "
+    "PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
+    "PREFIX owl: <http://www.w3.org/2002/07/owl#> "
+    "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
+)
+BASE = "https://example.org/lab/"
+OWN, OTHER = f"PREFIX my: <{BASE}robot/nao-1/> ", f"PREFIX its: <{BASE}robot/nao-2/> "
+HOSTILE = (
+    "rt:Mug owl:disjointWith rt:ManipulableObject",
+    "rt:Mug rdfs:subClassOf owl:Nothing",
+    "rt:Mug rdfs:subClassOf my:Hand",
+    "my:Mug owl:equivalentClass rt:Mug",
+    "my:M rdfs:subClassOf owl:TransitiveProperty",
+    "my:p rdfs:subPropertyOf owl:sameAs",
+    "my:p rdfs:domain owl:FunctionalProperty",
+    "my:p a owl:FunctionalProperty",
+    "its:p a owl:SymmetricProperty",
+    "rt:hasOutcome a owl:IrreflexiveProperty",
+    "rt:Mug a rdfs:Datatype",
+    "its:thing owl:sameAs my:thing",
+    "its:thing owl:differentFrom its:mug",
+    "its:mug a owl:Nothing",
+    "my:U owl:unionOf (rt:Mug rt:Hand)",
+    "my:p owl:propertyChainAxiom (rt:hasOutcome rt:hasFeature)",
+    "my:R owl:onProperty rt:hasFeature ; owl:someValuesFrom owl:Thing ; rdfs:subClassOf rt:Robot",
+    "[] rdfs:subClassOf rt:Robot",
+    "[] a owl:NegativePropertyAssertion ; owl:sourceIndividual its:mug",
+    "[] a owl:AllDifferent ; owl:distinctMembers (its:mug its:thing)",
+    "rdf:type rdfs:subPropertyOf my:p",
+    "rdfs:subClassOf a owl:SymmetricProperty",
+    "rt:someList rdf:rest rdf:nil",
+)
+HARMLESS = (
+    "my:M rdfs:subClassOf rt:Mug ; a owl:Class ; rdfs:label 'mug of mine'",
+    "my:t a owl:TransitiveProperty ; rdfs:range rt:Mug . my:a my:t my:b . my:b my:t my:c",
+    "my:A owl:disjointWith my:B",
+    "my:x owl:sameAs my:y",
+    "its:mug rdfs:comment 'seen by me' ; a rt:Mug",
+    "my:path rt:via (its:mug my:x)",
+)
+
+
+@pytest.fixture(scope="module")
+def kb() -> Iterator[KnowledgeBase]:
+    with rtask.open(":memory:", base=BASE) as opened:
+        yield opened
+
+
+def insert(kb: KnowledgeBase, statements: str, agent: str = "nao-1", **options) -> rtask.Commit:
+    text = f"{PREFIXES}{OWN}{OTHER}INSERT DATA {{ {statements} }}"
+    return kb.update(text, agent=None if "access" in options else agent, **options)
+
+
+@pytest.mark.parametrize("statement", HOSTILE)
+def test_an_axiom_that_reaches_terms_of_others_needs_the_right(
+    kb: KnowledgeBase, statement: str
+) -> None:
+    seq = kb.seq
+    with pytest.raises(ForbiddenError) as refused:
+        insert(kb, statement)
+    assert refused.value.details["right"] == "schema"
+    assert refused.value.details["statement"] in str(refused.value)
+    assert kb.seq == seq
+
+
+@pytest.mark.parametrize("statement", HARMLESS)
+def test_data_and_axioms_about_own_terms_need_no_right(kb: KnowledgeBase, statement: str) -> None:
+    assert insert(kb, statement).added > 0
+
+
+def test_a_term_that_another_uses_is_not_only_its_makers_any_more(kb: KnowledgeBase) -> None:
+    insert(kb, "my:Shared a owl:Class")
+    insert(kb, "its:bowl a my:Shared", agent="nao-2")
+    with pytest.raises(ForbiddenError, match="Shared"):
+        insert(kb, "my:Shared rdfs:subClassOf rt:Mug")
+
+
+def test_a_robot_with_the_right_and_an_operator_state_axioms(kb: KnowledgeBase) -> None:
+    for access in (Access("nao-3", "robot", frozenset(("schema",))), Access()):
+        assert insert(kb, f"<urn:{access.role}> rdfs:subClassOf rt:Mug", access=access).added == 1
+    assert [
+        str(q.subject) for name, q in stored_axioms(kb.store, kb.graphs) if name == "nao-3"
+    ] == ["<urn:robot>"]
+
+
+def test_many_hostile_axioms_hinder_and_reclassify_nobody(kb: KnowledgeBase) -> None:
+    for number in range(200):
+        with pytest.raises(ForbiddenError):
+            insert(kb, f"{HOSTILE[number % len(HOSTILE)]} . my:n{number} rdfs:label 'n'")
+    for robot in "abcde":
+        insert(kb, f"<{BASE}mug-{robot}> a rt:Mug ; rt:name 'mug'", agent=f"robot-{robot}")
+        mug = NamedNode(f"{BASE}mug-{robot}")
+        found = kb.match(mug, NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type"))
+        assert not any("Robot" in str(quad.object) or "Hand" in str(quad.object) for quad in found)
+
+
+def test_a_refused_change_is_kept_as_a_proposal_where_that_is_set(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", base=BASE) as kb:
+        kb.proposes_axioms = True
+        with pytest.raises(ForbiddenError, match="kept as proposal 1") as refused:
+            insert(kb, "rt:Mug rdfs:subClassOf <urn:Vessel> . my:n rdfs:label 'n'")
+        assert refused.value.details["proposal"] == 1
+        found = kb.proposals.get(1)
+        assert (found.author, found.rests_on, found.state) == ("nao-1", kb.seq, "proposed")
+        insert(kb, "<urn:m> a rt:Mug")
+        vessel = (NamedNode("urn:m"), None, NamedNode("urn:Vessel"))
+        assert not kb.match(*vessel)
+        with pytest.raises(ForbiddenError, match="right schema"):
+            kb.adopt(1, access=Access("nao-1", "robot"))
+        commit = kb.adopt(1)
+        assert kb.match(*vessel)
+        assert (kb.proposals.get(1).state, kb.proposals.get(1).commit) == ("adopted", commit.seq)
+        with pytest.raises(ConflictError, match="adopted already"):
+            kb.adopt(1)
+    with rtask.open(tmp_path / "kb", mode="r") as kb:
+        assert [one.number for one in kb.proposals.find("adopted")] == [1]
+
+
+def test_a_proposal_that_the_present_state_contradicts_stays_open(kb: KnowledgeBase) -> None:
+    graph = kb.graphs.shared
+    gone = Quad(NamedNode("urn:gone"), NamedNode("urn:p"), NamedNode("urn:o"), graph)
+    number = kb.propose([], [gone], author="ann", reason="it is wrong").number
+    with pytest.raises(ConflictError, match="there no more"):
+        kb.adopt(number)
+    assert kb.proposals.get(number).is_open
+    assert kb.proposals.refuse(number, "ben", "no").decided_by == "ben"
+
+
+def test_an_author_has_a_bounded_number_of_open_proposals_and_they_expire() -> None:
+    now = [dt.datetime(2026, 1, 1, tzinfo=dt.UTC)]
+    register = Proposals(None, lambda: now[0])
+    quad = Quad(NamedNode("urn:s"), NamedNode("urn:p"), NamedNode("urn:o"), NamedNode("urn:g"))
+    for _ in range(MAX_OPEN):
+        register.add([quad], [], "nao-1", 1)
+    with pytest.raises(QueueFullError, match="100 open proposals"):
+        register.add([quad], [], "nao-1", 1)
+    assert register.add([quad], [], "nao-2", 1).is_open
+    now[0] += LIFETIME + dt.timedelta(seconds=1)
+    assert register.add([quad], [], "nao-1", 1).is_open
+    assert len(register.find("expired")) == MAX_OPEN + 1
+    with pytest.raises(ConflictError, match="expired"):
+        register.refuse(1, "ann")
+    with pytest.raises(UnknownTermError):
+        register.get(999)
+    with pytest.raises(UsageError, match="changes nothing"):
+        register.add([], [], "nao-1", 1)
+    register.close()
