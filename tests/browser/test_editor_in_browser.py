@@ -88,8 +88,8 @@ def test_an_error_is_marked_at_its_line_and_column(browser: Any, server: Running
     with open_page(browser, server.url) as page:
         _editor(page, server)
         paste(page, "SELECT ?x\nWHERE {\n  ?x ?p }\nLIMIT oops")
-        page.locator('sparql-editor[data-fault="4:1"]').wait_for()
-        assert page.locator(".cm-lintRange-error").inner_text() == "LIMIT oops"
+        page.locator('sparql-editor[data-fault="4:7"]').wait_for()
+        assert page.locator(".cm-lintRange-error").inner_text() == "oops"
         content = page.get_by_role("textbox", name="Query")
         content.press("Control+a")
         paste(page, "ASK { ?x ?p ?o }")

@@ -19,6 +19,7 @@ import pytest
 import ontology
 import rtask
 from rtask.cli import cli, main
+from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
 
@@ -329,31 +330,12 @@ def test_completion_knows_commands_and_options() -> None:
     assert "plain,--server\n" in completed("rtask query --s", 2)
 
 
-@contextlib.contextmanager
-def _ended(server: subprocess.Popen[str]) -> Iterator[None]:
-    """Kill a server that is still running, since leaving its block waits for its end."""
-    try:
-        yield
-    finally:
-        server.kill()
-
-
 @pytest.mark.slow
 def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -> None:
     served = tmp_path / "served"
     shutil.copytree(made, served)
-    with (
-        subprocess.Popen(
-            [sys.executable, "-m", "rtask", "serve", "--data", str(served), "-p", "0"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            cwd=_ROOT,
-        ) as server,
-        _ended(server),
-    ):
-        assert server.stdout is not None
-        url = server.stdout.readline().split()[1]
+    with running_server(served) as server:
+        url = server.url
 
         def ask(*arguments: str) -> tuple[int, str, str]:
             return run(*arguments, "--server", url, folder=False)
@@ -373,7 +355,7 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         code, out, _ = ask("explain", "urn:mug", "a", "rt:Container", "--json")
         here = json.loads(run("explain", "urn:mug", "a", "rt:Container", "--json")[1])
         there = json.loads(out)
-        assert there.pop("commit") == here.pop("commit") + 1  # the update above
+        assert there.pop("commit") == here.pop("commit") + 1  # of the update above
         assert (code, there) == (0, here)
         assert ask("explain", "urn:mug", "a", "rt:Robot")[0] == 1
         code, out, _ = ask("entails", "urn:mug", "a", "rt:Container")
@@ -383,7 +365,6 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         code, out, _ = ask("entails", str(tmp_path / "more.ttl"))
         assert code == 1
         assert "missing: <urn:mug>" in out
-        server.terminate()
 
 
 _SILENT_WORK = """

@@ -212,4 +212,4 @@ def test_a_planned_motion_is_executed_by_a_driver_and_back(robot, body, roscore,
     )
     with running(start_node(*reach)) as child:
         child.expect("rtask: RShoulderRoll is 0.2")
-        assert child.finish() == 1
+        assert child.finish() == 3
