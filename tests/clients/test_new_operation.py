@@ -51,12 +51,12 @@ def loose(context: Context, request: dict, access: Access) -> Weighed:
 @pytest.mark.parametrize("handler", [bare, loose])
 def test_a_handler_whose_annotations_declare_nothing_is_refused(handler):
     with pytest.raises(TypeError, match=handler.__name__):
-        operation("read", "weigh")(handler)
+        operation("read", "reads", "weigh")(handler)
 
 
 def test_a_scope_that_no_role_holds_is_refused():
     with pytest.raises(ValueError, match="'fly'"):
-        operation("fly", "weigh")
+        operation("fly", "reads", "weigh")
 
 
 def test_the_document_describes_request_and_answer(described):
