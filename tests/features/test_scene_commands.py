@@ -140,7 +140,9 @@ def test_bad_files_are_refused_in_one_line(
     assert "without an image" in failed(capsys, "recognise", plain, "--data", tmp_path)
     text = tmp_path / "notes.txt"
     text.write_text("no cloud")
-    assert "no picture (JPEG, PNG, WebP, BMP, TIFF), cloud (PCD, PLY)" in failed(capsys, "segment", text)
+    assert "no picture (JPEG, PNG, WebP, BMP, TIFF), cloud (PCD, PLY)" in failed(
+        capsys, "segment", text
+    )
     small = tmp_path / "small.png"
     cv2.imwrite(str(small), np.zeros((48, 96, 3), np.uint8))  # not the sides of the depth image
     assert "96x48" in failed(capsys, "segment", depth_file, "--colour", small)
