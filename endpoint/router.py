@@ -190,8 +190,8 @@ class Router:
             There is none.
         """
         service, _, method = address.removeprefix(SERVICES).strip("/").rpartition("/")
-        definition, definition_ = self._context.services.find(service, method)
-        return definition, definition_.name
+        definition, declared = self._context.services.find(service, method)
+        return definition, declared.name
 
     def _nothing_at(self, address: str) -> RefusedError:
         """Return the refusal that names the address that is likely to be meant."""

@@ -181,7 +181,7 @@ def read_settings(file: Path, options: Iterable[str]) -> dict[str, Any]:
     ----------
     file
         TOML.
-    known
+    options
         Names of the options, spelled with dashes.
 
     Raises

@@ -45,7 +45,7 @@ class RepeatedHead:
         the first line with all the lines that follow.
     request
         The request from which it was learnt.
-    caller, standing
+    caller, revision
         Who sends it, and the state of the tokens when that was found out.
     sender
         Its part of the log line.

@@ -46,7 +46,7 @@ class DirectProtocol(GuardedProtocol):
     ----------
     asgi
         Answers everything else.
-    known
+    head_queries
         Answers queries under known headers.
     """
 
