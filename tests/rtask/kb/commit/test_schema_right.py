@@ -117,8 +117,8 @@ def test_blank_nodes_of_axioms_are_out_of_reach_of_others(kb: KnowledgeBase) -> 
         ("?b rdf:first rt:Pen", "<urn:W> owl:unionOf ?b"),
         ("?b owl:someValuesFrom my:X", "<urn:W> rdfs:subClassOf ?b"),
     ):
+        text = f"{PREFIXES}{OWN}INSERT {{ {part} }} WHERE {{ {where} FILTER(isBlank(?b)) }}"
         with pytest.raises(ForbiddenError, match="right schema"):
-            text = f"{PREFIXES}{OWN}INSERT {{ {part} }} WHERE {{ {where} FILTER(isBlank(?b)) }}"
             kb.update(text, agent="nao-1")
 
 
