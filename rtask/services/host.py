@@ -338,7 +338,7 @@ class ServiceHost:
         self._mapped(self.registry.find(service), data, access, form)
 
     def _mapped(
-        self, definition: Definition, data: Mapping[str, str], access: Access, form: str
+        self, definition: Definition, data: Mapping[str, str], access: Access, form: str = "data="
     ) -> Mapped:
         """Return the exact version of the dataset for each data resource that takes one.
 
