@@ -61,9 +61,7 @@ class _SceneCall(SpatialCall):
 @click.option(
     "--friction", type=float, help="Between jaw and object.  [default: that of the gripper]"
 )
-@click.option(
-    "--mass", type=float, help="Mass of each object, kg; not for two jaws."
-)
+@click.option("--mass", type=float, help="Mass of each object, kg; not for two jaws.")
 @click.option("--scale", default=1.0, show_default=True, help="m per unit of the file.")
 @pose_options
 @limit_option(10, "Number of grasps to print.")

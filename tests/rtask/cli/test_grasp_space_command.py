@@ -1,4 +1,4 @@
-"""`rtask grasp space` and `scene`: meshes, clouds, objects of the graph; what is stored is recalled."""
+"""`rtask grasp space` and `scene`: of meshes, clouds and objects; what is stored is recalled."""
 
 from __future__ import annotations
 
