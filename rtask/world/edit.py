@@ -18,7 +18,7 @@ from rtask.rdf.terms import Literal, NamedNode, iri
 from rtask.world.identity import Candidate, identify
 from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
 from rtask.world.state import WorldState
-from rtask.world.statements import Statement, confirmed, doubted, ended, new_thing, placed
+from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
 from rtask.world.uncertainty import Spread, spread_of
 
 __all__ = ["MOVED_M", "MOVED_RAD", "Seen", "WorldEdit"]
@@ -41,7 +41,7 @@ class Seen:
     ----------
     product
         IRI of the product.
-    frame, frame_from_thing
+    frame, frame_from_exemplar
         IRI of the frame, and the pose (4, 4) in it, m.
     time_s
         When it was seen, Unix time.
@@ -59,13 +59,13 @@ class Seen:
         IRIs of the robot's end effectors.
     agent, source
         IRIs of the author and of the observation; or empty.
-    thing
+    exemplar
         IRI of the thing, if the robot says which it means; or empty.
     """
 
     product: str
     frame: str
-    frame_from_thing: NDArray[np.float64]
+    frame_from_exemplar: NDArray[np.float64]
     time_s: float
     sigma_m: float = DEFAULT_SIGMA_M
     confidence: float = 1.0
@@ -75,7 +75,7 @@ class Seen:
     hands: Collection[str] = ()
     agent: str = ""
     source: str = ""
-    thing: str = ""
+    exemplar: str = ""
 
 
 @dataclass
@@ -88,7 +88,7 @@ class WorldEdit:
         The world before the commit.
     graph
         Graph of the author, from which alone something can be withdrawn.
-    new_thing
+    new_exemplar
         IRI for the next thing that turns out to be new; None to make one up.
 
     Attributes
@@ -99,7 +99,7 @@ class WorldEdit:
 
     world: WorldState
     graph: NamedNode
-    new_thing: str | None = None
+    new_exemplar: str | None = None
     statements: list[Statement] = field(default_factory=list)
     withdrawn: list[Statement] = field(default_factory=list)
     _last: dict[str, Placement] = field(default_factory=dict)
@@ -107,37 +107,39 @@ class WorldEdit:
 
     def see(self, seen: Seen) -> str:
         """State that a thing was seen; return its IRI, a new one if it is none of those known."""
-        thing = seen.thing
+        exemplar = seen.exemplar
         doubts: tuple[tuple[str, float], ...] = ()
-        if not thing:
-            candidates = [self._candidate(one, seen) for one in self._things(seen.product)]
+        if not exemplar:
+            candidates = [
+                self._candidate(candidate, seen) for candidate in self._exemplars(seen.product)
+            ]
             identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
-            thing, doubts = identity.thing, identity.doubts
-        if not thing:
-            thing = self.make_thing(seen.product)
+            exemplar, doubts = identity.exemplar, identity.doubts
+        if not exemplar:
+            exemplar = self.make_exemplar(seen.product)
         for other, chance in doubts:
-            if not self._is_in_doubt(thing, other):
-                self.statements += doubted(self.world.kb.base, thing, other, chance)
-        last = self.last(thing)
+            if not self._is_in_doubt(exemplar, other):
+                self.statements += doubted(self.world.kb.base, exemplar, other, chance)
+        last = self.last(exemplar)
         if last is not None and seen.time_s < last.begin:
-            return thing
+            return exemplar
         if last is not None and last.is_current and self._is_there(last, seen):
             self._confirm(last, seen.time_s)
             self._settle(last, seen.time_s)
-            return thing
+            return exemplar
         self._close(last, seen.time_s)
         self._open(
             Placement(
-                mint(self.world.kb.base, "placement"), thing, seen.time_s, None, seen.time_s, "at",
-                "", seen.frame, seen.frame_from_thing, seen.sigma_m, seen.confidence, seen.agent,
+                self._node(), exemplar, seen.time_s, None, seen.time_s, "at", "", seen.frame,
+                seen.frame_from_exemplar, seen.sigma_m, seen.confidence, seen.agent,
                 seen.source,
             )
         )  # fmt: skip
-        return thing
+        return exemplar
 
     def put(
         self,
-        thing: str,
+        exemplar: str,
         relation: Relation,
         place: str,
         time_s: float,
@@ -146,7 +148,7 @@ class WorldEdit:
         confidence: float = 1.0,
     ) -> None:
         """State that a thing is on, in or held by something, from a time on."""
-        last = self.last(thing)
+        last = self.last(exemplar)
         if last is not None and time_s < last.begin:
             return
         is_same = last is not None and (last.relation, last.place) == (relation, place)
@@ -154,17 +156,16 @@ class WorldEdit:
             self._confirm(last, time_s)
             return
         self._close(last, time_s)
-        node = mint(self.world.kb.base, "placement")
         self._open(
             Placement(
-                node, thing, time_s, None, time_s, relation, place, confidence=confidence,
-                agent=agent, source=source,
+                self._node(), exemplar, time_s, None, time_s, relation, place,
+                confidence=confidence, agent=agent, source=source,
             )
         )  # fmt: skip
 
-    def lose(self, thing: str, time_s: float) -> None:
+    def lose(self, exemplar: str, time_s: float) -> None:
         """State that a thing is no longer where it was, and nobody knows where."""
-        last = self.last(thing)
+        last = self.last(exemplar)
         if last is None or time_s >= last.begin:
             self._close(last, time_s)
 
@@ -191,54 +192,53 @@ class WorldEdit:
         if last is not None and time_s < last.begin:
             return
         self._close(last, time_s)
-        node = mint(self.world.kb.base, "placement")
         self._open(
             Placement(
-                node, frame, time_s, None, time_s, "at", "", parent, parent_from_frame, sigma_m,
-                agent=agent,
+                self._node(), frame, time_s, None, time_s, "at", "", parent, parent_from_frame,
+                sigma_m, agent=agent,
             )
         )  # fmt: skip
 
-    def thing_of(self, product: str, robot: str, hands: Collection[str]) -> str:
+    def exemplar_of(self, product: str, robot: str, hands: Collection[str]) -> str:
         """Return the thing that a robot handled which did not say which one; "" if none is known.
 
         The one in its hand; else the one that it, then anybody, saw or moved last in its frames.
         """
         ranked: list[tuple[bool, bool, float, str]] = []
-        for thing in self._things(product):
-            last = self.last(thing)
+        for exemplar in self._exemplars(product):
+            last = self.last(exemplar)
             if last is not None:
                 is_held = last.is_current and last.place in hands
                 is_near = last.frame.startswith(f"{robot}/") or last.place.startswith(f"{robot}/")
                 if is_held or is_near:
-                    ranked.append((is_held, last.is_current, last.confirmed, thing))
+                    ranked.append((is_held, last.is_current, last.confirmed, exemplar))
         return max(ranked)[-1] if ranked else ""
 
-    def make_thing(self, product: str) -> str:
+    def make_exemplar(self, product: str) -> str:
         """State a new exemplar of a product; return its IRI."""
-        thing, self.new_thing = self.new_thing or mint(self.world.kb.base, "thing"), None
-        self.statements += new_thing(thing, product)
-        self._made.setdefault(product, []).append(thing)
-        return thing
+        exemplar, self.new_exemplar = self.new_exemplar or mint(self.world.kb.base, "thing"), None
+        self.statements += new_exemplar(exemplar, product)
+        self._made.setdefault(product, []).append(exemplar)
+        return exemplar
 
-    def last(self, thing: str) -> Placement | None:
+    def last(self, exemplar: str) -> Placement | None:
         """Return the last placement of a thing, with what this commit changes."""
-        return self._last.get(thing) or self.world.last_placement(thing)
+        return self._last.get(exemplar) or self.world.last_placement(exemplar)
 
-    def _things(self, product: str) -> list[str]:
-        return [*self.world.things_of(product), *self._made.get(product, ())]
+    def _exemplars(self, product: str) -> list[str]:
+        return [*self.world.exemplars_of(product), *self._made.get(product, ())]
 
-    def _candidate(self, thing: str, seen: Seen) -> Candidate:
-        last = self.last(thing)
+    def _candidate(self, exemplar: str, seen: Seen) -> Candidate:
+        last = self.last(exemplar)
         if last is None:
-            return Candidate(thing, None, _NOWHERE, is_current=False, is_reachable=False)
-        pending = thing in self._last
+            return Candidate(exemplar, None, _NOWHERE, is_current=False, is_reachable=False)
+        pending = exemplar in self._last
         spread = spread_of(last, seen.time_s) if pending else self.world.spread(last, seen.time_s)
         there = self.world.pose_in(last, seen.frame, seen.time_s)
         is_own = last.place.startswith(f"{seen.robot}/") or last.place in seen.hands
         return Candidate(
-            thing,
-            None if there is None else _distance(there[0], seen.frame_from_thing),
+            exemplar,
+            None if there is None else _distance(there[0], seen.frame_from_exemplar),
             spread,
             last.is_current,
             last.is_current and last.place in seen.hands,
@@ -251,12 +251,12 @@ class WorldEdit:
         if there is None:
             return False
         pose, moved_m = there[0], MOVED_M + (0.0 if last.frame == seen.frame else seen.sigma_m)
-        if float(np.linalg.norm(pose[:3, 3] - seen.frame_from_thing[:3, 3])) > moved_m:
+        if float(np.linalg.norm(pose[:3, 3] - seen.frame_from_exemplar[:3, 3])) > moved_m:
             return False
         if seen.is_round:
-            cosine = pose[:3, 2] @ seen.frame_from_thing[:3, 2]
+            cosine = pose[:3, 2] @ seen.frame_from_exemplar[:3, 2]
         else:
-            cosine = (np.trace(pose[:3, :3].T @ seen.frame_from_thing[:3, :3]) - 1.0) / 2.0
+            cosine = (np.trace(pose[:3, :3].T @ seen.frame_from_exemplar[:3, :3]) - 1.0) / 2.0
         return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) <= MOVED_RAD)
 
     def _open(self, placement: Placement) -> None:
@@ -268,6 +268,9 @@ class WorldEdit:
             return
         self.statements += ended(last.iri, time_s)
         self._last[last.subject] = replace(last, end=time_s, confirmed=min(last.confirmed, time_s))
+
+    def _node(self) -> str:
+        return mint(self.world.kb.base, "placement")
 
     def _confirm(self, last: Placement, time_s: float) -> None:
         """State that a placement still lasts, unless that was stated within a minute."""
@@ -289,15 +292,15 @@ class WorldEdit:
             if not self.world.kb.match(first, RT.distinctFrom, second):
                 self.statements.append((first, RT.distinctFrom, second))
 
-    def _doubts_about(self, thing: str) -> list[str]:
+    def _doubts_about(self, exemplar: str) -> list[str]:
         return sorted(
             quad.subject.value
-            for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(thing))
+            for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(exemplar))
             if isinstance(quad.subject, NamedNode)
         )
 
-    def _is_in_doubt(self, thing: str, other: str) -> bool:
-        return bool(self.world.kb.match(iri(thing), RT.possiblyIdenticalTo, iri(other)))
+    def _is_in_doubt(self, exemplar: str, other: str) -> bool:
+        return bool(self.world.kb.match(iri(exemplar), RT.possiblyIdenticalTo, iri(other)))
 
 
 def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

@@ -45,16 +45,16 @@ def estimated_placements(kb: GraphCore, product: str) -> list[Placement]:
 
 
 def _seen(kb: GraphCore, product: str) -> list[Placement]:
-    found = []
+    located = []
     for link in kb.match(None, RT.poseOf, iri(product)):
         if isinstance(link.subject, NamedNode):
             placement = _estimate(kb, link.subject, product)
             if placement is not None:
-                found.append(placement)
-    found.sort(key=lambda placement: placement.begin)
+                located.append(placement)
+    located.sort(key=lambda placement: placement.begin)
     seen = []
-    for k, placement in enumerate(found):
-        later = [p.begin for p in found[k + 1 :] if p.frame == placement.frame]
+    for k, placement in enumerate(located):
+        later = [p.begin for p in located[k + 1 :] if p.frame == placement.frame]
         ends = [end for end in (placement.end, *later[:1]) if end is not None]
         seen.append(replace(placement, end=min(ends, default=None)))
     return seen

@@ -102,8 +102,8 @@ class FrameTree:
 
     def is_of_robot(self, frame: str) -> bool:
         """Whether a frame belongs to a robot, which may move while what it saw stays."""
-        robot, found, _ = frame.rpartition("/frame/")
-        return bool(found) and bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
+        robot, located, _ = frame.rpartition("/frame/")
+        return bool(located) and bool(self._kb.match(iri(robot), RDF.type, CORA.Robot))
 
     def find(self, name: str) -> list[str]:
         """Return the frames of an IRI, a name in tf, or ``robot/name``, sorted."""

@@ -31,8 +31,8 @@ class Candidate:
 
     Parameters
     ----------
-    thing
-        IRI.
+    exemplar
+        IRI of the thing.
     distance_m
         From where it is, or was last, to where one is seen now; None if the graph cannot tell.
     spread
@@ -47,7 +47,7 @@ class Candidate:
         Time since it was last seen.
     """
 
-    thing: str
+    exemplar: str
     distance_m: float | None
     spread: Spread
     is_current: bool
@@ -62,13 +62,13 @@ class Identity:
 
     Parameters
     ----------
-    thing
+    exemplar
         A known one; empty for a new one.
     doubts
         Other known things that it may be, with the chances, most likely first.
     """
 
-    thing: str
+    exemplar: str
     doubts: tuple[tuple[str, float], ...] = ()
 
 
@@ -87,14 +87,14 @@ def identify(
     Examples
     --------
     >>> there = Candidate("urn:a", 0.004, Spread(0.005, 1.0, 0.35), is_current=True)
-    >>> identify([there], 0.005).thing
+    >>> identify([there], 0.005).exemplar
     'urn:a'
     >>> identify([Candidate("urn:a", 0.4, there.spread, is_current=True)], 0.005)
-    Identity(thing='', doubts=())
+    Identity(exemplar='', doubts=())
     """
     reach = Spread(sigma_m, 1.0, 0.0).radius(_CHANCE)
     here = [
-        (candidate.distance_m, candidate.thing)
+        (candidate.distance_m, candidate.exemplar)
         for candidate in candidates
         if candidate.is_current
         and candidate.distance_m is not None
@@ -102,28 +102,30 @@ def identify(
     ]
     if here:
         return Identity(min(here)[1])
-    held = sorted(candidate.thing for candidate in candidates if candidate.in_own_hand)
+    held = sorted(candidate.exemplar for candidate in candidates if candidate.in_own_hand)
     if held:
         return Identity(held[0], _shares(held[1:], len(held)))
     lost = sorted(
         (c for c in candidates if not c.is_current and c.is_reachable),
-        key=lambda c: (c.distance_m is None, c.distance_m or 0.0, c.age_s, c.thing),
+        key=lambda c: (c.distance_m is None, c.distance_m or 0.0, c.age_s, c.exemplar),
     )
     if lost:
-        return Identity(lost[0].thing, _shares([c.thing for c in lost[1:]], len(lost)))
+        return Identity(lost[0].exemplar, _shares([c.exemplar for c in lost[1:]], len(lost)))
     moved = {
-        candidate.thing: 1.0 - candidate.spread.still_there
+        candidate.exemplar: 1.0 - candidate.spread.still_there
         for candidate in candidates
         if candidate.is_reachable and candidate.age_s > _SAME_LOOK_S
     }
     total = sum(moved.values()) + _NEW
-    chances = sorted(((weight / total, thing) for thing, weight in moved.items()), reverse=True)
+    chances = sorted(
+        ((weight / total, exemplar) for exemplar, weight in moved.items()), reverse=True
+    )
     if chances and chances[0][0] >= SURE:
         return Identity(chances[0][1])
-    doubts = tuple((thing, chance) for chance, thing in chances if chance >= _MIN_CHANCE)
+    doubts = tuple((exemplar, chance) for chance, exemplar in chances if chance >= _MIN_CHANCE)
     return Identity("", doubts)
 
 
 def _shares(others: Sequence[str], count: int) -> tuple[tuple[str, float], ...]:
     """Return equal chances for things between which nothing decides."""
-    return tuple((thing, 1.0 / count) for thing in others)
+    return tuple((exemplar, 1.0 / count) for exemplar in others)

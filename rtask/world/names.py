@@ -12,27 +12,29 @@ from rtask.rdf.terms import NamedNode, iri, literal, python_value
 if TYPE_CHECKING:
     from rtask.world.state import WorldState
 
-__all__ = ["MAX_THINGS", "find_frame", "find_marks", "find_things", "is_thing", "label_of"]
+__all__ = ["MAX_EXEMPLARS", "find_exemplars", "find_frame", "find_marks", "is_exemplar", "label_of"]
 
-MAX_THINGS = 200
+MAX_EXEMPLARS = 200
 """Most things that one answer is about."""
 
 
-def find_things(world: WorldState, name: str) -> list[tuple[str, str]]:
+def find_exemplars(world: WorldState, name: str) -> list[tuple[str, str]]:
     """Return the (thing, product) pairs of an IRI, a name, an objectId or a kind.
 
     The thing is "" for a product that has none.
     """
     pairs: dict[tuple[str, str], None] = {}
     for node in _nodes(world, name):
-        if is_thing(world, node):
+        if is_exemplar(world, node):
             pairs[node, world.product_of(node)] = None
             continue
-        things = [thing for thing in world.things_of(node) if is_thing(world, thing)]
-        pairs.update(dict.fromkeys((thing, node) for thing in things))
-        if not things:
+        exemplars = [
+            exemplar for exemplar in world.exemplars_of(node) if is_exemplar(world, exemplar)
+        ]
+        pairs.update(dict.fromkeys((exemplar, node) for exemplar in exemplars))
+        if not exemplars:
             pairs["", node] = None
-    return list(pairs)[:MAX_THINGS]
+    return list(pairs)[:MAX_EXEMPLARS]
 
 
 def find_frame(world: WorldState, name: str) -> str:
@@ -76,10 +78,10 @@ def find_marks(world: WorldState, name: str) -> list[str]:
     if not marks:
         names = {str(python_value(quad.object)) for quad in world.kb.match(None, RT.name)}
         raise UnknownTermError(f"near: nothing is called {name!r}{nearest(name, sorted(names))}")
-    return marks[:MAX_THINGS]
+    return marks[:MAX_EXEMPLARS]
 
 
-def is_thing(world: WorldState, node: str) -> bool:
+def is_exemplar(world: WorldState, node: str) -> bool:
     """Whether an IRI is of a thing, and not of a product."""
     return bool(world.kb.match(iri(node), RDF.type, RT.Exemplar))
 
@@ -101,8 +103,8 @@ def _is_iri(name: str) -> bool:
 def _nodes(world: WorldState, name: str) -> list[str]:
     if _is_iri(name):
         node = iri(_present(world, name))
-        known = world.kb.match(node, RT.objectId) or world.kb.match(node, RT.exemplarOf)
-        return [node.value] if known else []
+        whereabouts = world.kb.match(node, RT.objectId) or world.kb.match(node, RT.exemplarOf)
+        return [node.value] if whereabouts else []
     word = literal(name.strip().lower())
     named = f"""
   {{ ?node rt:name ?name ; rt:objectId|rt:exemplarOf ?known FILTER(LCASE(STR(?name)) = {word}) }}
@@ -122,7 +124,8 @@ def _of_kind(kind: str) -> str:
 
 
 def _select(world: WorldState, pattern: str) -> list[str]:
-    text = f"{PREFIXES}SELECT DISTINCT ?node WHERE {{{pattern} }} ORDER BY ?node LIMIT {MAX_THINGS}"
+    most = f"ORDER BY ?node LIMIT {MAX_EXEMPLARS}"
+    text = f"{PREFIXES}SELECT DISTINCT ?node WHERE {{{pattern} }} {most}"
     nodes = (_present(world, str(row.value("node"))) for row in world.kb.select(text))
     return list(dict.fromkeys(nodes))
 

@@ -42,7 +42,7 @@ class WorldState:
         self.index = PlacementIndex(self.kb)
         self.frames = FrameTree(kb, self.placement_at)
 
-    def things_of(self, product: str) -> list[str]:
+    def exemplars_of(self, product: str) -> list[str]:
         """Return the things that are exemplars of a product, sorted, merged ones apart."""
         return sorted(
             quad.subject.value
@@ -50,16 +50,16 @@ class WorldState:
             if isinstance(quad.subject, NamedNode) and not self.is_merged(quad.subject.value)
         )
 
-    def product_of(self, thing: str) -> str:
+    def product_of(self, exemplar: str) -> str:
         """Return the product that a thing is an exemplar of, or ""."""
-        for quad in self.kb.match(iri(thing), RT.exemplarOf):
+        for quad in self.kb.match(iri(exemplar), RT.exemplarOf):
             if isinstance(quad.object, NamedNode):
                 return quad.object.value
         return ""
 
-    def is_merged(self, thing: str) -> bool:
+    def is_merged(self, exemplar: str) -> bool:
         """Whether a thing turned out to be another one."""
-        return bool(self.kb.match(iri(thing), RT.mergedInto))
+        return bool(self.kb.match(iri(exemplar), RT.mergedInto))
 
     def placement_at(self, subject: str, time_s: float) -> Placement | None:
         """Return the placement of a thing or frame at an instant, or None if it is not known."""
@@ -78,14 +78,14 @@ class WorldState:
         placements = (read_placement(self.kb, node) for node in nodes)
         return sorted((p for p in placements if p is not None), key=_by_begin)
 
-    def names_of(self, thing: str) -> list[str]:
+    def names_of(self, exemplar: str) -> list[str]:
         """Return the IRI of a thing, and those of things that turned out to be it."""
-        merged = self.kb.match(None, RT.mergedInto, iri(thing))
-        return [thing, *(q.subject.value for q in merged if isinstance(q.subject, NamedNode))]
+        merged = self.kb.match(None, RT.mergedInto, iri(exemplar))
+        return [exemplar, *(q.subject.value for q in merged if isinstance(q.subject, NamedNode))]
 
-    def doubts(self, thing: str) -> list[tuple[str, float]]:
+    def doubts(self, exemplar: str) -> list[tuple[str, float]]:
         """Return the things that this one may be, with the chances, as far as it is not settled."""
-        node, doubts = iri(thing), []
+        node, doubts = iri(exemplar), []
         for quad in self.kb.match(node, RT.possiblyIdenticalTo):
             other = quad.object
             if not isinstance(other, NamedNode) or self._is_settled(node, other):
@@ -99,11 +99,11 @@ class WorldState:
             doubts.append((other.value, max(chances, default=0.5)))
         return sorted(doubts, key=lambda doubt: (-doubt[1], doubt[0]))
 
-    def _is_settled(self, thing: NamedNode, other: NamedNode) -> bool:
+    def _is_settled(self, exemplar: NamedNode, other: NamedNode) -> bool:
         return bool(
-            self.kb.match(thing, RT.distinctFrom, other)
-            or self.kb.match(other, RT.distinctFrom, thing)
-            or self.kb.match(other, RT.mergedInto, thing)
+            self.kb.match(exemplar, RT.distinctFrom, other)
+            or self.kb.match(other, RT.distinctFrom, exemplar)
+            or self.kb.match(other, RT.mergedInto, exemplar)
         )
 
     def pose_in(

@@ -20,7 +20,7 @@ __all__ = [
     "confirmed",
     "doubted",
     "ended",
-    "new_thing",
+    "new_exemplar",
     "placed",
     "pose_statements",
     "time_stamp",
@@ -87,18 +87,18 @@ def confirmed(placement: str, time_s: float) -> Statement:
     return NamedNode(placement), RT.confirmedAt, time_stamp(time_s)
 
 
-def new_thing(thing: str, product: str) -> Iterator[Statement]:
+def new_exemplar(exemplar: str, product: str) -> Iterator[Statement]:
     """Yield the statements of a new exemplar of a product."""
-    node = NamedNode(thing)
+    node = NamedNode(exemplar)
     yield node, RDF.type, RT.Exemplar
     yield node, RT.exemplarOf, NamedNode(product)
 
 
-def doubted(base: str, thing: str, other: str, chance: float) -> Iterator[Statement]:
+def doubted(base: str, exemplar: str, other: str, chance: float) -> Iterator[Statement]:
     """Yield the statements that a thing may be an earlier one, with the chance."""
-    statement = Triple(NamedNode(thing), RT.possiblyIdenticalTo, NamedNode(other))
+    statement = Triple(NamedNode(exemplar), RT.possiblyIdenticalTo, NamedNode(other))
     reifier = NamedNode(mint(base, "statement"))
-    yield NamedNode(thing), RT.possiblyIdenticalTo, NamedNode(other)
+    yield NamedNode(exemplar), RT.possiblyIdenticalTo, NamedNode(other)
     yield reifier, RDF.reifies, statement
     yield reifier, RT.confidence, _number(chance, 6)
 

@@ -52,14 +52,14 @@ class Whereabouts:
 
     Parameters
     ----------
-    thing, product, label
+    exemplar, product, label
         IRIs of the thing and of its product, and its name. The thing is "" if robots saw the
         product before things were told apart.
     relation
         ``at`` a pose, ``on``, ``in`` or ``held_by`` the place; ``unknown`` if nobody knows.
     place, place_label
         IRI and name of the support, container or hand; or empty.
-    frame, frame_id, frame_from_thing
+    frame, frame_id, frame_from_exemplar
         IRI and name of the frame, and the pose (4, 4) in it, m; empty and None without a pose.
     since_s, seen_s, until_s
         Unix time since when it was there, when it was last seen there, and until when, if it has
@@ -76,7 +76,7 @@ class Whereabouts:
         The same in words.
     """
 
-    thing: str
+    exemplar: str
     product: str
     label: str
     relation: str
@@ -84,7 +84,7 @@ class Whereabouts:
     place_label: str = ""
     frame: str = ""
     frame_id: str = ""
-    frame_from_thing: NDArray[np.float64] | None = None
+    frame_from_exemplar: NDArray[np.float64] | None = None
     since_s: float | None = None
     seen_s: float | None = None
     until_s: float | None = None
@@ -113,10 +113,10 @@ class Whereis:
     """
 
     time_s: float
-    things: tuple[Whereabouts, ...]
+    exemplars: tuple[Whereabouts, ...]
     text: str
 
     @property
     def is_known(self) -> bool:
         """Whether the place of any of them is known."""
-        return any(thing.is_known for thing in self.things)
+        return any(exemplar.is_known for exemplar in self.exemplars)

@@ -47,8 +47,8 @@ def _where(place: Whereabouts) -> str:
     parts = []
     if place.relation in words:
         parts.append(f"{words[place.relation]} {place.place_label}")
-    if place.frame_from_thing is not None:
-        x, y, z = place.frame_from_thing[:3, 3]
+    if place.frame_from_exemplar is not None:
+        x, y, z = place.frame_from_exemplar[:3, 3]
         parts.append(f"at ({x:.3f}, {y:.3f}, {z:.3f}) m in {place.frame_id}")
     return " ".join(parts)
 

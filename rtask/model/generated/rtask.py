@@ -570,7 +570,7 @@ class Process(Physical):
         Brings the other process about.
     executed_in
         The interval in which the process took place.
-    handles_thing
+    handles_exemplar
         The exemplar that an attempt was made on; the task names its product by rt:handles.
     patient
         What a process acts on.
@@ -583,7 +583,7 @@ class Process(Physical):
     agent: Links[Agent] = Links(_SUMO + "agent", _SUMO + "Agent")
     causes: Links[Process] = Links(_SUMO + "causes", _SUMO + "Process")
     executed_in: Link[Interval] = Link(_RT + "executedIn", _RT + "Interval", functional=True)
-    handles_thing: Links[Exemplar] = Links(_RT + "handlesThing", _RT + "Exemplar")
+    handles_exemplar: Links[Exemplar] = Links(_RT + "handlesExemplar", _RT + "Exemplar")
     patient: Links[Entity] = Links(_SUMO + "patient", _SUMO + "Entity")
     result: Links[Entity] = Links(_SUMO + "result", _SUMO + "Entity")
 

@@ -64,26 +64,26 @@ class Lab:
             "hands": (self.hand(robot),), "agent": f"{BASE}robot/{robot}",
         }  # fmt: skip
         return Seen(
-            product, frame_from_thing=pose(x, y), time_s=self.noon + time_s, **{**given, **more}
+            product, frame_from_exemplar=pose(x, y), time_s=self.noon + time_s, **{**given, **more}
         )
 
     def see(self, product: str, x: float, y: float, time_s: float, **more: Any) -> str:
         robot = more.get("robot", "nao-1")
         edit = self.edit(robot)
-        thing = edit.see(self.seen(product, x, y, time_s, **more))
+        exemplar = edit.see(self.seen(product, x, y, time_s, **more))
         self.commit(edit, robot)
-        return thing
+        return exemplar
 
     def put(
-        self, thing: str, relation: Any, place: str, time_s: float, robot: str = "nao-1"
+        self, exemplar: str, relation: Any, place: str, time_s: float, robot: str = "nao-1"
     ) -> None:
         edit = self.edit(robot)
-        edit.put(thing, relation, place, self.noon + time_s, f"{BASE}robot/{robot}")
+        edit.put(exemplar, relation, place, self.noon + time_s, f"{BASE}robot/{robot}")
         self.commit(edit, robot)
 
-    def lose(self, thing: str, time_s: float, robot: str = "nao-1") -> None:
+    def lose(self, exemplar: str, time_s: float, robot: str = "nao-1") -> None:
         edit = self.edit(robot)
-        edit.lose(thing, self.noon + time_s)
+        edit.lose(exemplar, self.noon + time_s)
         self.commit(edit, robot)
 
     def stand(self, frame: str, parent: str, x: float, y: float, time_s: float) -> None:
@@ -101,9 +101,9 @@ class Lab:
     def ask(self, name: str, time_s: float, **question: Any) -> Any:
         return self.kb.world.where_is(name, at=self.noon + time_s, **question)
 
-    def current(self, thing: str) -> int:
+    def current(self, exemplar: str) -> int:
         """Return the number of placements of a thing that have not ended."""
-        return sum(placement.is_current for placement in self.kb.world.history(thing))
+        return sum(placement.is_current for placement in self.kb.world.history(exemplar))
 
 
 def pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> NDArray[np.float64]:

@@ -19,16 +19,16 @@ def test_a_thing_that_is_seen_where_it_was_is_the_same(lab):
 def test_two_at_once_are_two_things_of_one_product(lab):
     first, second = lab.see(lab.cup, 0.3, 0.1, 0), lab.see(lab.cup, 0.3, -0.2, 0)
     assert first != second
-    assert lab.kb.world.things_of(lab.cup) == sorted([first, second])
+    assert lab.kb.world.exemplars_of(lab.cup) == sorted([first, second])
     assert lab.kb.world.doubts(second) == []
 
 
 def test_two_in_one_commit_are_two_things(lab):
     edit = lab.edit()
-    things = [edit.see(lab.seen(lab.cup, 0.3, y, 0)) for y in (0.1, -0.2, 0.1)]
+    exemplars = [edit.see(lab.seen(lab.cup, 0.3, y, 0)) for y in (0.1, -0.2, 0.1)]
     lab.commit(edit, "nao-1")
-    assert len(set(things)) == 2
-    assert things[0] == things[2]
+    assert len(set(exemplars)) == 2
+    assert exemplars[0] == exemplars[2]
 
 
 def test_two_robots_with_a_table_each_see_two_things(lab):
@@ -79,7 +79,7 @@ def test_a_second_cup_beside_one_in_the_box_is_another_one(lab):
     lab.put(first, "in", lab.left_box, 10)
     second = lab.see(lab.cup, 0.3, 0.1, 20)
     assert second != first
-    assert lab.ask(first, 30).things[0].place == lab.left_box
+    assert lab.ask(first, 30).exemplars[0].place == lab.left_box
 
 
 def test_an_old_report_changes_nothing(lab):
@@ -90,14 +90,14 @@ def test_an_old_report_changes_nothing(lab):
 
 def test_bodies_that_would_overlap_are_one_thing():
     near = Candidate("urn:a", 0.07, HERE, is_current=True, age_s=5.0)
-    assert identify([near], 0.003, min_extent_m=0.08).thing == "urn:a"
-    assert identify([near], 0.003, min_extent_m=0.05).thing == ""
+    assert identify([near], 0.003, min_extent_m=0.08).exemplar == "urn:a"
+    assert identify([near], 0.003, min_extent_m=0.05).exemplar == ""
 
 
 def test_between_two_lost_things_the_nearer_one_is_taken_and_the_doubt_is_kept():
     lost = [Candidate(f"urn:{k}", d, HERE, is_current=False) for k, d in enumerate((0.4, 0.2))]
     identity = identify(lost, 0.003)
-    assert identity.thing == "urn:1"
+    assert identity.exemplar == "urn:1"
     assert identity.doubts == (("urn:0", 0.5),)
 
 

@@ -22,7 +22,7 @@ def test_a_thing_is_at_one_place_at_any_instant(lab):
     ]  # fmt: skip
     assert [p.end and p.end - lab.noon for p in history] == [10, 20, None]
     for time_s, relation in ((0, "at"), (9.9, "at"), (10, "held_by"), (25, "in")):
-        assert lab.ask(cup, time_s).things[0].relation == relation
+        assert lab.ask(cup, time_s).exemplars[0].relation == relation
     assert not lab.ask(cup, -1).is_known
 
 
@@ -56,22 +56,22 @@ def test_a_place_is_asked_in_any_frame_of_its_tree_at_any_instant(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0, frame=lab.table)
     lab.stand(lab.table, lab.map, 5.0, 1.0, 50)
     for time_s, where in ((10, (2.3, 0.1)), (60, (5.3, 1.1))):
-        (place,) = lab.ask(cup, time_s, frame="map").things
+        (place,) = lab.ask(cup, time_s, frame="map").exemplars
         assert place.frame_id == "map"
-        assert place.frame_from_thing[:2, 3] == pytest.approx(where)
+        assert place.frame_from_exemplar[:2, 3] == pytest.approx(where)
 
 
 def test_what_a_walking_robot_saw_stays_where_it_was(lab):
     lab.stand(lab.frame(), lab.map, 1.0, 0.0, -100)
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
     lab.stand(lab.frame(), lab.map, 3.0, 0.0, 50)
-    (place,) = lab.ask(cup, 60, frame="map").things
-    assert place.frame_from_thing[:2, 3] == pytest.approx((1.3, 0.1))
+    (place,) = lab.ask(cup, 60, frame="map").exemplars
+    assert place.frame_from_exemplar[:2, 3] == pytest.approx((1.3, 0.1))
 
 
 def test_a_frame_of_another_tree_leaves_the_pose_as_it_was_measured(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
-    (place,) = lab.ask(cup, 5, frame="map").things
+    (place,) = lab.ask(cup, 5, frame="map").exemplars
     assert place.frame == lab.frame()
 
 
@@ -86,15 +86,15 @@ def test_a_frame_name_that_two_robots_use_needs_the_robot(lab):
 
 def test_uncertainty_grows_with_time_and_with_what_happens_nearby(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
-    fresh, old = (lab.ask(cup, time_s).things[0] for time_s in (1, DAY_S))
+    fresh, old = (lab.ask(cup, time_s).exemplars[0] for time_s in (1, DAY_S))
     assert fresh.radius90_m < 0.01
     assert old.radius90_m > fresh.radius90_m
     assert old.still_there < fresh.still_there
     lab.see(lab.box, 0.3, 0.2, 30)
-    disturbed = lab.ask(cup, 60).things[0]
+    disturbed = lab.ask(cup, 60).exemplars[0]
     assert disturbed.still_there < 0.95 < fresh.still_there
     lab.see(lab.cup, 0.3, 0.1, 100)
-    assert lab.ask(cup, 101).things[0].still_there > 0.99, "it was seen there since"
+    assert lab.ask(cup, 101).exemplars[0].still_there > 0.99, "it was seen there since"
 
 
 def test_near_a_place_a_robot_or_a_thing(lab):
@@ -104,7 +104,7 @@ def test_near_a_place_a_robot_or_a_thing(lab):
 
     def near(name, radius_m=0.5):
         answer = lab.ask("blue cup", 20, near=name, radius_m=radius_m)
-        return [thing.thing for thing in answer.things]
+        return [exemplar.exemplar for exemplar in answer.exemplars]
 
     assert near("left box") == [other]
     assert near("nao-1") == [cup]
@@ -117,9 +117,9 @@ def test_near_a_place_a_robot_or_a_thing(lab):
 def test_asked_by_kind_name_id_and_iri(lab):
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
     for name in ("mug", "Mugs", "Blue Cup", "lab/1", lab.cup, cup):
-        assert [thing.thing for thing in lab.ask(name, 5).things] == [cup], name
+        assert [exemplar.exemplar for exemplar in lab.ask(name, 5).exemplars] == [cup], name
     answer = lab.ask("red cup", 5)
-    assert (answer.is_known, answer.things) == (False, ())
+    assert (answer.is_known, answer.exemplars) == (False, ())
     assert answer.text == 'not known: nothing is called "red cup"'
 
 
@@ -128,9 +128,9 @@ def test_a_thing_that_turned_out_to_be_another_one_brings_its_places_along(lab):
     second = lab.see(lab.cup, 0.6, -0.4, 2 * 3600)
     lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{lab.kb.base}graph/shared> {{
       <{second}> rt:mergedInto <{first}> }} }}""")
-    assert lab.kb.world.things_of(lab.cup) == [first]
-    (place,) = lab.ask("blue cup", 3 * 3600).things
-    assert place.frame_from_thing[0, 3] == pytest.approx(0.6)
+    assert lab.kb.world.exemplars_of(lab.cup) == [first]
+    (place,) = lab.ask("blue cup", 3 * 3600).exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(0.6)
 
 
 def test_a_graph_without_things_answers_from_what_robots_estimated(lab):
@@ -141,9 +141,9 @@ def test_a_graph_without_things_answers_from_what_robots_estimated(lab):
         rt:qx 0.0e0 ; rt:qy 0.0e0 ; rt:qz 0.0e0 ; rt:qw 1.0e0 ;
         rt:atTime "2025-11-28T12:00:00Z"^^xsd:dateTimeStamp }} }}""")
     (placement,) = estimated_placements(lab.kb, lab.cup)
-    (place,) = lab.kb.world.where_is("blue cup", at=placement.begin + 5).things
-    assert (place.thing, place.agent, place.is_known) == ("", "nao-1", True)
-    assert np.allclose(place.frame_from_thing[:2, 3], (0.4, 0.1))
+    (place,) = lab.kb.world.where_is("blue cup", at=placement.begin + 5).exemplars
+    assert (place.exemplar, place.agent, place.is_known) == ("", "nao-1", True)
+    assert np.allclose(place.frame_from_exemplar[:2, 3], (0.4, 0.1))
 
 
 def test_the_index_follows_commits_and_can_be_rebuilt(lab, monkeypatch):
