@@ -128,7 +128,7 @@ _ROBOTS = Collection(
 
 _OBJECTS = Collection(
     "objects", "object", "Objects that robots met",
-    "?iri a rt:ManipulableObject",
+    "?iri a rt:ManipulableObject FILTER NOT EXISTS { ?iri a rt:Exemplar }",
     (
         Block(
             """OPTIONAL { ?iri rt:name ?name_ } OPTIONAL { ?iri rt:objectId ?id_ }

@@ -21,11 +21,14 @@ __all__ = [
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
+    "Located",
+    "LocatedThing",
     "Look",
     "MotionReport",
     "NewObject",
     "OfferedGrasp",
     "OfferedObject",
+    "OtherThing",
     "OutcomeReport",
     "Picture",
     "PlannedGrasps",
@@ -59,6 +62,7 @@ REPEATABLE = frozenset(
         "plan_on_scene",
         "search_object",
         "resolve_request",
+        "where_is",
         "insert_object",
         "report_outcome",
         "report_refusal",
@@ -292,6 +296,8 @@ class NewObject(TypedDict, total=False):
     """time of the observation; default: now (s)"""
     object: str
     """IRI of an object that the robot has tracked; default: recognised, or new"""
+    thing: str
+    """IRI of the single thing, if the robot knows which one it is; default: by place and time"""
     name: str
     """name of the object; default: made of kind and number"""
     class_description: str
@@ -410,6 +416,7 @@ Recognition = TypedDict(
         "task_response": str,
         "task_id": str,
         "object": str,
+        "thing": NotRequired[str],
         "class": str,
         "class_iri": str,
         "label": str,
@@ -608,6 +615,44 @@ class ResolvedRequest(TypedDict):
     suggestions: list[str]
 
 
+class OtherThing(TypedDict):
+    """A thing that another one may be."""
+
+    thing: str
+    chance: float
+
+
+class LocatedThing(TypedDict):
+    """Where one thing was at the time in question."""
+
+    thing: str
+    object: str
+    label: str
+    relation: str
+    place: str
+    place_label: str
+    frame_id: str
+    frame: str
+    pose: dict[str, Any] | None
+    since: float | None
+    seen: float | None
+    until: float | None
+    by: str
+    still_there: float
+    radius90: float | None
+    may_be: list[OtherThing]
+    text: str
+
+
+class Located(TypedDict):
+    """Where the things are that a question is about, best known first."""
+
+    known: bool
+    text: str
+    time: float
+    things: list[LocatedThing]
+
+
 class Resembled(TypedDict):
     """A stored object that a new one may be."""
 
@@ -628,6 +673,7 @@ InsertedObject = TypedDict(
         "new": bool,
         "features": int,
         "commit": str,
+        "thing": NotRequired[str],
         "same_print": NotRequired[list[str]],
         "resembles": NotRequired[Resembled | None],
         "message": NotRequired[str],
@@ -651,6 +697,7 @@ class ReportedOutcome(TypedDict):
     commit: str
     statistics: GraspStatistics
     grasp: str
+    thing: NotRequired[str]
 
 
 class ReportedRefusal(TypedDict):
@@ -1092,6 +1139,34 @@ class Calls(ABC):
         answer: ResolvedRequest = self._operate("resolve_request", locals())
         return answer
 
+    def where_is(
+        self,
+        *,
+        name: str,
+        at: float | Mapping[str, int] | None = None,
+        frame: str | None = None,
+        near: str | None = None,
+        radius: float | None = None,
+    ) -> Located:
+        """Tell where something is or was, since when, and how sure that is.
+
+        Parameters
+        ----------
+        name
+            IRI or name of a thing or product, an objectId, or a kind such as cup
+        at
+            time that is asked about; default: now (s)
+        frame
+            frame for poses: its name in tf, robot/name or its IRI; default: as measured
+        near
+            only what is in, on or near this place, robot, frame or thing; default: anywhere
+        radius
+            how near that is; with a robot and the reach of its arm: what it can reach (m); default:
+            0.5
+        """
+        answer: Located = self._operate("where_is", locals())
+        return answer
+
     def insert_object(
         self,
         *,
@@ -1108,6 +1183,7 @@ class Calls(ABC):
         support_height: float | None = None,
         stamp: float | Mapping[str, int] | None = None,
         object: str | None = None,
+        thing: str | None = None,
         name: str | None = None,
         class_description: str | None = None,
         function: str | None = None,
@@ -1155,6 +1231,8 @@ class Calls(ABC):
             time of the observation; default: now (s)
         object
             IRI of an object that the robot has tracked; default: recognised, or new
+        thing
+            IRI of the single thing, if the robot knows which one it is; default: by place and time
         name
             name of the object; default: made of kind and number
         class_description
@@ -1196,6 +1274,7 @@ class Calls(ABC):
         *,
         task_id: str | None = None,
         object: str | None = None,
+        thing: str | None = None,
         grasp: str | Mapping[str, Any] | None = None,
         grasp_pose: str | Mapping[str, Any] | None = None,
         gripper_id: str | None = None,
@@ -1218,6 +1297,8 @@ class Calls(ABC):
             of the decision; stored once for each id; default: a new task
         object
             IRI of the object; default: that of the decision
+        thing
+            IRI of the single thing; default: that of the decision, else the last one it handled
         grasp
             its id, or the whole grasp as received; default: given by grasp_pose
         grasp_pose

@@ -21,6 +21,7 @@ from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode
+from rtask.world import world_of
 
 if TYPE_CHECKING:
     import datetime as dt
@@ -72,6 +73,8 @@ class Context:
         Index of stored views for recognition.
     models
         Decoded models of objects.
+    world
+        What is where: single things, their places in time, and frames.
     observations
         Recent observations by digest; a robot sends a view twice, to ask and to report.
     decisions
@@ -101,6 +104,7 @@ class Context:
         self.honesty = HonestyCatalogue(kb)
         self.reasons = failure_reasons(kb)
         self.models = Models(kb)
+        self.world = world_of(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
         self.decisions: Recent[Decision] = Recent(_DECISIONS)
         self.pass_on: Callable[[dict[str, Any], Access], None] | None = None

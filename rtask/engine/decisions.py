@@ -93,6 +93,8 @@ class Decision:
     ----------
     object
         IRI of the object, empty if unknown.
+    exemplar
+        IRI of the single thing, empty if unknown.
     options
         Offered grasps by id.
     times
@@ -104,6 +106,7 @@ class Decision:
     options: Mapping[str, Option] = field(default_factory=dict)
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    exemplar: str = ""
 
 
 def graph_against_geometry(first: Option, alone: Option) -> str:

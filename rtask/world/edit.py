@@ -89,7 +89,7 @@ class WorldEdit:
     graph
         Graph of the author, from which alone something can be withdrawn.
     new_exemplar
-        IRI for the next thing that turns out to be new; None to make one up.
+        IRI for the next thing that turns out to be new; "" to make one up.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class WorldEdit:
 
     world: WorldState
     graph: NamedNode
-    new_exemplar: str | None = None
+    new_exemplar: str = ""
     statements: list[Statement] = field(default_factory=list)
     withdrawn: list[Statement] = field(default_factory=list)
     _last: dict[str, Placement] = field(default_factory=dict)
@@ -216,10 +216,22 @@ class WorldEdit:
 
     def make_exemplar(self, product: str) -> str:
         """State a new exemplar of a product; return its IRI."""
-        exemplar, self.new_exemplar = self.new_exemplar or mint(self.world.kb.base, "thing"), None
+        exemplar, self.new_exemplar = self.new_exemplar or mint(self.world.kb.base, "thing"), ""
         self.statements += new_exemplar(exemplar, product)
         self._made.setdefault(product, []).append(exemplar)
         return exemplar
+
+    def is_of(self, exemplar: str, product: str) -> bool:
+        """Whether a thing is an exemplar of a product, stored or made in this commit."""
+        return exemplar in self._made.get(product, ()) or bool(
+            self.world.kb.match(iri(exemplar), RT.exemplarOf, iri(product))
+        )
+
+    def drain(self) -> tuple[list[Statement], list[Statement]]:
+        """Return what to add and to withdraw since the last time."""
+        drained = self.statements, self.withdrawn
+        self.statements, self.withdrawn = [], []
+        return drained
 
     def last(self, exemplar: str) -> Placement | None:
         """Return the last placement of a thing, with what this commit changes."""

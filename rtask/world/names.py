@@ -12,7 +12,15 @@ from rtask.rdf.terms import NamedNode, iri, literal, python_value
 if TYPE_CHECKING:
     from rtask.world.state import WorldState
 
-__all__ = ["MAX_EXEMPLARS", "find_exemplars", "find_frame", "find_marks", "is_exemplar", "label_of"]
+__all__ = [
+    "MAX_EXEMPLARS",
+    "find_exemplars",
+    "find_frame",
+    "find_marks",
+    "is_exemplar",
+    "label_of",
+    "present",
+]
 
 MAX_EXEMPLARS = 200
 """Most things that one answer is about."""
@@ -67,7 +75,7 @@ def find_marks(world: WorldState, name: str) -> list[str]:
         Nothing has the name; it suggests the nearest one.
     """
     if _is_iri(name):
-        return [_present(world, name)]
+        return [present(world, name)]
     frames = world.frames.find(name)
     nodes = {
         quad.subject.value
@@ -102,7 +110,7 @@ def _is_iri(name: str) -> bool:
 
 def _nodes(world: WorldState, name: str) -> list[str]:
     if _is_iri(name):
-        node = iri(_present(world, name))
+        node = iri(present(world, name))
         whereabouts = world.kb.match(node, RT.objectId) or world.kb.match(node, RT.exemplarOf)
         return [node.value] if whereabouts else []
     word = literal(name.strip().lower())
@@ -126,11 +134,11 @@ def _of_kind(kind: str) -> str:
 def _select(world: WorldState, pattern: str) -> list[str]:
     most = f"ORDER BY ?node LIMIT {MAX_EXEMPLARS}"
     text = f"{PREFIXES}SELECT DISTINCT ?node WHERE {{{pattern} }} {most}"
-    nodes = (_present(world, str(row.value("node"))) for row in world.kb.select(text))
+    nodes = (present(world, str(row.value("node"))) for row in world.kb.select(text))
     return list(dict.fromkeys(nodes))
 
 
-def _present(world: WorldState, node: str) -> str:
+def present(world: WorldState, node: str) -> str:
     """Return the thing or product that an IRI stands for, since some were merged."""
     seen = {node}
     while True:

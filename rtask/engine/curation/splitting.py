@@ -310,12 +310,30 @@ def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: 
 
 
 def _forget_places(edit: Edit, object_iri: NamedNode) -> None:
-    """Withdraw the estimates of an object's pose."""
+    """Withdraw the estimates of an object's pose, and its things with their placements."""
+    for link in edit.match(None, RT.exemplarOf, object_iri):
+        exemplar = link.subject
+        if isinstance(exemplar, NamedNode) and edit.match(exemplar, RDF.type, RT.Exemplar):
+            _forget_exemplar(edit, exemplar)
     for link in edit.match(None, RT.poseOf, object_iri):
         if isinstance(link.subject, NamedNode):
             for pose in _objects(edit, link.subject, RT.estimatedPose):
                 edit.remove(edit.match(pose))
             edit.remove(edit.match(link.subject))
+
+
+def _forget_exemplar(edit: Edit, exemplar: NamedNode) -> None:
+    """Withdraw a thing, its placements with all that they have, and what others say of it."""
+    for link in edit.match(None, RT.placementOf, exemplar):
+        if isinstance(link.subject, NamedNode):
+            for quad in edit.match(link.subject):
+                value = quad.object
+                if isinstance(value, NamedNode) and value.value.startswith(link.subject.value):
+                    edit.remove(edit.match(value))
+            edit.remove(edit.match(link.subject))
+    _forget_notes(edit, exemplar)
+    edit.remove(edit.match(exemplar))
+    edit.remove(q for q in edit.match(None, None, exemplar) if q not in edit.removed)
 
 
 def _forget_notes(edit: Edit, object_iri: NamedNode) -> None:

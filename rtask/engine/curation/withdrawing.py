@@ -39,7 +39,7 @@ __all__ = ["Withdrawal", "withdraw"]
 
 _REPORT_KINDS = (
     "task", "attempt", "outcome", "feedback", "statistics", "calibration", "pose-estimate",
-    "refusal", "learner",
+    "placement", "refusal", "learner",
 )  # fmt: skip
 
 

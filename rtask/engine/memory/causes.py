@@ -102,8 +102,12 @@ class Causes:
     def judge(self, grasp: NamedNode, attempt: NamedNode, held: bool | None) -> None:
         """Judge a stored attempt otherwise; None = it counts no more."""
         for link in self._context.kb.match(None, RT.hasGrasp, grasp):
-            if isinstance(link.subject, NamedNode):
+            # A thing inherits the grasps of its product, and their causes with them.
+            if isinstance(link.subject, NamedNode) and not self._is_exemplar(link.subject):
                 self._judged.setdefault(link.subject, {})[attempt] = held
+
+    def _is_exemplar(self, node: NamedNode) -> bool:
+        return bool(self._context.kb.match(node, RDF.type, RT.Exemplar))
 
     def size(self, object_iri: NamedNode, triples: Triples) -> None:
         """Take the length of a new object from the triples of this commit."""

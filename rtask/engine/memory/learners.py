@@ -72,7 +72,7 @@ def experience(context: Context) -> list[Transition]:
     states = _states(context)
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
-  ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose . {JUDGED}
+  ?object rt:objectId ?id ; rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose . {JUDGED}
   OPTIONAL {{ ?pose rt:theta ?theta }}
   OPTIONAL {{ ?pose rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw }}
 }} ORDER BY ?ended ?attempt ?object""")

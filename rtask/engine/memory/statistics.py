@@ -18,7 +18,7 @@ from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import tail
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.triples import Triples
-from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
+from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value
 from rtask.wire.message import Answer
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
     from rtask.kb.commit.transaction import Transaction
+    from rtask.world import WorldEdit
 
 __all__ = [
     "GraspStatistics",
@@ -95,12 +96,15 @@ class Pending:
         Judged attempts with a score by hand and kind of score.
     causes
         Attempts and verdicts that change hidden causes; None if there are none.
+    world
+        Things that the commit sees and moves; None if there are none.
     """
 
     totals: dict[NamedNode, tuple[int, int]] = field(default_factory=dict)
     judged: dict[NamedNode, Counter[tuple[bool, bool]]] = field(default_factory=dict)
     scored: dict[tuple[NamedNode, str], list[Scored]] = field(default_factory=dict)
     causes: Causes | None = None
+    world: WorldEdit | None = None
 
 
 def count(
@@ -236,8 +240,9 @@ def _rebuild_causes(context: Context, tx: Transaction) -> None:
     """State the hidden causes of every object again from the attempts at it."""
     kb = context.kb
     links = (*kb.match(None, RT.hasGrasp), *kb.match(None, RT.hasHiddenCause))
+    exemplars = {q.subject for q in kb.match(None, RDF.type, RT.Exemplar)}
     for object_iri in sorted(
-        {q.subject for q in links if isinstance(q.subject, NamedNode)}, key=str
+        {q.subject for q in links if isinstance(q.subject, NamedNode)} - exemplars, key=str
     ):
         gone, added = restate(context, kb.match, object_iri)
         tx.remove_quads(gone)

@@ -25,6 +25,7 @@ from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.growth import grow, old_models, state_model
+from rtask.engine.records.exemplars import see_exemplar
 from rtask.engine.records.objects import (
     ObjectRecord,
     Sight,
@@ -52,6 +53,7 @@ from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message, named
+from rtask.world import WorldEdit
 
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
@@ -93,6 +95,8 @@ class InsertedObject(Answer):
     new: bool
     features: int
     commit: str
+    thing: str = ""
+    """IRI of the single thing that was seen; empty if its place is not certain"""
     same_print: list[str] = Field(default_factory=list)
     """IRIs of other objects that carry the print of this view: sight does not tell them apart"""
     resembles: Resembled | None = None
@@ -252,30 +256,12 @@ class _Writer:
                 self._grown(prepared, object_iri),
             ),
         )
-        if prepared.located is not None:
-            moved = None
-            if prepared.outcome is not None and may_have_moved(prepared.outcome):
-                _, moved = prepared.outcome.span(now)
-            robot = prepared.gripper.robot if prepared.gripper else self.agent
-            self.withdrawn += state_seen(
-                context,
-                self.triples,
-                Sighting(
-                    object_iri,
-                    prepared.located,
-                    robot,
-                    self.agent,
-                    self.graph,
-                    time,
-                    event,
-                    moved=moved,
-                ),
-            )
+        exemplar = self._see(prepared, object_iri, event, time, now)
         embeddings = context.views.embeddings
         if embeddings is not None and prepared.vector is not None:
             embeddings.state(self.triples, view, prepared.vector)
             self.vectors.append((view, object_iri, class_iri, prepared.vector))
-        grasp = self._grasp(prepared, object_iri, task_id, event, now)
+        grasp, handled = self._grasp(prepared, object_iri, task_id, event, now, exemplar)
         self.views.append((view, object_iri, class_iri, prepared.seen))
         features = len(prepared.seen.features)
         entry = _entry(
@@ -288,7 +274,33 @@ class _Writer:
             is_new,
             features,
         )
-        return {**entry, **self._resembled(prepared, object_iri)}
+        return {**entry, "thing": handled, **self._resembled(prepared, object_iri)}
+
+    def _see(
+        self,
+        prepared: Prepared,
+        object_iri: NamedNode,
+        event: NamedNode,
+        time: dt.datetime,
+        now: dt.datetime,
+    ) -> str:
+        """State where the object is; return the single thing, or "" if the place is not certain."""
+        if prepared.located is None:
+            return ""
+        moved = None
+        if prepared.outcome is not None and may_have_moved(prepared.outcome):
+            _, moved = prepared.outcome.span(now)
+        robot = prepared.gripper.robot if prepared.gripper else self.agent
+        sighting = Sighting(
+            object_iri, prepared.located, robot, self.agent, self.graph, time, event, moved=moved
+        )
+        self.withdrawn += state_seen(self.context, self.triples, sighting)
+        edit = self.pending.world = self.pending.world or WorldEdit(self.context.world, self.graph)
+        exemplar = see_exemplar(self.context, edit, sighting, prepared.item.thing or "")
+        added, removed = edit.drain()
+        self.triples.extend(added)
+        self.withdrawn += removed
+        return exemplar
 
     def _resembled(self, prepared: Prepared, object_iri: NamedNode) -> dict[str, Any]:
         """State which object a new one may be, for the search for twins; return it."""
@@ -337,13 +349,16 @@ class _Writer:
         task_id: str,
         event: NamedNode,
         now: dt.datetime,
-    ) -> NamedNode | None:
+        exemplar: str,
+    ) -> tuple[NamedNode | None, str]:
+        """Store the attempt of an entry; return its grasp and the single thing."""
         if prepared.grasp is None or prepared.outcome is None:
-            return None
+            return None, exemplar
         if prepared.gripper is None:
-            return resolve_grasp(
+            grasp, _ = resolve_grasp(
                 self.context, self.triples, object_iri, _UNKNOWN_GRIPPER, prepared.grasp
-            )[0]
+            )
+            return grasp, exemplar
         decision = self.context.decisions.get(prepared.item.task_id)
         recorded = record(
             self.context,
@@ -359,11 +374,12 @@ class _Writer:
                 self.graph,
                 decision,
                 event,
+                exemplar,
             ),
             self.pending,
         )
         self.withdrawn += recorded.withdrawn
-        return recorded.grasp
+        return recorded.grasp, recorded.exemplar
 
     def _new_object(self, prepared: Prepared) -> tuple[NamedNode, str, str, str]:
         """Add a new object; return it with class, short id and label."""

@@ -36,6 +36,8 @@ class ReportOutcome(Message):
     """of the decision; stored once for each id; default: a new task"""
     object: Iri | None = None
     """IRI of the object; default: that of the decision"""
+    thing: Iri | None = None
+    """IRI of the single thing; default: that of the decision, else the last one it handled"""
     grasp: Grasp | None = None
     """its id, or the whole grasp as received; default: given by grasp_pose"""
     grasp_pose: GraspPose | None = None
@@ -72,6 +74,8 @@ class ReportedOutcome(Answer):
     commit: str
     statistics: GraspStatistics
     grasp: str
+    thing: str = ""
+    """IRI of the single thing; empty if nobody knows which one it was"""
 
 
 @operation("write", "writes", "store the outcome of a grasp on a known object", repeatable=True)
@@ -106,6 +110,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 now=_ended(request.stamp),
                 graph=context.home_graph(author),
                 decision=decision,
+                exemplar=request.thing or "",
             ),
             pending,
         )
@@ -121,6 +126,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
         commit=context.commit_id(tx.commit),
         statistics=over_all_robots(context, node) if counts is None else totalled(counts),
         grasp=node.value,
+        thing=recorded.exemplar,
     )
 
 

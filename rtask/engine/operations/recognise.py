@@ -176,15 +176,16 @@ def recognise_for_grasp(
     fields = fields_of(situation, request.max_grasps)
     if decision is not None:
         decision = {**decision, "refusal": _refused(context, situation, decision, task, access)}
-    _remember_place(context, situation, request, access)
+    exemplar = _remember_place(context, situation, request, access)
     clock.times["total_s"] = clock.total()
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     offered = {option.id: option for option in situation.chosen}
     made = Decision(
-        recognised.iri if recognised else "", recognition, offered, dict(clock.times), request.seed
-    )
+        recognised.iri if recognised else "", recognition, offered, dict(clock.times),
+        request.seed, exemplar,
+    )  # fmt: skip
     _remember_decision(context, task, made, gripper, access)
-    return Recognition(**fields, task_id=task, decision=decision, times=times)
+    return Recognition(**fields, thing=exemplar, task_id=task, decision=decision, times=times)
 
 
 def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> float | None:
@@ -317,26 +318,36 @@ def _refused(
 
 def _remember_place(
     context: Context, situation: Situation, request: RecogniseForGrasp, access: Access
-) -> None:
-    """Store the pose of a recognised object if it is new or has moved, and the caller may write."""
+) -> str:
+    """Store where a recognised object is if it is new there, and the caller may write.
+
+    Returns
+    -------
+    The single thing, or "" if its place is not certain, or it is new to a caller that only reads.
+    """
     seen, recognised, gripper = situation.observation, situation.recognised, situation.gripper
-    if recognised is None or "write" not in SCOPES[access.role]:
-        return
+    if recognised is None:
+        return ""
     place = located(
         seen, request.frame_id, situation.placement, situation.pose, identity_of(situation),
         recognised.is_round,
     )  # fmt: skip
     if place is None:
-        return
+        return ""
     at = dt.datetime.now(dt.UTC)
     if seen.stamp_s is not None:
         at = dt.datetime.fromtimestamp(seen.stamp_s, dt.UTC)
     pose = tuple(float(number) for number in place.frame_from_object.ravel())
+    author = context.author(access, gripper.robot_name)
     record = PlaceRecord(
         context.names.unique("pose-estimate").value, recognised.iri, gripper.robot.value,
         place.frame_id, pose, place.confidence, place.is_round, at.isoformat(),
     )  # fmt: skip
-    keep(context, record, context.author(access, gripper.robot_name))
+    exemplar, is_new = record.exemplar_in(context, author)
+    if "write" not in SCOPES[access.role]:
+        return "" if is_new else exemplar
+    keep(context, replace(record, exemplar=exemplar), author)
+    return exemplar
 
 
 def _remember_decision(
@@ -345,7 +356,9 @@ def _remember_decision(
     """Remember a decision for the report of its outcome, also where that is stored."""
     context.decisions.put(task, decision)
     if context.pass_on is not None and "write" in SCOPES[access.role]:
-        record = DecisionRecord(task, decision.object, decision.seed, decision.times)
+        record = DecisionRecord(
+            task, decision.object, decision.seed, decision.times, decision.exemplar
+        )
         keep(context, record, context.author(access, gripper.robot_name))
 
 

@@ -65,6 +65,8 @@ class _Recognised(Answer):
     """grasp, candidate, no_grasp or unknown"""
     task_id: str
     object: str
+    thing: str = ""
+    """IRI of the single thing, a specimen of the object; empty if its place is not certain"""
     class_: str = named("class")
     class_iri: str
     label: str

@@ -277,7 +277,8 @@ def _fitting(senses: Sequence[Sense]) -> str:
     for k, sense in enumerate(senses):
         path = "a" if sense.kind == "class" else "rt:hasFunction"
         parts.append(f"VALUES ?term{k} {{ {values(sense.terms)} }} ?object {path} ?term{k} .")
-    return " ".join(parts) + " ?object a rt:ManipulableObject ."
+    no_thing = "FILTER NOT EXISTS { ?object a rt:Exemplar }"
+    return f"{' '.join(parts)} ?object a rt:ManipulableObject {no_thing}"
 
 
 def _number(row: Row, name: str) -> float | None:

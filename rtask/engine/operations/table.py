@@ -25,6 +25,7 @@ from rtask.engine.operations.resolve import resolve_request
 from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
 from rtask.engine.operations.teach import teach_object
+from rtask.engine.operations.world.where import where_is
 from rtask.wire.stubs import source_of
 
 __all__ = ["OPERATIONS", "client_source"]
@@ -37,6 +38,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     plan_on_scene,
     search_object,
     resolve_request,
+    where_is,
     insert_object,
     report_outcome,
     report_refusal,

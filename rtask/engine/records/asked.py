@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 import numpy as np
 
 from rtask.engine.decisions import Decision
+from rtask.engine.records.exemplars import see_exemplar
 from rtask.engine.records.places import Located, Sighting, state_seen
 from rtask.engine.records.refusals import Refusal, store_refusal
 from rtask.engine.triples import Triples
 from rtask.errors import UsageError
+from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
+from rtask.world import WorldEdit
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -45,6 +48,8 @@ class PlaceRecord:
         The 16 numbers of the pose (4, 4), row by row, m.
     seen_at
         ISO 8601.
+    exemplar
+        IRI of the single thing, as the robot was told; empty from servers that tell of none.
     """
 
     kind: ClassVar[str] = "place"
@@ -56,18 +61,36 @@ class PlaceRecord:
     confidence: float
     is_round: bool
     seen_at: str
+    exemplar: str = ""
 
     def is_news(self, context: Context, author: Access) -> bool:
-        """Whether the graph here has no estimate that still holds."""
+        """Whether the graph here has no estimate or no placement that still holds."""
         triples = Triples()
-        state_seen(context, triples, self._sighting(context, author))
-        return bool(triples)
+        sighting = self._sighting(context, author)
+        state_seen(context, triples, sighting)
+        edit = WorldEdit(context.world, sighting.graph, self.exemplar)
+        see_exemplar(context, edit, sighting)
+        return bool(triples) or bool(edit.statements)
+
+    def exemplar_in(self, context: Context, author: Access) -> tuple[str, bool]:
+        """Return which single thing it is of, as far as is known here, and whether it is new."""
+        sighting = self._sighting(context, author)
+        edit = WorldEdit(context.world, sighting.graph, self.exemplar)
+        exemplar = see_exemplar(context, edit, sighting)
+        return exemplar, not context.kb.match(iri(exemplar))
 
     def store(self, context: Context, author: Access) -> None:
         """Store it in the author's graph, unless a newer or the same place is known."""
-        triples = Triples()
+        triples, sighting = Triples(), self._sighting(context, author)
         with context.writing:
-            withdrawn = state_seen(context, triples, self._sighting(context, author))
+            withdrawn = state_seen(context, triples, sighting)
+            edit = WorldEdit(context.world, sighting.graph, self.exemplar)
+            exemplar = see_exemplar(context, edit, sighting)
+            if self.exemplar not in ("", exemplar) and not context.kb.match(iri(self.exemplar)):
+                # The robot was told of a new one by a copy that did not know this one yet.
+                triples.add(iri(self.exemplar), RT.mergedInto, iri(exemplar))
+            triples.extend(edit.statements)
+            withdrawn += edit.withdrawn
             if not triples:
                 return
             with context.kb.transaction(access=author, note="see an object") as tx:
@@ -129,11 +152,14 @@ class DecisionRecord:
     object: str
     seed: int
     times: Mapping[str, float] = field(default_factory=dict)
+    exemplar: str = ""
 
     def store(self, context: Context, author: Access) -> None:
         """Remember it, unless the decision itself was made here."""
         if context.decisions.get(self.task) is None:
-            made = Decision(self.object, None, times=dict(self.times), seed=self.seed)
+            made = Decision(
+                self.object, None, times=dict(self.times), seed=self.seed, exemplar=self.exemplar
+            )
             context.decisions.put(self.task, made)
 
 

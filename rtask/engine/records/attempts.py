@@ -50,8 +50,8 @@ class Attempt:
 
     Parameters
     ----------
-    thing
-        The object.
+    exemplar
+        The single thing, a specimen of the object; None if it is not known.
     grasp
         Stored, or added in the same commit.
     task
@@ -75,6 +75,7 @@ class Attempt:
     outcome: Outcome
     received: Received
     recognition: NamedNode | None = None
+    exemplar: NamedNode | None = None
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int | None = None
 
@@ -236,6 +237,7 @@ def attempt_triples(context: Context, attempt: Attempt) -> Triples:
             RT.executesGrasp: attempt.grasp,
             RT.hasOutcome: outcome,
             RT.usedRecognition: attempt.recognition,
+            RT.handlesExemplar: attempt.exemplar,
             RT.requestId: attempt.request_id,
             RT.simulated: None if preset is None else preset != "real",
             RT.attemptNumber: report.attempt_number,

@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.grippers import StoredGripper
 from rtask.engine.observation import Observation
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.outcomes import Outcome
-from rtask.engine.records.task_tree import is_place_of, place_iri
+from rtask.engine.records.task_tree import is_place_of
 from rtask.engine.triples import Triples, stamp
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, Value, iri, object_term, python_value
@@ -206,33 +205,23 @@ def state_moved(
     context: Context,
     triples: Triples,
     object_iri: NamedNode,
-    gripper: StoredGripper,
     outcome: Outcome,
     ended: dt.datetime,
     graph: NamedNode,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
-    """Add where an attempt left its object; return the statements to be withdrawn.
+    """End the estimates of an object's pose that an attempt made void; return what to withdraw.
 
-    The object is located on the end effector if it was held and nothing is said of placing it, and
-    on the place where it was put if the robot names that. If it was lost, put down somewhere, or
-    let go at a place without being seen there, its place is unknown until it is seen again.
+    In which hand or place it left the object is the placement of a single thing; see
+    :func:`rtask.engine.records.exemplars.move_exemplar`.
     """
     if not may_have_moved(outcome):
         return []
     for estimate in _estimates(context.kb, object_iri):
         if not estimate.is_over and estimate.time <= ended:
             triples.add(estimate.iri, PROV.invalidatedAtTime, stamp(ended))
-    now = None
-    if outcome.held and outcome.placed is None and not outcome.report.place:
-        now = gripper.iri
-    elif outcome.held and outcome.placed and outcome.report.place:
-        now = place_iri(gripper.robot, outcome.report.place)
-    triples.add(object_iri, RT.locatedOn, now)
-    return [
-        (object_iri, RT.locatedOn, support)
-        for support in _supports(context.kb, object_iri, graph)
-        if support != now
-    ]
+    # Of graphs older than placements.
+    supports = _supports(context.kb, object_iri, graph)
+    return [(object_iri, RT.locatedOn, support) for support in supports]
 
 
 def _has_moved(last: _Estimate, place: Located) -> bool:

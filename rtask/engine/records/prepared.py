@@ -46,6 +46,8 @@ class NewObject(Look):
 
     object: Iri | None = None
     """IRI of an object that the robot has tracked; default: recognised, or new"""
+    thing: Iri | None = None
+    """IRI of the single thing, if the robot knows which one it is; default: by place and time"""
     name: Text | None = None
     """name of the object; default: made of kind and number"""
     class_description: Text | None = None

@@ -23,6 +23,7 @@ from rtask.engine.records.attempts import (
     quality_kind,
     state_grasp,
 )
+from rtask.engine.records.exemplars import exemplar_handled, move_exemplar
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.outcomes import Outcome
 from rtask.engine.records.places import state_moved
@@ -33,6 +34,8 @@ from rtask.engine.triples import Triples, rounded
 from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT
 from rtask.rdf.terms import NamedNode, Value, iri, literal
+from rtask.world import WorldEdit
+from rtask.world.names import present
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -91,6 +94,8 @@ class Entry:
         The end of an attempt whose outcome does not tell it.
     graph
         Graph that it is written to.
+    exemplar
+        IRI of the single thing, if it is known by a sighting or by name; or empty.
     """
 
     object_iri: NamedNode
@@ -103,6 +108,7 @@ class Entry:
     graph: NamedNode
     decision: Decision | None = None
     event: NamedNode | None = None
+    exemplar: str = ""
 
 
 def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | None:
@@ -180,11 +186,14 @@ class Recorded:
     counts
         Judged attempts of the grasp by (held, in coarse physics), including this one; None if
         this one is not judged.
+    exemplar
+        IRI of the single thing; empty if nobody knows which one it was.
     """
 
     grasp: NamedNode
     withdrawn: Withdrawn
     counts: Mapping[tuple[bool, bool], int] | None = None
+    exemplar: str = ""
 
 
 def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Recorded:
@@ -205,8 +214,10 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         recognition = state_recognition(context, triples, entry.decision.recognition, entry.event)
     task_class, task_name = find_task(entry.task)
     started, ended = entry.outcome.span(entry.now)
+    node = context.names.unique("attempt")
+    exemplar, withdrawn = _handle(context, triples, entry, pending, node)
     attempt = Attempt(
-        attempt=context.names.unique("attempt"),
+        attempt=node,
         object_iri=entry.object_iri,
         grasp=grasp,
         gripper=entry.gripper,
@@ -219,17 +230,15 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         outcome=entry.outcome,
         received=entry.received,
         recognition=recognition,
+        exemplar=iri(exemplar) if exemplar else None,
         times=_times(entry),
         seed=None if entry.decision is None else entry.decision.seed,
     )
     triples.extend(attempt_triples(context, attempt))
     state_task_tree(context, triples, attempt)
     gripper, held = entry.gripper, entry.outcome.held
-    withdrawn: Withdrawn = state_moved(
-        context, triples, entry.object_iri, gripper, entry.outcome, ended, entry.graph
-    )
     if entry.outcome.reason in UNJUDGED:
-        return Recorded(grasp, withdrawn)
+        return Recorded(grasp, withdrawn, exemplar=exemplar)
     if entry.graph == context.kb.graphs.agent(gripper.robot_name):
         withdrawn += count(
             context, triples, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
@@ -245,7 +254,24 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     )  # fmt: skip
     withdrawn += _calibrate(context, triples, entry, pending)
     _tell_causes(context, triples, entry, pending, (attempt.attempt, grasp, is_new))
-    return Recorded(grasp, withdrawn, counts)
+    return Recorded(grasp, withdrawn, counts, exemplar)
+
+
+def _handle(
+    context: Context, triples: Triples, entry: Entry, pending: Pending, attempt: NamedNode
+) -> tuple[str, Withdrawn]:
+    """State where an attempt left its object; return the single thing, and what is withdrawn."""
+    _, ended = entry.outcome.span(entry.now)
+    edit = pending.world = pending.world or WorldEdit(context.world, entry.graph)
+    exemplar = entry.exemplar or ("" if entry.decision is None else entry.decision.exemplar)
+    exemplar = present(context.world, exemplar) if exemplar else ""
+    if not (exemplar and edit.is_of(exemplar, entry.object_iri.value)):
+        exemplar = exemplar_handled(context, edit, entry.object_iri, entry.gripper, entry.outcome)
+    move_exemplar(edit, exemplar, entry.gripper, entry.outcome, ended, attempt)
+    withdrawn = state_moved(context, triples, entry.object_iri, entry.outcome, ended, entry.graph)
+    added, removed = edit.drain()
+    triples.extend(added)
+    return exemplar, [*withdrawn, *removed]
 
 
 def _check_kind(context: Context, entry: Entry) -> None:

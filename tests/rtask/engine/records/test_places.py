@@ -132,18 +132,19 @@ def test_only_the_last_estimates_are_kept(nao, box, kb, bench, monkeypatch):
 def test_a_held_thing_is_in_the_hand_until_it_is_seen_again(nao, box, kb, bench):
     nao.recognise(bench.sight(bench.BOX))
     report(nao, box, success=True, reason="ok")
-    hand = next(quad.object for quad in kb.match(iri(box), RT.locatedOn))
+    (hand,) = (quad.object for quad in kb.match(None, RT.heldBy))
     answer = where(kb, box)
     assert (answer["holder"], answer["by"], answer["x"]) == (str(hand.value), "nao-1", None)
+    assert kb.world.where_is("box").exemplars[0].relation == "held_by"
     nao.recognise(bench.sight(bench.BOX))
-    assert kb.match(iri(box), RT.locatedOn) == []
+    assert [place.relation for place in kb.world.where_is("box").exemplars] == ["at"]
     assert where(kb, box)["x"] == pytest.approx(0.16, abs=5e-3)
 
 
 def test_a_thing_seen_in_the_box_where_it_was_put_is_there(nao, box, kb, bench):
     nao.recognise(bench.sight(bench.BOX))
     report(nao, box, success=True, placed=True, reason="ok", place="right box")
-    (place,) = (quad.object for quad in kb.match(iri(box), RT.locatedOn))
+    (place,) = (quad.object for quad in kb.match(None, RT.placedIn))
     answer = where(kb, box)
     assert (answer["holder"], answer["by"], answer["x"]) == (str(place.value), "nao-1", None)
 
@@ -151,7 +152,7 @@ def test_a_thing_seen_in_the_box_where_it_was_put_is_there(nao, box, kb, bench):
 def test_a_thing_let_go_without_being_seen_there_is_not_in_the_hand_any_more(nao, box, kb, bench):
     nao.recognise(bench.sight(bench.BOX))
     report(nao, box, success=True, reason="ok", place="right box")
-    assert kb.match(iri(box), RT.locatedOn) == []
+    assert not kb.world.where_is("box").is_known
     assert where(kb, box) is None
 
 

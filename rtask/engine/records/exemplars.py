@@ -1,0 +1,113 @@
+"""Things that robots see and handle: which exemplar of a product it is, and where it is now.
+
+A place is stated twice: as an estimate of the product's pose, which is what the robot measured, and
+as the placement of a single thing, which is what follows from all that is known of it.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING
+
+from rtask.engine.records.outcomes import Outcome
+from rtask.engine.records.places import Sighting, may_have_moved, state_frame_of
+from rtask.engine.records.task_tree import place_iri
+from rtask.engine.triples import Triples
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, object_term, python_value
+from rtask.world import Relation, WorldEdit
+from rtask.world.edit import Seen
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.engine.grippers import StoredGripper
+
+__all__ = ["exemplar_handled", "move_exemplar", "see_exemplar"]
+
+_CONTAINERS = frozenset(
+    {"bag", "basket", "bin", "bowl", "box", "carton", "container", "crate", "drawer"}
+)
+"""Words in the names of places in which things are, rather than on them."""
+
+
+def see_exemplar(context: Context, edit: WorldEdit, sighting: Sighting, exemplar: str = "") -> str:
+    """State which thing of a product is seen, and where; return its IRI.
+
+    Parameters
+    ----------
+    exemplar
+        IRI of the thing, if the robot says which one it means.
+    """
+    place = sighting.located
+    frame = state_frame_of(Triples(), sighting.robot, place.frame_id)
+    hands = _hands(context, sighting.robot)
+    return edit.see(
+        Seen(
+            sighting.object_iri.value, frame.value, place.frame_from_object,
+            sighting.time.timestamp(), confidence=place.confidence,
+            min_extent_m=_min_extent(context, sighting.object_iri), is_round=place.is_round,
+            robot=sighting.robot.value, hands=hands, agent=sighting.agent.value,
+            source="" if sighting.event is None else sighting.event.value, exemplar=exemplar,
+        )
+    )  # fmt: skip
+
+
+def exemplar_handled(
+    context: Context, edit: WorldEdit, object_iri: NamedNode, gripper: StoredGripper,
+    outcome: Outcome,
+) -> str:  # fmt: skip
+    """Return the thing that a robot handled without saying which one; "" if nobody knows it.
+
+    What it held was one for certain, though nobody may have seen it before.
+    """
+    hands = _hands(context, gripper.robot)
+    exemplar = edit.exemplar_of(object_iri.value, gripper.robot.value, hands)
+    if not exemplar and outcome.held:
+        return edit.make_exemplar(object_iri.value)
+    return exemplar
+
+
+def move_exemplar(
+    edit: WorldEdit,
+    exemplar: str,
+    gripper: StoredGripper,
+    outcome: Outcome,
+    ended: dt.datetime,
+    source: NamedNode,
+) -> None:
+    """State where an attempt left a thing.
+
+    It is held by the end effector if nothing is said of placing it, and in or on the place where
+    it was put if the robot names that. If it was lost, put down somewhere, or let go at a place
+    without being seen there, its place is unknown until it is seen again.
+    """
+    if not exemplar or not may_have_moved(outcome):
+        return
+    time_s, place = ended.timestamp(), outcome.report.place
+    relation: Relation = "held_by"
+    target: NamedNode | None = None
+    if outcome.held and outcome.placed is None and not place:
+        target = gripper.iri
+    elif outcome.held and outcome.placed and place:
+        target = place_iri(gripper.robot, place)
+        relation = "in" if _CONTAINERS & set(place.lower().split()) else "on"
+    if target is None:
+        edit.lose(exemplar, time_s)
+        return
+    edit.put(exemplar, relation, target.value, time_s, gripper.robot.value, source.value)
+
+
+def _hands(context: Context, robot: NamedNode) -> tuple[str, ...]:
+    return tuple(hand.iri.value for hand in context.grippers.all() if hand.robot == robot)
+
+
+def _min_extent(context: Context, object_iri: NamedNode) -> float:
+    """Return the smaller horizontal extent of a product, m, or 0 if it is not stored."""
+    if context.names.is_new(object_iri):
+        return 0.0
+    extents = [
+        float(str(python_value(object_term(quad.object))))
+        for predicate in (RT.extentX, RT.extentY)
+        for quad in context.kb.match(object_iri, predicate)
+    ]
+    return min(extents, default=0.0)
