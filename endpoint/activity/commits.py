@@ -172,4 +172,6 @@ def _kinds(kb: KnowledgeBase, subject: NamedNode) -> Sequence[NamedNode]:
 def _object_of(kb: KnowledgeBase, grasp: Any) -> Any:
     """Return the object that a grasp belongs to, for robots that report no task around it."""
     holders = kb.match(None, RT.hasGrasp, grasp) if isinstance(grasp, NamedNode) else []
-    return holders[0].subject if holders else None
+    # A single thing inherits the grasps of its product.
+    objects = [q.subject for q in holders if not kb.match(q.subject, RDF.type, RT.Exemplar)]
+    return objects[0] if objects else None

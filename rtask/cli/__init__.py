@@ -60,13 +60,14 @@ _BUILT_IN = {
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
+    "where": "rtask.cli.world.where:where",
     "worker": "rtask.cli.services.worker:worker",
 }
 
 
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
-    "Ask": ("query", "search", "ask", "explain", "entails", "history", "objects"),
+    "Ask": ("query", "search", "ask", "explain", "entails", "where", "history", "objects"),
     "Load and change": ("load", "update", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),

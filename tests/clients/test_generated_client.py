@@ -126,6 +126,7 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
         "resolve_request",
         {"wanted": "generated tin", "objects": [thing], "gripper_id": "right_hand"},
     )
+    assert call("where_is", {"name": thing}).to_dict()["known"]
     call("plan_in_space", {"object": thing, "gripper_id": "right_hand"})
     scene = {name: SIGHT[name] for name in ("sensor_pose", "frame_id")}
     call("plan_on_scene", {"data": view, **scene, "gripper_id": "right_hand"})

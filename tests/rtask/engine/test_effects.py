@@ -59,6 +59,7 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(spied, be
     call("plan_on_scene", nao, gripper_id="right_hand", **box)
     call("search_object", nao, data=box["data"])
     call("resolve_request", nao, wanted="box", gripper_id="right_hand")
+    assert call("where_is", nao, name="box")["known"]
     call("report_outcome", nao, object=thing, grasp=stored["grasp"], outcome={"success": True})
     call("give_feedback", TEACHER, object=thing, verdict="confirm")
     call("teach_object", TEACHER, operation="search", class_description="box", data=box["data"])

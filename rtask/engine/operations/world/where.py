@@ -13,9 +13,9 @@ from rtask.wire.types import Json, Number, Stamp, Text, Unit
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
-    from rtask.world import Whereabouts
+    from rtask.world import Whereabouts, World
 
-__all__ = ["WhereIs", "where_is"]
+__all__ = ["WhereIs", "answer_of", "where_is"]
 
 
 class WhereIs(Message):
@@ -90,7 +90,12 @@ class Located(Answer):
 @operation("read", "reads", "tell where something is or was, since when, and how sure that is")
 def where_is(context: Context, request: WhereIs, access: Access) -> Located:
     """Return where the things of a name are; "not known" is an answer, and no error."""
-    answer = context.world.where_is(
+    return answer_of(context.world, request)
+
+
+def answer_of(world: World, request: WhereIs) -> Located:
+    """Return the answer to a request from a world, as the operation gives it."""
+    answer = world.where_is(
         request.name, at=request.at, frame=request.frame, near=request.near,
         radius_m=request.radius,
     )  # fmt: skip

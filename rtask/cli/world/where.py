@@ -1,0 +1,75 @@
+"""``rtask where``: where something is or was, since when, and how sure that is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.connection import connection, open_to_read
+from rtask.cli.options import data_option, json_option, print_json, server_option
+
+__all__ = ["where"]
+
+
+@click.command()
+@click.argument("name")
+@click.option("--at", metavar="TIME", help="Time that is asked about, ISO 8601; default: now.")
+@click.option(
+    "--frame", help="Frame for poses: its name in tf, ROBOT/NAME or its IRI; default: as measured."
+)
+@click.option("--near", metavar="PLACE", help="Only what is near a place, robot, frame or thing.")
+@click.option(
+    "--radius", type=click.FloatRange(min=0.001, max=1000.0), default=0.5, show_default=True,
+    help="How near that is, m.",
+)  # fmt: skip
+@data_option
+@server_option
+@json_option
+def where(
+    name: str,
+    at: str | None,
+    frame: str | None,
+    near: str | None,
+    radius: float,
+    data: Path,
+    server: str | None,
+    as_json: bool,
+) -> None:
+    """Tell where NAME is or was: a thing, a product or a kind, by name or IRI.
+
+    Exit code 1 if its place is not known; the answer then says where it was last.
+    """
+    question: dict[str, Any] = {"name": name, "frame": frame, "near": near, "radius": radius}
+    if at is not None:
+        question["at"] = _seconds(at)
+    question = {key: value for key, value in question.items() if value is not None}
+    answer = _ask(question, data, server)
+    if as_json:
+        print_json(answer)
+    else:
+        for line in [thing["text"] for thing in answer["things"]] or [answer["text"]]:
+            click.echo(line)
+    if not answer["known"]:
+        raise SystemExit(1)
+
+
+def _ask(question: dict[str, Any], data: Path, server: str | None) -> dict[str, Any]:
+    if server:
+        with connection(data, server) as client:
+            return dict(client.call("where_is", **question))
+    from rtask.engine.operations.world.where import WhereIs, answer_of
+
+    with open_to_read(data) as kb:
+        return answer_of(kb.world, WhereIs(**question)).as_json()
+
+
+def _seconds(text: str) -> float:
+    from rtask.errors import UsageError
+    from rtask.rdf.terms import moment
+
+    try:
+        return moment(text).timestamp()
+    except ValueError as error:
+        raise UsageError(f"--at: {error}; expected a time such as 2026-11-28T09:30:00Z") from error
