@@ -58,7 +58,7 @@ def _why_unknown(place: Whereabouts, time_s: float) -> str:
         return "nobody has seen it"
     if place.until_s is None:
         return "nobody had seen it by then"
-    last = f"in {place.place_label} " if place.place_label else ""
+    last = f"on or in {place.place_label} " if place.place_label else ""
     return f"last {last}until {_time(place.until_s)}, {_ago(time_s - place.until_s)}"
 
 

@@ -43,7 +43,9 @@ def where(
     """
     question: dict[str, Any] = {"name": name, "frame": frame, "near": near, "radius": radius}
     if at is not None:
-        question["at"] = _seconds(at)
+        from rtask.rdf.terms import moment
+
+        question["at"] = moment(at).timestamp()
     question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
     if as_json:
@@ -63,13 +65,3 @@ def _ask(question: dict[str, Any], data: Path, server: str | None) -> dict[str, 
 
     with open_to_read(data) as kb:
         return answer_of(kb.world, WhereIs(**question)).as_json()
-
-
-def _seconds(text: str) -> float:
-    from rtask.errors import UsageError
-    from rtask.rdf.terms import moment
-
-    try:
-        return moment(text).timestamp()
-    except ValueError as error:
-        raise UsageError(f"--at: {error}; expected a time such as 2026-11-28T09:30:00Z") from error

@@ -48,7 +48,7 @@ def test_what_was_lost_is_not_known_with_its_last_place(lab):
     lab.lose(cup, 20)
     answer = lab.ask("blue cup", 30)
     assert not answer.is_known
-    assert "not known, last in left box" in answer.text
+    assert "not known, last on or in left box" in answer.text
 
 
 def test_a_place_is_asked_in_any_frame_of_its_tree_at_any_instant(lab):
