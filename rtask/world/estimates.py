@@ -1,7 +1,7 @@
 """Placements of products in graphs older than things: estimated poses and ``rt:locatedOn``.
 
 Robots used to state where they saw a product, and in which hand or box they left it. Such a graph
-answers as far as that goes, and :mod:`rtask.world.migration` makes things and placements of it.
+answers as far as that goes, until a robot sees the product again and makes a thing of it.
 """
 
 from __future__ import annotations
