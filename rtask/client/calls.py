@@ -1143,7 +1143,7 @@ class Calls(ABC):
         self,
         *,
         name: str,
-        at: float | Mapping[str, int] | None = None,
+        stamp: float | Mapping[str, int] | None = None,
         frame: str | None = None,
         near: str | None = None,
         radius: float | None = None,
@@ -1154,7 +1154,7 @@ class Calls(ABC):
         ----------
         name
             IRI or name of a thing or product, an objectId, or a kind such as cup
-        at
+        stamp
             time that is asked about; default: now (s)
         frame
             frame for poses: its name in tf, robot/name or its IRI; default: as measured

@@ -45,7 +45,7 @@ def where(
     if at is not None:
         from rtask.rdf.terms import moment
 
-        question["at"] = moment(at).timestamp()
+        question["stamp"] = moment(at).timestamp()
     question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
     if as_json:

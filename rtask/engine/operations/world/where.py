@@ -23,7 +23,7 @@ class WhereIs(Message):
 
     name: Annotated[Text, MinLen(1), MaxLen(1000)]
     """IRI or name of a thing or product, an objectId, or a kind such as cup"""
-    at: Stamp | None = None
+    stamp: Stamp | None = None
     """time that is asked about; default: now"""
     frame: Text | None = None
     """frame for poses: its name in tf, robot/name or its IRI; default: as measured"""
@@ -96,7 +96,7 @@ def where_is(context: Context, request: WhereIs, access: Access) -> Located:
 def answer_of(world: World, request: WhereIs) -> Located:
     """Return the answer to a request from a world, as the operation gives it."""
     answer = world.where_is(
-        request.name, at=request.at, frame=request.frame, near=request.near,
+        request.name, at=request.stamp, frame=request.frame, near=request.near,
         radius_m=request.radius,
     )  # fmt: skip
     return Located(
