@@ -236,7 +236,7 @@ def addresses(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     ]
     more += ["/replicate/records", "/replicate/snapshot", "/metrics", "/queries", "/backup"]
     more += ["/api/robots", "/api/objects", "/api/tasks", "/api/outcomes", "/api/history"]
-    more += ["/api/blobs/" + "0" * 64, "/mcp", "/datasets", "/services", "/jobs", "/engine/x"]
+    more += ["/api/blobs/" + "0" * 64, "/mcp", "/mcp/services", "/datasets", "/services", "/jobs", "/engine/x"]
     more += ["/engine/search_object", "/reasoner/rules", "/sparql/check", "/tokens/ticket", "/"]
     more += ["/search?q=zebra", "/resource?iri=urn:mug", "/resource.json?iri=urn:mug"]
     more += ["/openapi.json", "/sparql/", "//sparql", "/sparql%2f", "/%73parql/check"]

@@ -35,6 +35,10 @@ A = TypeVar("A", bound=Answer)
 class Work(Protocol):
     """A call under way, as its caller sees it."""
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether its caller gave it up."""
+
     def on_stop(self, stop: Callable[[], None]) -> None:
         """Register how to stop it."""
 

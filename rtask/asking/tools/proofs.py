@@ -105,6 +105,7 @@ class Past(PagedAnswer):
 )
 def explain(asked: Asked, request: Explain) -> Explanation:
     """Return a proof step by step, or what is missing."""
+    asked.work.report(0.1, "looking for a proof")
     triple = asked.reader.statement(request.s, request.p, request.o)
     found = decide(asked.kb, triple, request.budget)
     members: dict[str, Any] = {}
@@ -123,7 +124,8 @@ def explain(asked: Asked, request: Explain) -> Explanation:
 
 
 def _steps(asked: Asked, proof: Proof, depth: int) -> Iterator[Step]:
-    yield Step(depth=depth, rule=proof.rule, fact=asked.terms.fact(proof.triple))
+    triple: Any = proof.triple
+    yield Step(depth=depth, rule=proof.rule, fact=asked.terms.fact(triple))
     for premise in proof.premises:
         yield from _steps(asked, premise, depth + 1)
 

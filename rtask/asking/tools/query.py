@@ -110,6 +110,7 @@ def evaluate(asked: Asked, text: str) -> Solutions | bool | Triples:
         The query cannot be read, takes too long, or has too large an answer.
     """
     kb = asked.kb
+    asked.work.report(0.1, "running the query")
     if not kb.readers.possible:
         return kb.query(text, timeout_s=asked.timeout_s)
     with kb.stream(

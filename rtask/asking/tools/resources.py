@@ -66,8 +66,8 @@ def read(asked: Asked, uri: str) -> dict[str, Any]:
     if PROOF in uri and uri.startswith(("rtask:", asked.site)):
         fields = parse_qs(urlsplit(uri).query)
         if set(fields) == {"s", "p", "o"}:
-            request = Explain(**{name: values[-1] for name, values in fields.items()})
-            text = explain(asked, request).to_json().decode()
+            s, p, o = (fields[name][-1] for name in "spo")
+            text = explain.handler(asked, Explain(s=s, p=p, o=o)).to_json().decode()
             return {"uri": uri, "mimeType": "application/json", "text": text}
     raise UnknownTermError("there is no such resource; see resources/list")
 

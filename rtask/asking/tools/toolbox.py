@@ -14,7 +14,7 @@ from rtask.asking.tools.proofs import explain, history
 from rtask.asking.tools.query import ask_sparql, check_sparql
 from rtask.asking.tools.questions import ask
 from rtask.asking.tools.things import find_object, recall_grasps, where_is
-from rtask.errors import ForbiddenError, RtaskError, UnknownTermError
+from rtask.errors import CancelledError, ForbiddenError, RtaskError, UnknownTermError
 from rtask.wire.effect import Effect
 from rtask.wire.message import read
 
@@ -90,6 +90,10 @@ class Toolbox:
         """Return the tools that a caller may use."""
         return [tool.listed(self.effect(tool)) for tool in self._offered(access)]
 
+    def names(self, access: Access) -> frozenset[str]:
+        """Return the names of the tools that a caller may use."""
+        return frozenset(tool.name for tool in self._offered(access))
+
     def _offered(self, access: Access) -> list[Tool[Any, Any]]:
         scopes = self._scopes(access)
         return [tool for tool in TOOLS.values() if self._scope(tool) in scopes and self._has(tool)]
@@ -111,10 +115,6 @@ class Toolbox:
             return effect
         return tool.effect
 
-    def scope_of(self, name: str) -> str:
-        """Return the scope that a tool needs."""
-        return self._scope(TOOLS[name])
-
     def effect_of(self, name: object) -> Effect:
         """Return what a call by a name does to the graph; one that is refused does nothing."""
         tool = TOOLS.get(name) if isinstance(name, str) else None
@@ -133,7 +133,7 @@ class Toolbox:
             request = read(tool.request, dict(args))
             answer = tool.handler(self._asked(access, site, work), request)
         except RtaskError as error:
-            return failure(error)
+            return failure(CancelledError("stopped") if work.is_stopped else error)
         return _fitted(answer.as_json(), tool, getattr(request, "offset", 0))
 
     def resource(self, uri: str, access: Access, site: str, work: Work) -> dict[str, Any]:
