@@ -57,7 +57,8 @@ class Expansion:
         line, column = error.details.get("line"), error.details.get("column")
         if not (isinstance(line, int) and isinstance(column, int)):
             return error
-        before = sum(len(one) for one in self.text.splitlines(keepends=True)[: line - 1])
+        lines = self.text.splitlines(keepends=True)
+        before = sum(map(len, lines[: line - 1]))
         own_line, own_column = self.place(before + column - 1)
         words = str(error).replace(f"{line}:{column}:", f"{own_line}:{own_column}:", 1)
         return QuerySyntaxError(words, line=own_line, column=own_column)

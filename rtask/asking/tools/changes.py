@@ -12,7 +12,7 @@ from rtask.asking.tools.declaration import Asked, tool
 from rtask.asking.tools.values import Value
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.commit.access import Access
-from rtask.rdf.terms import NamedNode, stored
+from rtask.rdf.terms import NamedNode
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Text
 
@@ -65,8 +65,8 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
     graph = asked.resource(request.graph) if request.graph is not None else home
     if not isinstance(graph, NamedNode):
         raise UsageError("graph is missing: name the graph of the statements")
-    added = [_quad(asked, one, graph) for one in request.add]
-    removed = [_quad(asked, one, graph) for one in request.remove]
+    added = [_quad(asked, part, graph) for part in request.add]
+    removed = [_quad(asked, part, graph) for part in request.remove]
     if not (added or removed):
         raise UsageError("the proposal changes nothing; give add or remove")
     refused: Value | None = None
@@ -80,13 +80,13 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
         derived, withdrawn = trial.derived, trial.withdrawn
         shown = trial.violations[:MAX_SHOWN]
         violations = [
-            asked.terms.text(str(one), ["the shapes, quoting the graph"]) for one in shown
+            asked.terms.text(str(part), ["the shapes, quoting the graph"]) for part in shown
         ]
     number, state = 0, "not kept"
     if request.keep and refused is None:
         author = access.agent or access.role
-        kept = kb.propose(added, removed, author=author, reason=request.reason or "")
-        number, state = kept.number, kept.state
+        proposal = kb.propose(added, removed, author=author, reason=request.reason or "")
+        number, state = proposal.number, proposal.state
     return Proposed(
         commit=kb.seq,
         possible=refused is None,
@@ -102,6 +102,6 @@ def propose_change(asked: Asked, request: ProposeChange) -> Proposed:
 def _quad(asked: Asked, statement: list[str], graph: NamedNode) -> Quad:
     if len(statement) != 3:
         raise UsageError("a statement has three parts: [subject, property, object]")
-    subject, predicate, value = asked.reader.statement(*statement)
+    subject, predicate, value = asked.statement(*statement)
     assert isinstance(subject, NamedNode)
-    return Quad(subject, predicate, stored(value), graph)
+    return Quad(subject, predicate, value, graph)

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel
 
+from rtask.asking.check.checker import checker_of
 from rtask.asking.terms import Reader, reader_of
 from rtask.asking.tools.values import Terms
 from rtask.errors import UnsupportedError, UsageError
-from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
+from rtask.rdf.terms import RDF_TYPE, XSD, Literal, NamedNode, TripleKey, iri, stored
 from rtask.wire.effect import Effect
 from rtask.wire.message import Answer, Message
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Asked", "Engine", "Operation", "Paged", "PagedAnswer", "Tool", "Work", "tool"]
 
+_PLAIN_NUMBERS = {XSD + "integer", XSD + "decimal"}
 _KEPT = ("type", "required", "minimum", "maximum", "maxItems")
 Q = TypeVar("Q", bound=Message)
 A = TypeVar("A", bound=Answer)
@@ -120,10 +122,27 @@ class Asked:
             named = [iri(name) for name in reader.named(text.strip().strip("'\""))]
             if not named:
                 raise error
-            things = [one for one in named if not _is_term(self.kb, one)]
-            if len(things) == 1 or len(named) == 1:
-                return (things or named)[0]
+            individuals = [part for part in named if not _is_term(self.kb, part)]
+            if len(individuals) == 1 or len(named) == 1:
+                return (individuals or named)[0]
             return reader.thing(text.strip().strip("'\""))
+
+    def statement(self, subject: str, predicate: str, value: str) -> TripleKey:
+        """Return a statement in any form that a tool prints.
+
+        A plain number has the datatype that the property asks for, for tools print all numbers
+        alike.
+        """
+        triple = self.reader.statement(subject, predicate, value)
+        number = triple[2]
+        if not (isinstance(number, Literal) and number.datatype.value in _PLAIN_NUMBERS):
+            return triple
+        declared = checker_of(self.kb).vocabulary.properties.get(triple[1].value)
+        datatypes = declared.datatypes if declared is not None else set()
+        if len(datatypes) != 1 or number.datatype.value in datatypes:
+            return triple
+        fitting = Literal(number.value, datatype=NamedNode(min(datatypes)))
+        return triple[0], triple[1], stored(fitting)
 
     def operate(self, name: str, **args: Any) -> Any:
         """Carry out an operation of the engine.
@@ -201,7 +220,7 @@ class Tool(Generic[Q, A]):
 
     def description(self) -> str:
         """Return the sentence and the examples."""
-        texts = (json.dumps(one, ensure_ascii=False) for one in self.examples)
+        texts = (json.dumps(part, ensure_ascii=False) for part in self.examples)
         return f"{self.sentence} Examples: {' or '.join(texts)}"
 
     def listed(self, effect: Effect) -> dict[str, Any]:
@@ -247,7 +266,7 @@ def schema_of(model: type[BaseModel]) -> dict[str, Any]:
     is_request = issubclass(model, Message)
     whole = model.model_json_schema(mode="validation" if is_request else "serialization")
     parts = {name: _part(part) for name, part in whole.get("$defs", {}).items()}
-    members = {name: _brief(one, parts, is_request) for name, one in whole["properties"].items()}
+    members = {name: _brief(part, parts, is_request) for name, part in whole["properties"].items()}
     schema = {"type": "object", "properties": members, "required": whole.get("required", [])}
     return schema if schema["required"] else {"type": "object", "properties": members}
 
@@ -265,14 +284,14 @@ def _brief(schema: Any, parts: Mapping[str, Any], is_request: bool) -> dict[str,
         schema = {**{key: part for key, part in schema.items() if key != "anyOf"}, **kinds[0]}
     if "$ref" in schema:
         schema = parts[schema["$ref"].rpartition("/")[2]]
-    kept = {key: schema[key] for key in _KEPT if key in schema}
+    brief = {key: schema[key] for key in _KEPT if key in schema}
     if "items" in schema:
-        kept["items"] = _brief(schema["items"], parts, is_request)
+        brief["items"] = _brief(schema["items"], parts, is_request)
     if is_request:
         if "description" in schema:
-            kept["description"] = schema["description"]
+            brief["description"] = schema["description"]
         if schema.get("default") is not None:
-            kept["default"] = schema["default"]
-    elif may_be_null and "type" in kept:
-        kept["type"] = [kept["type"], "null"]
-    return kept
+            brief["default"] = schema["default"]
+    elif may_be_null and "type" in brief:
+        brief["type"] = [brief["type"], "null"]
+    return brief

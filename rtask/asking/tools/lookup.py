@@ -78,9 +78,9 @@ def search(asked: Asked, request: Search) -> Hits:
     kb, terms = asked.kb, asked.terms
     kind = None if request.kind is None else asked.resource(request.kind)
     commit = kb.seq
-    found = kb.search(request.words, cls=kind, limit=request.offset + MAX_HITS)
+    matches = kb.search(request.words, cls=kind, limit=request.offset + MAX_HITS)
     hits = []
-    for hit in found[request.offset :]:
+    for hit in matches[request.offset :]:
         text = Literal(hit.text, language=hit.language)
         quads = kb.match(hit.subject, hit.predicate, text)
         by = terms.authors(quad.graph_name for quad in quads)
@@ -106,7 +106,7 @@ def describe(asked: Asked, request: Describe) -> Description:
         term=asked.terms.short(term),
         kind=kind,
         count=_count(asked, term, kind),
-        facts=[asked.terms.fact(one, about=term) for one in triples[request.offset :][:100]],
+        facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset :][:100]],
         **_rest(len(triples) - request.offset - 100, request.offset + 100),  # type: ignore[arg-type]
     )
 
@@ -142,7 +142,7 @@ def _readable(asked: Asked, quads: Iterable[Quad]) -> Iterator[Quad]:
             yield quad
 
 
-def _kind(asked: Asked, term: NamedNode, is_known: bool) -> str:
+def _kind(asked: Asked, term: NamedNode, is_mentioned: bool) -> str:
     types = {quad.object for quad in asked.kb.match(term, RDF_TYPE)}
     if types & _CLASSES:
         return "class"
@@ -150,7 +150,7 @@ def _kind(asked: Asked, term: NamedNode, is_known: bool) -> str:
         return "property"
     if term in asked.kb.store.named_graphs():
         return "graph"
-    return "thing" if is_known else "unknown"
+    return "thing" if is_mentioned else "unknown"
 
 
 def _count(asked: Asked, term: NamedNode, kind: str) -> int:

@@ -76,10 +76,10 @@ class Place:
     graph: NamedNode
 
 
-def places_of(kb: GraphCore, thing: NamedNode) -> list[Place]:
+def places_of(kb: GraphCore, subject: NamedNode) -> list[Place]:
     """Return where a thing is as far as the graph states it, the latest first; perhaps nowhere."""
     names = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "sumo")}
-    rows = kb.select(prologue(names) + _QUERY % {"thing": str(thing)})
+    rows = kb.select(prologue(names) + _QUERY % {"thing": str(subject)})
     places = {
         (row["relation"], row["place"], row["x"], row["time"], row["graph"]): _place(row)
         for row in rows

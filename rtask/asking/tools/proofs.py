@@ -106,20 +106,23 @@ class Past(PagedAnswer):
 def explain(asked: Asked, request: Explain) -> Explanation:
     """Return a proof step by step, or what is missing."""
     asked.work.report(0.1, "looking for a proof")
-    triple = asked.reader.statement(request.s, request.p, request.o)
-    found = decide(asked.kb, triple, request.budget)
+    triple = asked.statement(request.s, request.p, request.o)
+    explanation = decide(asked.kb, triple, request.budget)
     members: dict[str, Any] = {}
-    if found.holds:
-        proof: Proof = found.decision  # type: ignore[assignment]
+    if explanation.holds:
+        proof: Proof = explanation.decision  # type: ignore[assignment]
         members["steps"] = list(_steps(asked, proof, 0))[request.offset :]
-    elif found.holds is None:
-        undecided: Undecided = found.decision  # type: ignore[assignment]
+    elif explanation.holds is None:
+        undecided: Undecided = explanation.decision  # type: ignore[assignment]
         members["try_budget"] = min(undecided.more, MAX_BUDGET)
     else:
-        refutation: Refutation = found.decision  # type: ignore[assignment]
+        refutation: Refutation = explanation.decision  # type: ignore[assignment]
         members["needs"] = [_need(asked, need) for need in refutation.needs][request.offset :]
     return Explanation(
-        commit=found.commit, verdict=found.verdict, proof=asked.terms.proof(triple), **members
+        commit=explanation.commit,
+        verdict=explanation.verdict,
+        proof=asked.terms.proof(triple),
+        **members,
     )
 
 
@@ -148,7 +151,7 @@ def history(asked: Asked, request: History) -> Past:
     name = asked.terms.short(term)
     if request.at is not None:
         triples = _stated_at(asked, term, request.at, commit)[request.offset :]
-        facts = [asked.terms.fact(one, about=term) for one in triples[:MAX_COMMITS]]
+        facts = [asked.terms.fact(item, about=term) for item in triples[:MAX_COMMITS]]
         return Past(commit=commit, term=name, facts=facts)
     entries = kb.history(term)[::-1][request.offset :]
     left = max(len(entries) - MAX_COMMITS, 0)
@@ -167,8 +170,10 @@ def _entry(asked: Asked, term: NamedNode, entry: HistoryEntry) -> CommitEntry:
         note=asked.terms.text(entry.note, [by]) if entry.note else None,
         added=len(entry.added),
         removed=len(entry.removed),
-        plus=[facts(triple_key(one), one.graph_name, term) for one in entry.added[:MAX_SHOWN]],
-        minus=[facts(triple_key(one), one.graph_name, term) for one in entry.removed[:MAX_SHOWN]],
+        plus=[facts(triple_key(item), item.graph_name, term) for item in entry.added[:MAX_SHOWN]],
+        minus=[
+            facts(triple_key(item), item.graph_name, term) for item in entry.removed[:MAX_SHOWN]
+        ],
     )
 
 

@@ -81,9 +81,9 @@ def ask_sparql(asked: Asked, request: AskSparql) -> Rows:
     except QuerySyntaxError as error:
         raise query.error(error) from None
     is_empty = not answer
-    told = [fault for fault in faults if is_empty or fault.severity == "certain"]
-    found = rows_of(asked, answer, commit, request.offset)
-    return found.model_copy(update={"faults": told}) if told else found
+    shown = [fault for fault in faults if is_empty or fault.severity == "certain"]
+    answered = rows_of(asked, answer, commit, request.offset)
+    return answered.model_copy(update={"faults": shown}) if shown else answered
 
 
 @tool(
@@ -132,7 +132,7 @@ def rows_of(asked: Asked, answer: Solutions | bool | Triples, commit: int, offse
     left = max(len(answer) - offset - PAGE, 0)
     more = {"more": {"offset": offset + PAGE, "left": left}} if left else {}
     if isinstance(page, Triples):
-        facts = [terms.fact((one.subject, one.predicate, one.object)) for one in page]
+        facts = [terms.fact((triple.subject, triple.predicate, triple.object)) for triple in page]
         return Rows(commit=commit, facts=facts, **more)  # type: ignore[arg-type]
     assert isinstance(page, Solutions)
     rows = [[None if term is None else terms.value(term) for term in row] for row in page]

@@ -27,14 +27,14 @@ class Ask(Paged):
     """the question, or its key, such as cq05; without it, all are listed"""
 
 
-class Known(Answer):
+class Question(Answer):
     """A question that the ontology answers."""
 
     key: str
     text: str
 
 
-class Told(PagedAnswer):
+class Reply(PagedAnswer):
     """The answer to a question, with its query; or the questions that there are."""
 
     understood: str = ""
@@ -42,7 +42,7 @@ class Told(PagedAnswer):
     sparql: str = ""
     columns: list[str] = Field(default_factory=list)
     rows: list[list[Value | None]] = Field(default_factory=list)
-    questions: list[Known] = Field(default_factory=list)
+    questions: list[Question] = Field(default_factory=list)
 
 
 @cache
@@ -64,26 +64,26 @@ def _read(file: Path) -> tuple[str, str]:
     {},
     entries=("rows", "questions"),
 )
-def ask(asked: Asked, request: Ask) -> Told:
+def ask(asked: Asked, request: Ask) -> Reply:
     """Answer the question that has these words or this key."""
     commit = asked.kb.seq
     if request.text is None:
-        listed = [Known(key=key, text=text) for key, (text, _) in queries().items()]
-        return Told(commit=commit, questions=listed[request.offset :])
+        listed = [Question(key=key, text=text) for key, (text, _) in queries().items()]
+        return Reply(commit=commit, questions=listed[request.offset :])
     key = _find(request.text)
     sparql = queries()[key][1]
     answer = evaluate(asked, expand(sparql, asked.reader.prefixes).text)
-    found = rows_of(asked, answer, commit, request.offset)
-    members: dict[str, Any] = {"more": found.more} if found.more.left else {}
-    return Told(
-        commit=commit, understood=key, sparql=sparql, columns=found.columns, rows=found.rows,
+    rows = rows_of(asked, answer, commit, request.offset)
+    members: dict[str, Any] = {"more": rows.more} if rows.more.left else {}
+    return Reply(
+        commit=commit, understood=key, sparql=sparql, columns=rows.columns, rows=rows.rows,
         **members,
     )  # fmt: skip
 
 
 def _find(text: str) -> str:
-    wanted = text.strip().lower()
+    sought = text.strip().lower()
     for key, (words, _) in queries().items():
-        if wanted in (key, words.lower()):
+        if sought in (key, words.lower()):
             return key
     raise UnknownTermError("no question has these words; ask without text to see all")

@@ -30,14 +30,14 @@ _HEAD = """# Each class < its superclass: its properties and the kinds of their 
 
 def listed() -> list[dict[str, Any]]:
     """Return the resources as lists of resources show them."""
-    found = [{
+    entries = [{
         "uri": ONTOLOGY, "name": "ontology", "mimeType": "text/plain",
         "description": "Classes and properties of the graph in 6 kB",
     }]  # fmt: skip
     for key, (text, _) in queries().items():
         kind = "application/sparql-query"
-        found.append({"uri": QUESTION + key, "name": key, "description": text, "mimeType": kind})
-    return found
+        entries.append({"uri": QUESTION + key, "name": key, "description": text, "mimeType": kind})
+    return entries
 
 
 def templates() -> list[dict[str, Any]]:
@@ -95,26 +95,26 @@ class _Schema:
         domains = self._pairs(NamedNode(_RDFS + "domain"))
         self._ranges = self._pairs(NamedNode(_RDFS + "range"))
         self._own: dict[NamedNode, list[NamedNode]] = defaultdict(list)
-        for one in sorted(self._properties, key=str):
-            for domain in domains.get(one, [])[:1]:
-                self._own[domain].append(one)
+        for term in sorted(self._properties, key=str):
+            for domain in domains.get(term, [])[:1]:
+                self._own[domain].append(term)
 
     def lines(self) -> list[str]:
         """Return one line for each class, those with many properties first."""
-        own = {one for one in self._classes if one.value.startswith(ontology.NS)}
+        own = {term for term in self._classes if term.value.startswith(ontology.NS)}
         named = own | set(self._own)
-        order = sorted(named, key=lambda one: (-len(self._own[one]), one.value))
-        return [self._line(one) for one in order]
+        order = sorted(named, key=lambda term: (-len(self._own[term]), term.value))
+        return [self._line(term) for term in order]
 
-    def _line(self, one: NamedNode) -> str:
-        above = [self._short(other) for other in self._above.get(one, [])][:1]
-        properties = " ".join(self._property(other) for other in self._own[one])
-        head = self._short(one) + (f" < {above[0]}" if above else "")
+    def _line(self, term: NamedNode) -> str:
+        above = [self._short(other) for other in self._above.get(term, [])][:1]
+        properties = " ".join(self._property(other) for other in self._own[term])
+        head = self._short(term) + (f" < {above[0]}" if above else "")
         return f"{head}: {properties}" if properties else head
 
-    def _property(self, one: NamedNode) -> str:
-        ranges = [self._short(other).removeprefix("xsd:") for other in self._ranges.get(one, [])]
-        return self._short(one) + (f">{ranges[0]}" if ranges else "")
+    def _property(self, term: NamedNode) -> str:
+        ranges = [self._short(other).removeprefix("xsd:") for other in self._ranges.get(term, [])]
+        return self._short(term) + (f">{ranges[0]}" if ranges else "")
 
     def _short(self, term: NamedNode) -> str:
         return prefixed(term).removeprefix("rt:")
@@ -138,4 +138,4 @@ class _Schema:
                 and self._kb.catalogue.is_ontology(quad.graph_name)
             ):
                 pairs[subject].append(value)
-        return {one: sorted(others, key=str) for one, others in pairs.items()}
+        return {term: sorted(others, key=str) for term, others in pairs.items()}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from rtask.asking.tools import resources
 from rtask.asking.tools.changes import propose_change
 from rtask.asking.tools.declaration import Asked, Engine, Tool, Work
+from rtask.asking.tools.grasping import find_object, recall_grasps, where_is
 from rtask.asking.tools.lookup import describe, search
 from rtask.asking.tools.proofs import explain, history
 from rtask.asking.tools.query import ask_sparql, check_sparql
 from rtask.asking.tools.questions import ask
-from rtask.asking.tools.things import find_object, recall_grasps, where_is
 from rtask.errors import CancelledError, ForbiddenError, RtaskError, UnknownTermError
 from rtask.wire.effect import Effect
 from rtask.wire.message import read
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["INSTRUCTIONS", "MAX_RESULT", "TOOLS", "Toolbox", "failure", "result_of"]
 
 TOOLS: Mapping[str, Tool[Any, Any]] = {
-    one.name: one
-    for one in (
+    tool.name: tool
+    for tool in (
         ask, ask_sparql, check_sparql, search, describe, explain, history, where_is, recall_grasps,
         find_object, propose_change,
     )
@@ -182,7 +182,7 @@ def _fitted(document: dict[str, Any], tool: Tool[Any, Any], offset: int) -> dict
     """Return the result of a call with as many entries as fit into it."""
     if _size(document) <= MAX_RESULT:
         return result_of(document)
-    name = next((one for one in tool.entries if document.get(one)), None)
+    name = next((entry for entry in tool.entries if document.get(entry)), None)
     if name is None:
         return failure(RtaskError("the answer is too large"))
     entries = document[name]

@@ -143,13 +143,13 @@ class Terms:
         subject, predicate, value = triple
         graphs = [quad.graph_name for quad in self._kb.match(*triple)] if graph is None else [graph]
         by = self.authors(graphs)
-        told = {} if subject == about else {"s": self.value(subject)}
+        subject_member = {} if subject == about else {"s": self.value(subject)}
         return Fact(
             p=self.short(predicate),
             o=self.value(value, by),
             by=by[:MAX_AUTHORS],
             proof=self.proof(triple),
-            **told,
+            **subject_member,
         )
 
     def proof(self, triple: TripleKey) -> str:

@@ -42,10 +42,10 @@ class Spot(Answer):
 
 
 class Places(PagedAnswer):
-    """Where something is, the latest first; known is false if nobody says."""
+    """Where something is, the latest first; stated is false if nobody says."""
 
     object: str
-    known: bool
+    stated: bool
     places: list[Spot]
 
 
@@ -57,7 +57,7 @@ class RecallGrasps(Paged):
     """only of its type"""
 
 
-class KnownGrasp(Answer):
+class GraspEntry(Answer):
     """A grasp in the frame of its object: m, rad; expected is the chance that it holds."""
 
     id: str
@@ -72,12 +72,12 @@ class KnownGrasp(Answer):
     proof: str
 
 
-class KnownGrasps(PagedAnswer):
+class GraspEntries(PagedAnswer):
     """Known grasps of an object, most reliable first."""
 
     object: str
     label: Value
-    grasps: list[KnownGrasp]
+    grasps: list[GraspEntry]
 
 
 class FindObject(Paged):
@@ -104,7 +104,7 @@ class Offer(Answer):
     proof: str
 
 
-class Found(PagedAnswer):
+class Offers(PagedAnswer):
     """Objects that serve a wish, the best first, or why there is none."""
 
     met: bool
@@ -120,20 +120,20 @@ class Found(PagedAnswer):
 )
 def where_is(asked: Asked, request: WhereIs) -> Places:
     """Return the present places of a thing; no place is no proof that it is nowhere."""
-    thing = asked.resource(request.object)
+    subject = asked.resource(request.object)
     commit = asked.kb.seq
-    places = places_of(asked.kb, thing)
-    spots = [_spot(asked, thing, place) for place in places[request.offset :]]
-    name = asked.terms.short(thing)
-    return Places(commit=commit, object=name, known=bool(places), places=spots)
+    places = places_of(asked.kb, subject)
+    spots = [_spot(asked, subject, place) for place in places[request.offset :]]
+    name = asked.terms.short(subject)
+    return Places(commit=commit, object=name, stated=bool(places), places=spots)
 
 
-def _spot(asked: Asked, thing: NamedNode, place: Place) -> Spot:
+def _spot(asked: Asked, subject: NamedNode, place: Place) -> Spot:
     terms = asked.terms
     author = terms.author(place.graph)
     predicate = {"at": RT.currentPose, "on": RT.locatedOn}.get(place.relation)
-    shown = asked.kb.match(thing, predicate) if predicate is not None else []
-    proof = terms.proof((thing, shown[0].predicate, shown[0].object)) if shown else ""
+    shown = asked.kb.match(subject, predicate) if predicate is not None else []
+    proof = terms.proof((subject, shown[0].predicate, shown[0].object)) if shown else ""
     return Spot(
         relation=place.relation,
         place=terms.value(place.place, [author]),
@@ -153,16 +153,16 @@ def _spot(asked: Asked, thing: NamedNode, place: Place) -> Spot:
     entries=("grasps",),
     operation="recall_grasps",
 )
-def recall_grasps(asked: Asked, request: RecallGrasps) -> KnownGrasps:
+def recall_grasps(asked: Asked, request: RecallGrasps) -> GraspEntries:
     """Return what the engine recalls, with the facts that decide between grasps."""
     commit = asked.kb.seq
-    thing = asked.resource(request.object)
-    args: dict[str, Any] = {"object": thing.value, "max_grasps": MAX_GRASPS}
+    subject = asked.resource(request.object)
+    args: dict[str, Any] = {"object": subject.value, "max_grasps": MAX_GRASPS}
     if request.gripper is not None:
         args["gripper_id"] = request.gripper
     answer = asked.operate("recall_grasps", **args)
-    grasps = [_grasp(asked, thing, grasp) for grasp in answer.grasps[request.offset :]]
-    return KnownGrasps(
+    grasps = [_grasp(asked, subject, grasp) for grasp in answer.grasps[request.offset :]]
+    return GraspEntries(
         commit=commit,
         object=asked.terms.short(iri(answer.object)),
         label=asked.terms.text(answer.label, _ENGINE),
@@ -170,11 +170,11 @@ def recall_grasps(asked: Asked, request: RecallGrasps) -> KnownGrasps:
     )
 
 
-def _grasp(asked: Asked, thing: NamedNode, grasp: Any) -> KnownGrasp:
+def _grasp(asked: Asked, subject: NamedNode, grasp: Any) -> GraspEntry:
     pose = grasp.grasp_pose["pose"]
     position, orientation = pose["position"], pose["orientation"]
     name = iri(grasp.id)
-    return KnownGrasp(
+    return GraspEntry(
         id=asked.terms.short(name),
         kind=grasp.kind,
         gripper_type=grasp.gripper_type,
@@ -184,7 +184,7 @@ def _grasp(asked: Asked, thing: NamedNode, grasp: Any) -> KnownGrasp:
         attempts=grasp.statistics["attempts"],
         successes=grasp.statistics["successes"],
         expected=round(grasp.confidence.mean, 3),
-        proof=asked.terms.proof((thing, RT.hasGrasp, name)),
+        proof=asked.terms.proof((subject, RT.hasGrasp, name)),
     )
 
 
@@ -195,7 +195,7 @@ def _grasp(asked: Asked, thing: NamedNode, grasp: Any) -> KnownGrasp:
     entries=("offers",),
     operation="resolve_request",
 )
-def find_object(asked: Asked, request: FindObject) -> Found:
+def find_object(asked: Asked, request: FindObject) -> Offers:
     """Return the objects that fit a wish, then what is in the way of others."""
     commit = asked.kb.seq
     args: dict[str, Any] = {"wanted": request.wish, "seen_within_s": request.seen_within_s}
@@ -205,10 +205,10 @@ def find_object(asked: Asked, request: FindObject) -> Found:
     if request.objects is not None:
         args["objects"] = [asked.resource(name).value for name in request.objects]
     answer = asked.operate("resolve_request", **args)
-    offers = [_offer(asked, one, one.capability, True, one.chance) for one in answer.objects]
-    offers += [_offer(asked, one, one.code, False, None) for one in answer.reasons]
+    offers = [_offer(asked, it, it.capability, True, it.chance) for it in answer.objects]
+    offers += [_offer(asked, it, it.code, False, None) for it in answer.reasons]
     understood = [*answer.understood["classes"], *answer.understood["functions"]]
-    return Found(
+    return Offers(
         commit=commit,
         met=answer.task_response == "object",
         offers=offers[request.offset :],
@@ -216,16 +216,16 @@ def find_object(asked: Asked, request: FindObject) -> Found:
     )
 
 
-def _offer(asked: Asked, one: Any, reason: str, fits: bool, chance: float | None) -> Offer:
+def _offer(asked: Asked, candidate: Any, reason: str, fits: bool, chance: float | None) -> Offer:
     proof, short = "", ""
-    if one.object:
-        thing = iri(one.object)
-        kind = getattr(one, "class_iri", "")
-        proof = asked.terms.proof((thing, RDF_TYPE, iri(kind))) if kind else ""
-        short = asked.terms.short(thing)
+    if candidate.object:
+        subject = iri(candidate.object)
+        kind = getattr(candidate, "class_iri", "")
+        proof = asked.terms.proof((subject, RDF_TYPE, iri(kind))) if kind else ""
+        short = asked.terms.short(subject)
     return Offer(
         object=short,
-        label=asked.terms.text(one.label, _ENGINE),
+        label=asked.terms.text(candidate.label, _ENGINE),
         fits=fits,
         reason=reason,
         chance=chance,
