@@ -69,7 +69,7 @@ class Proposing(Writing):
             As :meth:`update`; the proposal stays open.
         """
         rights = self.access(access=access)
-        if rights.role != "admin" and "schema" not in rights.rights:
+        if not rights.may_decide:
             raise ForbiddenError(
                 "adopting a proposal needs the right schema, which an admin has", right="schema"
             )

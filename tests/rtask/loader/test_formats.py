@@ -229,7 +229,7 @@ def test_a_literal_beyond_the_bound_is_refused_on_every_way_in(tmp_path: Path) -
         for write in (
             lambda: kb.update(f"INSERT DATA {{ {text} }}"),
             lambda: kb.load(text.encode(), format="turtle"),
-            lambda: kb.load(_file(tmp_path, "a.nt", text.replace("'", '"') * 17)),
+            lambda: kb.load(_file(tmp_path, "a.nt", (text.replace("'", '"') + "\n") * 17)),
         ):
             with pytest.raises(TooLargeError, match=f"literal.*{MAX_LITERAL}"):
                 write()
