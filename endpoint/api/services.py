@@ -91,7 +91,8 @@ def _plan_call(
     timeout_s = _seconds(request, "timeout", MAX_JOB_S if is_job else MAX_TIMEOUT_S)
     if is_job and timeout_s is None:
         timeout_s = MAX_JOB_S
-    task = host.prepare(Invocation(name, method, args, caller.access, data, timeout_s))
+    asked = Invocation(name, method, args, caller.access, data, timeout_s, data_form=DATA)
+    task = host.prepare(asked)
     if is_job:
         return Plan(lambda: _accepted(host.start_job(task, caller.key)), lane="loop")
 

@@ -112,7 +112,7 @@ def prefixes(base: str) -> dict[str, str]:
     Parameters
     ----------
     base
-        What ``kb:`` stands for; empty for a server, whose base is not known here.
+        What ``kb:`` stands for; empty where it is not known.
     """
     import ontology
 
