@@ -22,7 +22,7 @@ from rtask.errors import UsageError
 __all__ = ["called_tools", "plan_messages", "response_of"]
 
 JsonObject = dict[str, Any]
-PlanOne = Callable[[JsonObject, AgentCall], Plan]
+PlanMessage = Callable[[JsonObject, AgentCall], Plan]
 MAX_BATCH = 20
 _EVENT_STREAM = "text/event-stream"
 _CANCELLED = "notifications/cancelled"
@@ -34,7 +34,11 @@ def response_of(message: JsonObject) -> Response:
 
 
 def plan_messages(
-    auth: Authenticator, request: Request, caller: Caller, calls: AgentCalls, plan_one: PlanOne
+    auth: Authenticator,
+    request: Request,
+    caller: Caller,
+    calls: AgentCalls,
+    plan_message: PlanMessage,
 ) -> Plan:
     """Plan the answer to the messages in a request.
 
@@ -42,7 +46,7 @@ def plan_messages(
     ----------
     calls
         The calls under way.
-    plan_one
+    plan_message
         Plans the answer to one request of an agent.
 
     Raises
@@ -62,7 +66,7 @@ def plan_messages(
         )
     sent = json_value(request)
     if isinstance(sent, list) and version in ("", VERSIONS[-1]):
-        return _plan_batch(caller, calls, sent, plan_one)
+        return _plan_batch(caller, calls, sent, plan_message)
     if not isinstance(sent, dict):
         raise UsageError("expected one JSON object")
     if _is_notification(sent):
@@ -70,7 +74,7 @@ def plan_messages(
         return Plan.ready(Response(202))
     wants_events = _EVENT_STREAM in request.header("accept")
     token = _progress_token(sent) if wants_events else None
-    return plan_one(sent, AgentCall(sent["id"], token))
+    return plan_message(sent, AgentCall(sent["id"], token))
 
 
 def called_tools(request: Request) -> list[object]:
@@ -108,9 +112,11 @@ def _progress_token(message: JsonObject) -> str | int | None:
     return token if isinstance(token, str | int) and message.get("method") == "tools/call" else None
 
 
-def _plan_batch(caller: Caller, calls: AgentCalls, sent: list[Any], plan_one: PlanOne) -> Plan:
+def _plan_batch(
+    caller: Caller, calls: AgentCalls, sent: list[Any], plan_message: PlanMessage
+) -> Plan:
     """Plan the answers to several messages, which are carried out one after the other."""
-    if not sent or len(sent) > MAX_BATCH or not all(isinstance(one, dict) for one in sent):
+    if not sent or len(sent) > MAX_BATCH or not all(isinstance(message, dict) for message in sent):
         raise UsageError(f"expected one JSON object, or a list of 1 to {MAX_BATCH}")
     for message in sent:
         if _is_notification(message):
@@ -120,7 +126,7 @@ def _plan_batch(caller: Caller, calls: AgentCalls, sent: list[Any], plan_one: Pl
         return Plan.ready(Response(202))
 
     def run() -> Response:
-        bodies = [_carried_out(plan_one(message, AgentCall())).body for message in requests]
+        bodies = [_carried_out(plan_message(message, AgentCall())).body for message in requests]
         return Response(200, b"[" + b",".join(bodies) + b"]", JSON_TYPE)
 
     return Plan(run)

@@ -38,7 +38,7 @@ def plan_agents(
     """
     more = f"Methods of services are tools at {request.site}{SERVICES}."
 
-    def plan_one(message: dict[str, Any], call: AgentCall) -> Plan:
+    def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
         def run() -> Response:
             with calls.under_way(caller.key, message.get("id"), call):
                 access = caller.access
@@ -64,7 +64,7 @@ def plan_agents(
             progress=call.progress,
         )
 
-    return plan_messages(auth, request, caller, calls, plan_one)
+    return plan_messages(auth, request, caller, calls, plan_message)
 
 
 def _text(params: dict[str, Any]) -> str:

@@ -38,7 +38,7 @@ def plan_tools(
 ) -> Plan:
     """Plan the answer to the messages of an agent; errors as :func:`plan_messages`."""
 
-    def plan_one(message: dict[str, Any], call: AgentCall) -> Plan:
+    def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
         problem = problem_of(message)
         if problem is not None:
             return Plan.ready(response_of(reply(message, problem)))
@@ -48,7 +48,7 @@ def plan_tools(
         answered = _answer(host, caller, message["method"], params)
         return Plan(lambda: response_of(reply(message, answered)))
 
-    return plan_messages(auth, request, caller, calls, plan_one)
+    return plan_messages(auth, request, caller, calls, plan_message)
 
 
 def _answer(
@@ -60,7 +60,7 @@ def _answer(
         case "ping":
             return {"result": {}}
         case "tools/list":
-            return {"result": {"tools": [_tool(*one) for one in _tools(host, caller)]}}
+            return {"result": {"tools": [_tool(*pair) for pair in _tools(host, caller)]}}
         case _:
             return fault(NO_METHOD, "no such method; known: initialize, ping, tools/list, "
                          "tools/call")  # fmt: skip
@@ -80,21 +80,22 @@ def _name(definition: Definition, method: Method) -> str:
 
 
 def _tool(definition: Definition, method: Method) -> dict[str, Any]:
-    wanted = request_schema(method)
-    files = {name: one for name, one in definition.resources.items() if one.type == "binary"}
+    schema = request_schema(method)
+    files = {name: need for name, need in definition.resources.items() if need.type == "binary"}
     if files:
-        wanted["properties"] = {**wanted.get("properties", {}), _DATA: {
+        schema["properties"] = {**schema.get("properties", {}), _DATA: {
             "type": "object",
             "description": "names of the datasets to use, <namespace>/<name>",
             "properties": {
-                name: {"type": "string", "description": one.summary} for name, one in files.items()
+                name: {"type": "string", "description": need.summary}
+                for name, need in files.items()
             },
         }}  # fmt: skip
     return {
         "name": _name(definition, method),
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
-        "inputSchema": {"type": "object", **wanted},
+        "inputSchema": {"type": "object", **schema},
         "annotations": {"readOnlyHint": method.effect == "reads"},
     }
 
@@ -109,11 +110,11 @@ def _plan_call(
     calls: AgentCalls,
 ) -> Plan:
     name, given = message["params"].get("name"), message["params"].get("arguments", {})
-    known = {_name(*one): one for one in _tools(host, caller)}
-    if not isinstance(name, str) or name not in known:
+    offered = {_name(*pair): pair for pair in _tools(host, caller)}
+    if not isinstance(name, str) or name not in offered:
         words = "there is no such tool; ask tools/list"
         return Plan.ready(response_of(reply(message, fault(BAD_PARAMS, words))))
-    definition, method = known[name]
+    definition, method = offered[name]
     args = dict(given)
     data = args.pop(_DATA, None)
     authorise(auth, request, caller, method.scope, name)
