@@ -15,7 +15,7 @@ from rtask.errors import RemoteError
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
 from rtask.kb.durability.journal import JournalFile, Record
-from rtask.kb.feed.as_of import commit_at, copy_as_of
+from rtask.kb.feed.as_of import copy_as_of
 from rtask.kb.feed.live_queries import RowChange, require_select
 from rtask.kb.feed.subscriptions import Subscription
 from rtask.kb.maintenance import statistics
@@ -28,7 +28,6 @@ from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.retraction import Retraction
 from rtask.kb.watching import Watching
-from rtask.rdf.terms import moment
 
 __all__ = ["GraphCore"]
 
@@ -134,7 +133,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
         UsageError, GoneError, UnsupportedError, StorageFullError
             As in :func:`rtask.kb.feed.as_of.copy_as_of`.
         """
-        seq = at if isinstance(at, int) else commit_at(self._files, moment(at))
+        seq = at if isinstance(at, int) else self.commit_at(at)
         files, catalogue, writer = copy_as_of(self._files, self.graphs, self.feed, self.seq, seq)
         return type(self)(files, catalogue, None, writer)
 
