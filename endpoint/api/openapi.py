@@ -186,9 +186,11 @@ def _fixed_paths() -> JsonObject:
     digest = parameter("sha256", "path", "64 lower-case hex digits",
                         {"type": "string", "pattern": "^[0-9a-f]{64}$"})  # fmt: skip
     query = parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
+    sparql = get("Ask in SPARQL 1.1", results, [query, *_query_options()])
+    sparql["responses"].update(problems((413, 501, 507)))  # of earlier states
     return {
         # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
-        "/sparql": {"get": get("Ask in SPARQL 1.1", results, [query, *_query_options()])},
+        "/sparql": {"get": sparql},
         **resource_paths(),
         "/api/blobs/{sha256}": {
             "get": get(
