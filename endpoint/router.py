@@ -178,7 +178,7 @@ class Router:
             definition, _ = self._called(address)
         except RtaskError:
             return True
-        is_elsewhere = any(one.type == "binary" for one in definition.resources.values())
+        is_elsewhere = any(resource.type == "binary" for resource in definition.resources.values())
         return is_elsewhere or definition.executor == "outward"
 
     def _called(self, address: str) -> tuple[Definition, str]:
@@ -190,8 +190,8 @@ class Router:
             There is none.
         """
         service, _, method = address.removeprefix(SERVICES).strip("/").rpartition("/")
-        definition, found = self._context.services.find(service, method)
-        return definition, found.name
+        definition, declared = self._context.services.find(service, method)
+        return definition, declared.name
 
     def _nothing_at(self, address: str) -> RefusedError:
         """Return the refusal that names the address that is likely to be meant."""
@@ -222,9 +222,9 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, address: str) -> Plan:
         context, kinds = self._context, _KINDS[address]
-        kept = self.asked.cache.find(request, caller.access)
-        if kept is not None:
-            return kept
+        cached = self.asked.cache.find(request, caller.access)
+        if cached is not None:
+            return cached
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
             if caller.access.reads is not None:

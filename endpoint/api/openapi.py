@@ -114,13 +114,13 @@ def _request_name(operation: str) -> str:
 
 
 def _operation(name: str, operation: Operation) -> JsonObject:
-    wanted: JsonObject = {"$ref": f"#/components/schemas/{_request_name(name)}"}
+    reference: JsonObject = {"$ref": f"#/components/schemas/{_request_name(name)}"}
     entries = operation.request.entries
     if entries:
         entry = kind_of(operation.request.model_fields[entries]).message
         assert entry is not None
         # The fields of one entry may stand at top level.
-        wanted = {"anyOf": [wanted, {"$ref": f"#/components/schemas/{entry.__name__}"}]}
+        reference = {"anyOf": [reference, {"$ref": f"#/components/schemas/{entry.__name__}"}]}
     answer = {"$ref": f"#/components/schemas/{operation.answer.__name__}"}
     described: JsonObject = {
         "operationId": name,
@@ -130,7 +130,7 @@ def _operation(name: str, operation: Operation) -> JsonObject:
         "x-effect": operation.effect,
         "requestBody": {
             "required": True,
-            "content": {JSON_TYPE: {"schema": wanted}},
+            "content": {JSON_TYPE: {"schema": reference}},
         },
         "responses": {
             "200": {

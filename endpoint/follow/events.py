@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
-from endpoint.http.terms import read_term
-from rtask.errors import UsageError
+from rtask.asking.terms import Reader, Role, reader_of
+from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.commit.commit import Change
 from rtask.kb.feed.live_queries import RowChange
 from rtask.kb.feed.subscriptions import Filter, Subscription
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import RDF_TYPE, NamedNode
+from rtask.rdf.terms import RDF_TYPE, NamedNode, stored
 from rtask.sparql.results import Solutions
 
 __all__ = [
@@ -32,6 +32,9 @@ JsonObject = dict[str, Any]
 MAX_PATTERNS = 100
 MAX_QUADS = 1_000
 NAMES = ("s", "p", "o", "graph", "class", "inferred")
+_ROLES: dict[str, Role] = {
+    "s": "subject", "p": "predicate", "o": "object", "graph": "subject", "cls": "subject",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ def version_of(kb: KnowledgeBase) -> str:
 
 
 def read_pattern(given: Any) -> Pattern:
-    """Parse a pattern; terms are IRIs or in N-Triples syntax.
+    """Parse a pattern; its terms are still texts.
 
     Raises
     ------
@@ -76,18 +79,24 @@ def read_pattern(given: Any) -> Pattern:
     return Pattern(**texts, inferred=str(inferred).lower() in ("true", "1"))
 
 
-def filter_of(pattern: Pattern) -> Filter:
+def filter_of(pattern: Pattern, reader: Reader) -> Filter:
     """Return what the feed is asked for.
 
     Raises
     ------
     UsageError
         A value is not a term; the error names its field.
+    UnknownTermError
+        Nothing has the name that a value quotes.
     """
     terms: dict[str, Any] = {}
     for field in fields(Pattern)[:-1]:
         text = getattr(pattern, field.name)
-        terms[field.name] = read_term(text, field.name) if text else None
+        name = "class" if field.name == "cls" else field.name
+        try:
+            terms[field.name] = stored(reader.term(text, _ROLES[field.name])) if text else None
+        except (UsageError, UnknownTermError) as error:
+            raise type(error)(f"{name}: {error}") from None
     for name in ("p", "graph", "cls"):
         if terms[name] is not None and not isinstance(terms[name], NamedNode):
             raise UsageError(f"{'class' if name == 'cls' else name}: expected an IRI")
@@ -124,12 +133,14 @@ class Follower:
         on_ready: Callable[[], None],
     ) -> None:
         self._kb = kb
-        self._filters = [filter_of(pattern) for pattern in patterns]
+        # An IRI may be followed before anything mentions it, whatever it begins with.
+        reader = replace(reader_of(kb), is_used=lambda _: True)
+        self._filters = [filter_of(pattern, reader) for pattern in patterns]
         if len(self._filters) == 1:
-            (one,) = self._filters
+            (only,) = self._filters
             self._subscription: Subscription[Change] = kb.subscribe(
-                one.subject, one.predicate, one.value, cast(Any, one.graph), cls=one.cls,
-                inferred=one.inferred, since=since, on_ready=on_ready,
+                only.subject, only.predicate, only.value, cast(Any, only.graph), cls=only.cls,
+                inferred=only.inferred, since=since, on_ready=on_ready,
             )  # fmt: skip
             self._filters = []
         else:
@@ -146,10 +157,10 @@ class Follower:
             The knowledge base was closed.
         """
         while True:
-            found = self._subscription.drain(limit)
-            if not found or not self._filters:
-                return found
-            parts = [part for change in found if (part := self._part(change)) is not None]
+            changes = self._subscription.drain(limit)
+            if not changes or not self._filters:
+                return changes
+            parts = [part for change in changes if (part := self._part(change)) is not None]
             if parts:
                 return parts
 
@@ -164,8 +175,8 @@ class Follower:
         def is_instance(subject: Any, cls: NamedNode) -> bool:
             return (subject, cls) in types or bool(self._kb.match(subject, RDF_TYPE, cls))
 
-        found = [f.applied(change, is_instance) for f in self._filters]
-        parts = [part for part in found if part is not None]
+        applied = [f.applied(change, is_instance) for f in self._filters]
+        parts = [part for part in applied if part is not None]
         if len(parts) < 2:
             return parts[0] if parts else None
         merged = {

@@ -46,7 +46,7 @@ def _operator() -> Caller:
 def tokens() -> Model:
     """Return all tokens, without their secrets."""
     _operator()
-    return {"tokens": [asdict(one) for one in context().tokens.all()], "roles": ROLES}
+    return {"tokens": [asdict(token) for token in context().tokens.all()], "roles": ROLES}
 
 
 @page("/admin/audit", "audit.html")
@@ -75,7 +75,7 @@ def make_token() -> flask.Response:
     server.audit.event(
         "token-created", token=made.id, role=made.role, agent=made.agent, by=_named(by)
     )
-    all_of_them = [asdict(one) for one in server.tokens.all()]
+    all_of_them = [asdict(token) for token in server.tokens.all()]
     shown = flask.render_template("tokens.html", tokens=all_of_them, roles=ROLES, made=text)
     return flask.make_response(shown, 201)
 

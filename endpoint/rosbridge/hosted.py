@@ -25,7 +25,7 @@ def hosted_services(host: ServiceHost | None) -> list[Service]:
     """Return one service for each method of each service, of its newest version."""
     if host is None:
         return []
-    return [hosted_service(host, one, method) for one, method in _methods(host)]
+    return [hosted_service(host, definition, method) for definition, method in _methods(host)]
 
 
 def hosted_service(host: ServiceHost, definition: Definition, method: Method) -> Service:
@@ -33,7 +33,9 @@ def hosted_service(host: ServiceHost, definition: Definition, method: Method) ->
 
     def prepare(args: JsonObject, access: Access, timeout_s: float) -> HostedCall:
         given, data = _split(args)
-        asked = Invocation(definition.name, method.name, given, access, data, timeout_s)
+        asked = Invocation(
+            definition.name, method.name, given, access, data, timeout_s, data_form=_DATA
+        )
         return HostedCall(host, host.prepare(asked))
 
     def handler(args: JsonObject, access: Access) -> JsonObject:
@@ -68,7 +70,13 @@ def hosted_actions(host: ServiceHost | None) -> list[Action]:
             given, data = _split(args)
             task = host.prepare(
                 Invocation(
-                    definition.name, method.name, given, access, data, timeout_s=MAX_TIMEOUT_S
+                    definition.name,
+                    method.name,
+                    given,
+                    access,
+                    data,
+                    timeout_s=MAX_TIMEOUT_S,
+                    data_form=_DATA,
                 )
             )
             task.call.on_progress(progress.report)

@@ -93,14 +93,14 @@ def _solve(
     outgoing.check(url)  # what is not allowed is refused even where failures are silent
     query = f"{prologue} SELECT * WHERE {pattern}".encode()
     try:
-        found = outgoing.fetch(
+        response = outgoing.fetch(
             url,
             deadline,
             accept=RESULTS_JSON,
             body=query,
             content_type="application/sparql-query",
         )
-        rows: Any = ox.parse_query_results(found.body, format=ox.QueryResultsFormat.JSON)
+        rows: Any = ox.parse_query_results(response.body, format=ox.QueryResultsFormat.JSON)
         return values([v.value for v in rows.variables], rows, url)
     except ForbiddenError:
         raise
@@ -216,18 +216,18 @@ def _document(operation: Operation, outgoing: Outgoing, deadline: float, base: s
     url = resolve(operation.source.name, operation.prologue, base or None).value
     outgoing.check(url)
     try:
-        found = outgoing.fetch(url, deadline, accept=_RDF)
-        format_ = ox.RdfFormat.from_media_type(found.media_type)
+        response = outgoing.fetch(url, deadline, accept=_RDF)
+        format_ = ox.RdfFormat.from_media_type(response.media_type)
         name = format_.file_extension if format_ else _by_suffix(url)
         if not name:
-            raise RemoteUnavailableError(f"{url} is not RDF: {found.media_type or 'no type'}")
+            raise RemoteUnavailableError(f"{url} is not RDF: {response.media_type or 'no type'}")
     except ForbiddenError:
         raise
     except RtaskError as error:
         if operation.silent:
             return None
         raise RefusedError(502, "load-failed", f"LOAD {url}: {error}") from None
-    return url, found.body, name
+    return url, response.body, name
 
 
 def _by_suffix(url: str) -> str:

@@ -15,7 +15,7 @@ from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.http.compression import wants_gzip
-from endpoint.http.conditional import Versions, is_known, names
+from endpoint.http.conditional import Versions, is_current, names
 from endpoint.http.form_data import FORM_DATA_TYPE, form_parts
 from endpoint.http.messages import (
     RefusedError,
@@ -148,7 +148,7 @@ class GraphStore:
                 raise _missing(graph)
             etag = self._versions.of_graph(graph, media_type)
             headers = (("ETag", etag),)
-            if is_known(request, etag):
+            if is_current(request, etag):
                 return Response(304, headers=headers)
             content_type = negotiation.content_type(media_type)
             if request.method == "HEAD":
@@ -262,10 +262,10 @@ class GraphStore:
         version = self._kb.seq
         if request.header("if-none-match") == "*" and existed:
             raise VersionConflictError("the graph exists already")
-        wanted = request.header("if-match")
-        if not wanted:
+        tags = request.header("if-match")
+        if not tags:
             return None
-        if not existed or (wanted != "*" and not names(wanted, self._etag(graph))):
+        if not existed or (tags != "*" and not names(tags, self._etag(graph))):
             raise VersionConflictError("the graph is no longer the one that If-Match names")
         return version
 
@@ -297,15 +297,15 @@ def _multipart(request: Request) -> list[Part]:
 
 
 def _format(media_type: str) -> str:
-    found = FORMATS.get(split_media_type(media_type)[0])
-    if not found:
+    format_ = FORMATS.get(split_media_type(media_type)[0])
+    if not format_:
         raise RefusedError(
             415,
             "unsupported-media-type",
             f"Content-Type {media_type or '(none)'} is not RDF; use {', '.join(FORMATS)}",
             headers=(("Accept", ", ".join(FORMATS)),),
         )
-    return found
+    return format_
 
 
 def _pattern(graph: GraphName | None) -> str:

@@ -65,8 +65,13 @@ def open_graph(data: Path, server: str | None) -> Graph:
 
 
 def base_of(graph: Graph) -> str:
-    """Return the IRI that starts every instance; empty for a server, where it is not known."""
-    return str(getattr(graph, "base", ""))
+    """Return the IRI that starts every instance; empty where a server does not say it."""
+    from rtask.errors import ForbiddenError, UnsupportedError
+
+    try:
+        return str(getattr(graph, "base", ""))
+    except (ForbiddenError, UnsupportedError):  # a caller limited to some graphs, a bare dataset
+        return ""
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from rtask.errors import (
     AuthenticationError,
     CallFailedError,
     ForbiddenError,
+    MissingDataError,
     RtaskError,
 )
 
@@ -25,9 +26,11 @@ _MAX_S = 2.0
 
 def failure_of(answer: httpx.Response) -> RtaskError:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
+    resource: object = None
     try:
         problem = answer.json()
         words = str(problem.get("detail") or problem.get("title") or answer.text[:500])
+        resource = problem.get("resource")
     except (ValueError, AttributeError):
         words = answer.text[:500] or answer.reason_phrase
     may_pass = is_transient(answer)
@@ -35,6 +38,11 @@ def failure_of(answer: httpx.Response) -> RtaskError:
         return AuthenticationError(words)
     if answer.status_code == 403:
         return ForbiddenError(words)
+    if isinstance(resource, str):
+        words = MissingDataError.in_words_of(words, resource, "data=")
+        return CallFailedError(
+            words, http_status=answer.status_code, transient=may_pass, resource=resource
+        )
     return CallFailedError(words, http_status=answer.status_code, transient=may_pass)
 
 

@@ -36,7 +36,9 @@ class Others(Protocol):
     def find(self, service: str, method: str) -> tuple[Any, Any]:
         """Return the definitions of a service and of one of its methods."""
 
-    def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
+    def check_data(
+        self, service: str, data: Mapping[str, str], access: Access, form: str = "data="
+    ) -> None:
         """Refuse a call whose data resources are missing."""
 
 
@@ -278,15 +280,23 @@ class Call:
         """Return the :class:`~rtask.services.definition.Method` of another service."""
         return self._reach().find(name, method)[1]
 
-    def check_data(self, name: str, data: dict[str, str] | None = None) -> None:
+    def check_data(
+        self, name: str, data: dict[str, str] | None = None, form: str = "data="
+    ) -> None:
         """Refuse a call of another service, before it is made, whose data are missing.
+
+        Parameters
+        ----------
+        form
+            How its caller names datasets, as in
+            :meth:`rtask.errors.MissingDataError.with_example`.
 
         Raises
         ------
         MissingDataError
             A data resource has no dataset, or the caller may not read it.
         """
-        self._reach().check_data(name, data or {}, self.caller)
+        self._reach().check_data(name, data or {}, self.caller, form)
 
     def _reach(self) -> Others:
         if self._others is None:
@@ -345,6 +355,8 @@ class Invocation:
         Time for the answer; None = as the service says.
     parent
         The call on whose behalf this one is made; None = it is made for itself.
+    data_form
+        How the caller names datasets, as in :meth:`rtask.errors.MissingDataError.with_example`.
     """
 
     service: str
@@ -354,3 +366,4 @@ class Invocation:
     data: Mapping[str, str] | None = None
     timeout_s: float | None = None
     parent: Call | None = None
+    data_form: str = "data="

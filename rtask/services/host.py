@@ -152,7 +152,7 @@ class ServiceHost:
         if entry.scope not in SCOPES[access.role]:
             raise ForbiddenError(f"needs scope {entry.scope}; the role {access.role} lacks it")
         request = read(entry.request, dict(asked.args))
-        mapped = self._mapped(definition, asked.data or {}, access)
+        mapped = self._mapped(definition, asked.data or {}, access, asked.data_form)
         asked_s = asked.timeout_s
         seconds = definition.timeout_s if asked_s is None else min(asked_s, MAX_JOB_S)
         chain = (*parent.chain, definition.name) if parent else (definition.name,)
@@ -326,16 +326,20 @@ class ServiceHost:
         offers = [offer_of(declared_method) for declared_method in definition.methods.values()]
         return Proxy(definition.exact, offers, carry_out)
 
-    def check_data(self, service: str, data: Mapping[str, str], access: Access) -> None:
+    def check_data(
+        self, service: str, data: Mapping[str, str], access: Access, form: str = "data="
+    ) -> None:
         """Refuse a call whose data resources are missing, before it is made.
 
         Raises
         ------
         MissingDataError, UsageError
         """
-        self._mapped(self.registry.find(service), data, access)
+        self._mapped(self.registry.find(service), data, access, form)
 
-    def _mapped(self, definition: Definition, data: Mapping[str, str], access: Access) -> Mapped:
+    def _mapped(
+        self, definition: Definition, data: Mapping[str, str], access: Access, form: str = "data="
+    ) -> Mapped:
         """Return the exact version of the dataset for each data resource that takes one.
 
         Raises
@@ -358,10 +362,9 @@ class ServiceHost:
                 raise UsageError(f"{definition.exact} has no data resource {name!r}{hint}")
         for name, need in mapped.items():
             if name not in data and need.default is None:
+                words = f"{definition.exact} needs a dataset for {name!r}"
                 raise MissingDataError(
-                    f"{definition.exact} needs a dataset for {name!r}: "
-                    f"data={{{name!r}: '<namespace>/<name>'}}",
-                    resource=name,
+                    MissingDataError.with_example(words, name, form), resource=name
                 )
         bound = []
         for name, need in sorted(mapped.items()):

@@ -15,6 +15,8 @@ import numpy as np
 from rtask.errors import UnknownTermError, nearest
 from rtask.services.definition import Method
 from rtask.wire.message import Answer
+from rtask.wire.openapi import type_in_words
+from rtask.wire.ros import declared_types
 
 __all__ = ["Offer", "Proxy", "offer_of", "offer_read"]
 
@@ -146,9 +148,10 @@ def _bound(offer: Offer, caller: Callable[[str, dict[str, Any]], Any]) -> Callab
 
 def offer_of(method: Method) -> Offer:
     """Return a method of a service of this process as a proxy offers it."""
-    fields = method.request.model_fields.items()
+    types = declared_types(method.request)
     parameters = [
-        (name, field.is_required(), field.default, field.annotation) for name, field in fields
+        (name, field.is_required(), field.default, types[name])
+        for name, field in method.request.model_fields.items()
     ]
 
     def result(answer: Answer) -> Any:
@@ -167,7 +170,7 @@ def offer_read(name: str, described: Mapping[str, Any]) -> Offer:
     request = described["request"]
     required = request.get("required", ())
     parameters = [
-        (own, own in required, schema.get("default"), schema.get("x-ros-type", Any))
+        (own, own in required, schema.get("default"), type_in_words(schema) or Any)
         for own, schema in request.get("properties", {}).items()
     ]
     output, kind = described["output"], described["output_type"]

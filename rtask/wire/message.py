@@ -271,8 +271,9 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
     if kind == "missing":
         owner = _message_at(model, places[:-1])
         meaning = owner.model_fields[str(places[-1])].description
-        is_told = meaning and meaning != str(places[-1])
-        return f"{path} is missing: {meaning}" if is_told else f"{path} is missing"
+        if not meaning or meaning.casefold() == str(places[-1]).replace("_", " ").casefold():
+            return f"{path} is missing"
+        return f"{path} is missing: {meaning}"
     if kind == "refused":
         return f"{path}: {context['words']}"
     if kind in _BOUNDS:

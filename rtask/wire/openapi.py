@@ -71,6 +71,24 @@ def components(models: Mapping[str, type[BaseModel]]) -> JsonObject:
     return dict(sorted(described.items()))
 
 
+def type_in_words(schema: Mapping[str, Any]) -> str:
+    """Return the type of a field as it is declared, from its published schema.
+
+    A field that may be left out is a list in a typed ROS message, and none for other callers.
+
+    Examples
+    --------
+    >>> type_in_words({"type": "number", "default": 0.1, "x-ros-type": "float64[]"})
+    'float64'
+    >>> type_in_words({"type": "array", "items": {"type": "number"}, "x-ros-type": "float64[]"})
+    'float64[]'
+    """
+    choices = (schema, *schema.get("anyOf", ()))
+    is_list = any(choice.get("type") == "array" for choice in choices)
+    ros_type = str(schema.get("x-ros-type", ""))
+    return ros_type if is_list else ros_type.removesuffix("[]")
+
+
 def _add_absence(schema: JsonObject, name: str, model: type[BaseModel]) -> None:
     """Add to each field of a request its ROS type and what leaving it out means."""
     if not issubclass(model, Message):

@@ -16,7 +16,7 @@ from rtask.wire.fields import Kind, kind_of, wire_name
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import carried
 
-__all__ = ["CHANGE", "LIST", "SCALAR", "Member", "camel_case", "ros_types"]
+__all__ = ["CHANGE", "LIST", "SCALAR", "Member", "camel_case", "declared_types", "ros_types"]
 
 SCALAR, LIST = -1, 0
 
@@ -71,6 +71,26 @@ def ros_types(name: str, model: type[BaseModel]) -> dict[str, list[Member]]:
     members: dict[str, list[Member]] = {}
     _add(name, model, members)
     return members
+
+
+def declared_types(model: type[Message]) -> dict[str, str]:
+    """Return the type of each field of a request by its own name, as it is declared.
+
+    A field that may be left out is a list in a typed ROS message, and none for other callers.
+
+    Examples
+    --------
+    >>> class Jar(Message):
+    ...     heights: list[float]
+    ...     width: float = 0.1
+    >>> declared_types(Jar)
+    {'heights': 'float64[]', 'width': 'float64'}
+    """
+    members = ros_types("request", model)["request"]
+    return {
+        own: member.type if own in model.at_most_one else str(member)
+        for own, member in zip(model.model_fields, members, strict=True)
+    }
 
 
 def _add(name: str, model: type[BaseModel], types: dict[str, list[Member]]) -> None:

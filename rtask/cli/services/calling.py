@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.options import json_option, print_json, server_option
-from rtask.errors import UsageError, nearest
+from rtask.errors import MissingDataError, RtaskError, UsageError, nearest
 
 if TYPE_CHECKING:
     from rtask.services.benchmark import Run
@@ -102,11 +102,13 @@ def _field_lines(
     message: dict[str, Any], parts: dict[str, Any], outer: tuple[str, ...] = ()
 ) -> Iterator[str]:
     """Yield a line for each field of a message; those of a message in it follow, indented."""
+    from rtask.wire.openapi import type_in_words
+
     for field, schema in message.get("properties", {}).items():
         absent = "" if field in message.get("required", ()) else f"  [{schema.get('x-absent', '')}]"
         options = " or ".join(map(str, schema.get("enum", ())))
         meaning = schema.get("description") or schema.get("x-unit", options)
-        yield f"{field} : {schema['x-ros-type']}{absent}  {meaning}".rstrip()
+        yield f"{field} : {type_in_words(schema)}{absent}  {meaning}".rstrip()
         for part in _references(schema):
             if part in parts and part not in outer:
                 yield from (
@@ -155,7 +157,7 @@ def call_service(
     data = dict(_pair(pair, "--dataset") for pair in mapping)
     args = {field: _value(text) for field, text in (_pair(pair, "") for pair in arguments)}
     with _offered(server, sources) as offered:
-        answer = offered.call(name, method, args, data, timeout)
+        answer = _in_words_of_options(lambda: offered.call(name, method, args, data, timeout))
     if as_json:
         print_json(answer)
         return
@@ -252,6 +254,18 @@ def run_script(script: Path, arguments: tuple[str, ...]) -> None:
     sys.argv = [str(script), *arguments]
     with named_brass("rtask.client.brass"):
         runpy.run_path(str(script), run_name="__main__")
+
+
+def _in_words_of_options(call: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return the answer of a call; its errors name options, not members of a request."""
+    try:
+        return call()
+    except RtaskError as error:
+        resource = error.details.get("resource")
+        if not isinstance(resource, str):
+            raise
+        words = MissingDataError.in_words_of(str(error), resource, "--dataset")
+        raise type(error)(words, **error.details) from None
 
 
 def _pair(text: str, option: str) -> tuple[str, str]:

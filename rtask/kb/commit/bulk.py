@@ -19,7 +19,7 @@ from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Committer, Request
 from rtask.kb.commit.inference import Inference
-from rtask.kb.commit.schema_right import axiom_refused, is_axiom
+from rtask.kb.commit.schema_right import SchemaRight, axiom_refused
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.saved_closures import discard_saved
@@ -130,12 +130,14 @@ def _add_quads(
 ) -> set[GraphName]:
     joined: dict[GraphName, bool] = {graph: files.settings.is_merged and Graphs.is_joined(graph)}
 
-    may_state_axioms = access.may_state_axioms
+    right = None
+    if not access.may_state_axioms:
+        right = SchemaRight(access, committer.graphs, files.store)
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
             name = quad.graph_name
-            if not may_state_axioms and is_axiom(quad):
+            if right is not None and right.is_foreign(quad):
                 raise axiom_refused(quad, access, committer.graphs)
             if name not in joined:
                 _refuse_rules(committer, name)

@@ -8,10 +8,10 @@ state axioms about its own terms only, and only such as say nothing about the te
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import chain
+from itertools import chain, islice
 from urllib.parse import quote
 
-from pyoxigraph import Quad
+from pyoxigraph import BlankNode, NamedNode, Quad
 
 import ontology
 from rtask.errors import ForbiddenError
@@ -19,9 +19,12 @@ from rtask.kb.commit.access import Access
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import RDF_TYPE, NamedNode, Term
+from rtask.rdf.terms import RDF_TYPE, GraphName, Term
 
-__all__ = ["axiom_refused", "foreign_axioms", "is_axiom", "require_schema", "stored_axioms"]
+__all__ = [
+    "SchemaRight", "axiom_refused", "foreign_axioms", "is_axiom", "require_schema",
+    "stored_axioms",
+]  # fmt: skip
 
 _RDF, _RDFS, _OWL = (ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
 _VOCABULARY = (_RDF, _RDFS, _OWL)
@@ -45,11 +48,25 @@ _ABOUT_ALL = frozenset(
         "propertyChainAxiom", "intersectionOf", "unionOf", "disjointUnionOf", "oneOf", "hasKey",
         "members", "distinctMembers", "maxCardinality", "maxQualifiedCardinality", "cardinality",
         "qualifiedCardinality", "onClass", "sourceIndividual", "assertionProperty",
-        "targetIndividual", "targetValue",
+        "targetIndividual", "targetValue", "minCardinality", "minQualifiedCardinality", "hasSelf",
+        "onDataRange", "onDatatype", "withRestrictions", "datatypeComplementOf", "onProperties",
     )
 )  # fmt: skip
 """Lists, identities and negations: they reach whatever they name, or whatever is related to it."""
-_LINKS = frozenset((_RDF + "first", _RDF + "rest"))
+_LISTS = frozenset(
+    _OWL + name
+    for name in (
+        "propertyChainAxiom", "intersectionOf", "unionOf", "disjointUnionOf", "oneOf", "hasKey",
+        "members", "distinctMembers", "withRestrictions", "onProperties",
+    )
+)  # fmt: skip
+"""Those whose object is a list."""
+_REST = NamedNode(_RDF + "rest")
+_LINKS = frozenset((_RDF + "first", _REST.value))
+_MAX_CELLS = 20_000
+"""Cells before another that are looked at; a cell of a longer list counts as part of an axiom."""
+_MAX_USES = 1_000
+"""Statements about a term that are looked at one by one."""
 _AXIOMS = _ABOUT_SUBJECT | _ABOUT_BOTH | _FILLERS | _ABOUT_ALL
 _OF_OWN_PROPERTIES = frozenset(
     _OWL + name
@@ -59,9 +76,12 @@ _OF_OWN_PROPERTIES = frozenset(
         "Restriction", "Ontology",
     )
 ) | {_RDFS + "Class", _RDFS + "Datatype", _RDF + "Property"}  # fmt: skip
-_HARMLESS_CLASSES = frozenset(
-    (_OWL + "Thing", _OWL + "NamedIndividual", _RDFS + "Resource", _OWL + "Ontology")
+_HARMLESS_CLASSES = (
+    {_RDF + name for name in ("List", "Statement", "Bag", "Seq", "Alt", "CompoundLiteral")}
+    | {_RDFS + name for name in ("Resource", "Container")}
+    | {_OWL + name for name in ("Thing", "NamedIndividual", "Ontology", "Axiom", "Annotation")}
 )
+"""Nothing follows from being one: individuals, lists, containers, notes on statements."""
 _NO_META = frozenset((_OWL + "Thing", _OWL + "Nothing", _RDFS + "Resource", _RDFS + "Literal"))
 """Terms of the vocabulary that an own class may be below: they make nobody's term an axiom."""
 _ANNOTATIONS = frozenset(
@@ -74,7 +94,9 @@ def _is_vocabulary(term: Term) -> bool:
 
 
 def is_axiom(quad: Quad) -> bool:
-    """Whether a statement changes what follows from others.
+    """Whether a statement may change what follows from others.
+
+    A cell of a list does so if the list is part of an axiom, and is data otherwise.
 
     >>> from pyoxigraph import DefaultGraph
     >>> below = NamedNode("http://www.w3.org/2000/01/rdf-schema#subClassOf")
@@ -84,11 +106,115 @@ def is_axiom(quad: Quad) -> bool:
     False
     """
     name = quad.predicate.value
-    if name in _AXIOMS:
+    if name in _AXIOMS or name in _LINKS:
         return True
     if name == RDF_TYPE.value:
         return _is_vocabulary(quad.object) and str(quad.object)[1:-1] not in _HARMLESS_CLASSES
-    return name in _LINKS and isinstance(quad.subject, NamedNode)
+    return False
+
+
+class SchemaRight:
+    """Decides which axioms one caller may state without the right ``schema``.
+
+    Parameters
+    ----------
+    access
+        The caller, bound to the knowledge base.
+    store
+        What is stored before the change.
+    """
+
+    def __init__(self, access: Access, graphs: Graphs, store: GraphStore) -> None:
+        self._access = access
+        self._graphs = graphs
+        self._store = store
+        self._home = access.home()
+        self._namespaces = namespaces(access, graphs) if access.agent else ()
+        self._own: dict[NamedNode | BlankNode, bool] = {}
+        self._serves: dict[Term, bool] = {}
+
+    def is_foreign(self, quad: Quad) -> bool:
+        """Whether a statement is an axiom that needs the right."""
+        return is_axiom(quad) and not self._is_harmless(quad)
+
+    def _is_harmless(self, quad: Quad) -> bool:
+        """Tell whether an axiom says nothing about terms that are not the writer's own."""
+        name, subject, value = quad.predicate.value, quad.subject, quad.object
+        if name in _LINKS:
+            return not self._serves_axiom(subject)
+        if name in _ABOUT_ALL or not self._is_own(subject):
+            return False
+        if name == RDF_TYPE.value:
+            return isinstance(value, NamedNode) and value.value in _OF_OWN_PROPERTIES
+        if name in _ABOUT_SUBJECT:
+            is_meta = _is_vocabulary(value) and str(value)[1:-1] not in _NO_META | _ANNOTATIONS
+            return isinstance(subject, NamedNode) and not is_meta
+        if name == _OWL + "onProperty":
+            return isinstance(value, NamedNode) and self._is_own(value)
+        if name in _ABOUT_BOTH:
+            both = (subject, value)
+            return all(isinstance(term, NamedNode) and self._is_own(term) for term in both)
+        return name in _FILLERS
+
+    def _is_own(self, term: Term) -> bool:
+        """Tell whether a term is the caller's and used by nobody else.
+
+        An IRI is the caller's if it is minted in its namespace. A blank node needs no such mark:
+        those of others can be reached only where the store has them.
+        """
+        if not isinstance(term, NamedNode | BlankNode):
+            return False
+        known = self._own.get(term)
+        if known is None:
+            named = isinstance(term, BlankNode) or term.value.startswith(self._namespaces)
+            known = self._own[term] = named and not self._is_used_by_others(term)
+        return known
+
+    def _is_used_by_others(self, term: NamedNode | BlankNode) -> bool:
+        find = self._store.quads_for_pattern
+        uses = chain(
+            find(term, None, None, None),
+            find(None, term, None, None) if isinstance(term, NamedNode) else (),
+            find(None, None, term, None),
+        )
+        if any(self._is_of_others(quad.graph_name) for quad in islice(uses, _MAX_USES)):
+            return True
+        if next(uses, None) is None:
+            return False
+        # A class of many members: whether another graph has any is cheaper to ask of each graph.
+        name = term if isinstance(term, NamedNode) else None
+        for graph in filter(self._is_of_others, self._store.named_graphs()):
+            here = chain(
+                find(term, None, None, graph),
+                find(None, name, None, graph) if name else (),
+                find(None, None, term, graph),
+            )
+            if next(here, None) is not None:
+                return True
+        return False
+
+    def _is_of_others(self, graph: GraphName) -> bool:
+        return graph != self._home and self._graphs.is_input(graph)
+
+    def _serves_axiom(self, cell: Term) -> bool:
+        """Tell whether a stored axiom has a list to which a cell belongs."""
+        path, todo = {cell}, [cell]
+        while todo and len(path) <= _MAX_CELLS:
+            node = todo.pop()
+            if node in self._serves:
+                if self._serves[node]:
+                    return True
+                continue
+            for quad in self._store.quads_for_pattern(None, None, node, None):
+                if quad.predicate.value in _LISTS and self._graphs.is_input(quad.graph_name):
+                    self._serves[cell] = True
+                    return True
+                if quad.predicate == _REST and quad.subject not in path:
+                    path.add(quad.subject)
+                    todo.append(quad.subject)
+        if not todo:
+            self._serves.update(dict.fromkeys(path, False))
+        return bool(todo)
 
 
 def foreign_axioms(
@@ -101,50 +227,10 @@ def foreign_axioms(
     is_input
         Whether the reasoner reads a graph.
     """
-    own: dict[str, bool] = {}
-
-    def is_own(term: object) -> bool:
-        if not isinstance(term, NamedNode):
-            return False
-        known = own.get(term.value)
-        if known is None:
-            known = own[term.value] = _is_own(term, access, graphs, change.store)
-        return known
-
+    right = SchemaRight(access, graphs, change.store)
     for quad in change.added:
-        if is_axiom(quad) and is_input(quad.graph_name) and not _is_harmless(quad, is_own):
+        if is_input(quad.graph_name) and right.is_foreign(quad):
             yield quad
-
-
-def _is_harmless(quad: Quad, is_own: Callable[[object], bool]) -> bool:
-    """Tell whether an axiom says nothing about terms that are not the writer's own."""
-    name, subject, value = quad.predicate.value, quad.subject, quad.object
-    is_blank = not isinstance(subject, NamedNode)
-    if name == RDF_TYPE.value:
-        kind = value.value if isinstance(value, NamedNode) else ""
-        return kind in _OF_OWN_PROPERTIES and (is_blank or is_own(subject))
-    if name in _ABOUT_SUBJECT:
-        is_meta = _is_vocabulary(value) and str(value)[1:-1] not in _NO_META | _ANNOTATIONS
-        return is_own(subject) and not is_meta
-    if name == _OWL + "onProperty":
-        return (is_blank or is_own(subject)) and is_own(value)
-    if name in _ABOUT_BOTH:
-        return is_own(subject) and is_own(value)
-    if name in _FILLERS:
-        return is_blank or is_own(subject)
-    return name in _LINKS and is_own(subject)
-
-
-def _is_own(term: NamedNode, access: Access, graphs: Graphs, store: GraphStore) -> bool:
-    """Tell whether a term is minted in the caller's namespace and used by nobody else."""
-    if not access.agent or not term.value.startswith(namespaces(access, graphs)):
-        return False
-    home = access.home()
-    find = store.quads_for_pattern
-    found = chain(
-        find(term, None, None, None), find(None, term, None, None), find(None, None, term, None)
-    )
-    return all(q.graph_name == home or not graphs.is_input(q.graph_name) for q in found)
 
 
 def namespaces(access: Access, graphs: Graphs) -> tuple[str, ...]:

@@ -231,7 +231,7 @@ def _checked(
                 hint = nearest(own, list(method.request.wire_names))
                 raise UsageError(f"step {step.id}: {step.call} has no input {own!r}{hint}")
         try:
-            call.check_data(_called(step)[0], step.data)
+            call.check_data(_called(step)[0], step.data, "data")
         except MissingDataError as error:
             raise MissingDataError(f"step {step.id}: {error}", **error.details) from error
         plan[step.id], methods[step.id] = step, method

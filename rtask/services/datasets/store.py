@@ -24,6 +24,7 @@ from typing import Any
 
 from rtask.errors import (
     ConflictError,
+    ForbiddenError,
     UnknownTermError,
     UsageError,
     VersionConflictError,
@@ -120,15 +121,38 @@ class Datasets:
         UsageError
             The name is not ``<namespace>/<name>``.
         ConflictError
-            The name is taken.
+            The name is taken, or the dataset would be private in a namespace that others use.
+        ForbiddenError
+            The namespace has private datasets that the caller may not read. This is so for every
+            name in it, so that it does not tell which names are taken.
         """
         if not is_name(name):
             raise UsageError(f"dataset {name[:80]!r}: expected <namespace>/<name>")
         with self._lock:
+            self._check_namespace(name, access, is_private=readers is not None)
             if self._shelf.holds(name) or name in self._offered:
                 raise ConflictError(f"dataset {name} exists already")
             owner = access.agent if access else None
             self._shelf.create(name, {"owner": owner, "readers": readers, "key": key})
+
+    def _check_namespace(self, name: str, access: Access | None, *, is_private: bool) -> None:
+        if access is None or access.role == "admin":
+            return
+        namespace = name.partition("/")[0]
+        start = f"{namespace}/"
+        stored = [other for other in self._shelf.names() if other.startswith(start)]
+        if not all(self._may_read(other, access) for other in stored):
+            raise ForbiddenError(
+                f"the namespace {namespace} belongs to somebody else; use one of your own"
+            )
+        is_shared = any(offered.startswith(start) for offered in self._offered) or any(
+            self._shelf.facts(other)["owner"] != access.agent for other in stored
+        )
+        if is_private and is_shared:
+            raise ConflictError(
+                f"the namespace {namespace} has datasets of others, so {name} cannot be private; "
+                "use a namespace of your own"
+            )
 
     def fork(self, name: str, source: str, access: Access | None = None) -> None:
         """Create a dataset that goes on from a version of another; no bytes are copied.

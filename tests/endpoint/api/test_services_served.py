@@ -427,6 +427,22 @@ def test_a_service_reads_the_dataset_that_its_caller_names(http):
     assert by_address.json() == in_body.json() == {"text": "seven joints"}
 
 
+def test_a_missing_dataset_is_asked_for_in_the_words_of_the_callers_protocol(server, http):
+    missing = "lab/Reader@0.1.0 needs a dataset for 'model'; give it as"
+    refused = http.post("/services/lab/Reader/read", json={}).json()
+    assert refused["detail"].endswith('give it as "$data": {"model": "<namespace>/<name>"}')
+    params = {"name": "lab_Reader_read", "arguments": {}}
+    message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
+    told = http.post("/mcp", json=message).json()["result"]["content"][0]["text"]
+    assert told.endswith('give it as "data_resources": {"model": "<namespace>/<name>"}')
+    words = ["service", "call", "lab/Reader", "read", "--server", server.url]
+    called = CliRunner().invoke(cli, words)
+    assert "give it as --dataset model=<namespace>/<name>" in str(called.exception)
+    with rtask.connect(server.url) as client, pytest.raises(CallFailedError) as raised:
+        client.service("lab/Reader").read()
+    assert str(raised.value) == f"{missing} data={{'model': '<namespace>/<name>'}}"
+
+
 def test_an_agent_lists_tools_calls_one_and_reads_what_was_wrong(http):
     def ask(method: str, **params: Any) -> Any:
         message = {"jsonrpc": "2.0", "id": 7, "method": method, "params": params}

@@ -18,7 +18,7 @@ from endpoint.follow.events import Follower, Pattern, read_pattern, version_of
 from endpoint.http.messages import Request
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
-from rtask.errors import GoneError, UsageError
+from rtask.errors import GoneError, UnknownTermError, UsageError
 from rtask.kb.feed import feed
 from rtask.knowledge_base import KnowledgeBase
 
@@ -136,6 +136,34 @@ def test_what_fits_a_pattern(kb: KnowledgeBase, pattern: Pattern, expected: list
         found = [int(q.object.value) for change in follower.drain() for q in change.added]
         assert found == expected
         follower.close()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "count"),
+    [
+        (Pattern(s="kb:object/7"), 1),
+        (Pattern(s='"the mug"'), 1),
+        (Pattern(s="urn:lab/object/7", p="rt:mass"), 1),
+        (Pattern(cls="rt:Mug"), 1),
+        (Pattern(s="x-new:thing"), 0),
+    ],
+)
+def test_a_pattern_takes_terms_as_commands_print_them(pattern: Pattern, count: int) -> None:
+    rt = "https://w3id.org/rtask-kg/ns#"
+    with rtask.open(":memory:", base="urn:lab/", ontologies=False, reason=False) as kb:
+        kb.update(f"INSERT DATA {{ <urn:lab/object/7> a <{rt}Mug> ; <{rt}name> 'the mug' }}")
+        follower = Follower(kb, [pattern], version_of(kb), lambda: None)
+        kb.update(f"INSERT DATA {{ <urn:lab/object/7> <{rt}mass> 0.3 }}")
+        assert len(follower.drain()) == count
+        follower.close()
+
+
+def test_what_no_term_can_be_names_its_field() -> None:
+    with rtask.open(":memory:", base="urn:lab/", ontologies=False, reason=False) as kb:
+        with pytest.raises(UsageError, match="class: 'extra' is left over after the term rt:Mug"):
+            Follower(kb, [Pattern(cls="rt:Mug extra")], version_of(kb), lambda: None)
+        with pytest.raises(UnknownTermError, match='s: nothing is called "cup"'):
+            Follower(kb, [Pattern(s='"cup"')], version_of(kb), lambda: None)
 
 
 @pytest.mark.parametrize("given", [1, [], {"x": 1}, {"s": 1}, {"inferred": "maybe"}])

@@ -127,6 +127,26 @@ def test_a_private_dataset_looks_to_strangers_as_if_it_did_not_exist(datasets):
     assert datasets.names(ALICE) == ["lab/Copy", "lab/Secret"]
 
 
+def test_creating_a_dataset_does_not_tell_which_private_names_are_taken(datasets):
+    datasets.create("lab/Secret", ALICE, readers=[])
+    refusals = set()
+    for name in ("lab/Secret", "lab/Free"):
+        with pytest.raises(ForbiddenError, match="belongs to somebody else") as refused:
+            datasets.create(name, BOB)
+        refusals.add(str(refused.value))
+    assert len(refusals) == 1
+    datasets.create("bob/Parts", BOB)
+    datasets.create("lab/More", ALICE)
+    assert datasets.names(BOB) == ["bob/Parts", "lab/More"]
+
+
+def test_a_dataset_cannot_be_private_where_others_keep_theirs(datasets):
+    datasets.create("lab/Parts", ALICE)
+    with pytest.raises(ConflictError, match="use a namespace of your own"):
+        datasets.create("lab/Mine", BOB, readers=[])
+    datasets.create("lab/Mine", BOB)
+
+
 def test_only_the_owner_writes(datasets):
     datasets.create("lab/A", ALICE)
     datasets.put("lab/A", {"x": b"1"}, ALICE)

@@ -178,6 +178,6 @@ def test_what_only_looks_like_a_reference_stands_for_itself(host, value):
 def test_missing_data_are_named_before_the_first_step_runs(host):
     host.registry.add(define(Reader))
     steps = [CUT, {"id": "model", "call": "lab/Reader/read", "inputs": {}}]
-    with pytest.raises(MissingDataError, match=r"step model: .* needs a dataset for 'model'"):
+    with pytest.raises(MissingDataError, match=r"step model: .*'model'; give it as \"data\": {"):
         host.call("rtask/Pipeline", "run", {"steps": steps, "output": {}, "inputs": {"cloud": ""}})
     assert Cut.calls == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +32,7 @@ from rtask.services import (
     method,
     startup,
 )
+from rtask.services.proxy import offer_read
 from rtask.wire.message import Message
 from rtask.wire.ros import ros_types
 from rtask.wire.types import Unit
@@ -52,6 +54,10 @@ def test_a_call_is_checked_carried_out_and_answered_as_declared(host):
 def test_a_proxy_has_the_signatures_and_returns_single_values_as_they_are(host):
     arm = host.connect("lab/Arm@1.*")
     assert arm.service == "lab/Arm@1.2.0"
+    declared = "(joints: 'float64[]', scale: 'float64' = 1.0)"
+    assert str(inspect.signature(arm.forward)) == declared
+    read = offer_read("forward", host.description("lab/Arm")["methods"]["forward"])
+    assert str(read.signature) == declared
     assert arm.forward([0.0])[:3, 3].tolist() == [1.0, 0.0, 0.0]
     assert arm.forward(joints=[0.0], scale=3)[0, 3] == 3.0
     assert arm.forward.__doc__.startswith("Pose of the hand")
@@ -129,7 +135,9 @@ def test_data_resources_are_bound_by_name_at_a_version(host):
     assert host.connect("lab/Reader", {"model": "robots/Toy@head"}).read() == "a longer arm"
     datasets.put("robots/Toy", {"model": b"the longest arm"})
     assert host.connect("lab/Reader", {"model": "robots/Toy@head"}).read() == "the longest arm"
-    with pytest.raises(MissingDataError, match="needs a dataset for 'model'"):
+    with pytest.raises(
+        MissingDataError, match=r"needs a dataset for 'model'; give it as data=\{'model': "
+    ):
         host.call("lab/Reader", "read")
     with pytest.raises(MissingDataError, match="no dataset robots/Tox; did you mean"):
         host.call("lab/Reader", "read", data={"model": "robots/Tox"})

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 
 import rtask
 from rtask.errors import ConflictError, ForbiddenError, QueueFullError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
+from rtask.kb.commit.commit import Request
 from rtask.kb.commit.schema_right import stored_axioms
 from rtask.kb.proposals.register import LIFETIME, MAX_OPEN, Proposals
 from rtask.knowledge_base import KnowledgeBase
@@ -47,7 +48,6 @@ HOSTILE = (
     "[] a owl:AllDifferent ; owl:distinctMembers (its:mug its:thing)",
     "rdf:type rdfs:subPropertyOf my:p",
     "rdfs:subClassOf a owl:SymmetricProperty",
-    "rt:someList rdf:rest rdf:nil",
 )
 HARMLESS = (
     "my:M rdfs:subClassOf rt:Mug ; a owl:Class ; rdfs:label 'mug of mine'",
@@ -56,6 +56,13 @@ HARMLESS = (
     "my:x owl:sameAs my:y",
     "its:mug rdfs:comment 'seen by me' ; a rt:Mug",
     "my:path rt:via (its:mug my:x)",
+    "<urn:l1> a rdf:List ; rdf:first its:mug ; rdf:rest <urn:l2> . <urn:l2> rdf:rest rdf:nil",
+    "its:mug rdf:value 1 ; rdf:_1 my:x ; rdfs:member my:y ; rdfs:seeAlso <urn:page>",
+    "[] a rdf:Statement ; rdf:subject its:mug ; rdf:predicate rt:mass ; rdf:object 1",
+    "[] a rdf:Bag ; rdf:_1 its:mug . [] a rdf:Seq . [] a rdf:Alt . [] a rdfs:Container",
+    "[] a owl:Axiom ; owl:annotatedSource its:mug ; rdfs:comment 'seen twice'@en",
+    "<urn:doc> a owl:Ontology ; owl:versionInfo '1' ; owl:imports <urn:other>",
+    "its:mug a owl:NamedIndividual, owl:Thing ; rdfs:label 'Becher'@de",
 )
 
 
@@ -92,6 +99,42 @@ def test_a_term_that_another_uses_is_not_only_its_makers_any_more(kb: KnowledgeB
     insert(kb, "its:bowl a my:Shared", agent="nao-2")
     with pytest.raises(ForbiddenError, match="Shared"):
         insert(kb, "my:Shared rdfs:subClassOf rt:Mug")
+
+
+def test_cells_of_lists_are_data_unless_an_axiom_has_the_list(kb: KnowledgeBase) -> None:
+    axioms = "<urn:U> owl:unionOf <urn:c1> . <urn:c1> rdf:first rt:Mug ; rdf:rest <urn:c2> . "
+    insert(kb, axioms + "<urn:c2> rdf:first rt:Hand ; rdf:rest rdf:nil", access=Access())
+    for cell in ("<urn:c1>", "<urn:c2>"):
+        with pytest.raises(ForbiddenError, match="rdf-syntax-ns#first"):
+            insert(kb, f"{cell} rdf:first rt:Pen")
+    insert(kb, "<urn:c0> rdf:first rt:Pen ; rdf:rest <urn:c1>")
+
+
+def test_blank_nodes_of_axioms_are_out_of_reach_of_others(kb: KnowledgeBase) -> None:
+    axiom = "<urn:W> owl:unionOf (rt:Mug) ; rdfs:subClassOf [ owl:onProperty rt:mass ]"
+    insert(kb, axiom, access=Access())
+    for part, where in (
+        ("?b rdf:first rt:Pen", "<urn:W> owl:unionOf ?b"),
+        ("?b owl:someValuesFrom my:X", "<urn:W> rdfs:subClassOf ?b"),
+    ):
+        text = f"{PREFIXES}{OWN}INSERT {{ {part} }} WHERE {{ {where} FILTER(isBlank(?b)) }}"
+        with pytest.raises(ForbiddenError, match="right schema"):
+            kb.update(text, agent="nao-1")
+
+
+def test_a_robot_loads_a_large_file_with_terms_of_its_own_and_lists(kb: KnowledgeBase) -> None:
+    own, graph = f"{BASE}robot/nao-1/", kb.graphs.agent("nao-1")
+    lines = (f"<{own}L> a owl:Class .", f"<{own}l> rdf:first <{own}L> ; rdf:rest rdf:nil .")
+    text = PREFIXES.replace("PREFIX", "\nPREFIX") + "\n".join(lines)
+    quads = [Quad(t.subject, t.predicate, t.object, graph)
+             for t in parse(text.encode(), format=RdfFormat.TURTLE)]  # fmt: skip
+    request = Request(kb.access("nao-1"))
+    kb.bulk_add(quads, graph, request)
+    assert all(quad in kb.store for quad in quads)
+    foreign = Quad(quads[0].subject, quads[1].predicate, quads[0].object, graph)
+    axiom = Quad(NamedNode("urn:F"), quads[0].predicate, quads[0].object, graph)
+    with pytest.raises(ForbiddenError, match="urn:F"):
+        kb.bulk_add([foreign, axiom], graph, request)
 
 
 def test_a_robot_with_the_right_and_an_operator_state_axioms(kb: KnowledgeBase) -> None:
