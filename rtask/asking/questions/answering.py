@@ -10,7 +10,7 @@ import datetime as dt
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from rtask.asking.questions.catalogue import Question
 from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
@@ -23,16 +23,19 @@ from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
 from rtask.sparql.results import Solutions
 
-if TYPE_CHECKING:
-    from rtask.graph import Graph
-    from rtask.kb.core import GraphCore
-
-__all__ = ["MAX_ROWS", "Answer", "Near", "answer", "nearest_questions"]
+__all__ = ["MAX_ROWS", "Answer", "Near", "Selectable", "answer"]
 
 MAX_ROWS = 200
 MAX_TEXT = 1000
 TIMEOUT_S = 10.0
 _LISTED = 3
+
+
+class Selectable(Protocol):
+    """A graph, embedded or on a server."""
+
+    def select(self, text: str, **options: Any) -> Solutions:
+        """Evaluate a SELECT."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ class _Reading:
 
 
 def answer(
-    kb: Graph | GraphCore,
+    kb: Selectable,
     text: str,
     *,
     select: Select | None = None,
@@ -213,16 +216,7 @@ def answer(
     )
 
 
-def nearest_questions(
-    kb: Graph | GraphCore, text: str, select: Select | None = None
-) -> list[Match]:
-    """Return all questions, the nearest to some words first."""
-    run = select or _within_bounds(kb)
-    reading = _read(run, text, str(getattr(kb, "base", "")), dt.datetime.now(dt.UTC))
-    return matcher().matches(reading.asked)
-
-
-def _within_bounds(kb: Graph | GraphCore) -> Select:
+def _within_bounds(kb: Selectable) -> Select:
     def run(query: str) -> Solutions:
         return kb.select(query, timeout_s=TIMEOUT_S)
 
