@@ -120,8 +120,8 @@ class Answer:
             "names": dict(self.names),
             "more": self.is_cut,
             "nearest": [
-                {"question": one.key, "text": one.question, "likeness": round(one.likeness, 3)}
-                for one in self.nearest
+                {"question": item.key, "text": item.question, "likeness": round(item.likeness, 3)}
+                for item in self.nearest
             ],
         }  # fmt: skip
 
@@ -172,8 +172,8 @@ def answer(
     >>> with rtask.open(":memory:") as kb:
     ...     text = "INSERT DATA { <urn:cup> a rt:Cup ; rt:name 'red cup' }"
     ...     _ = kb.update(prologue(ontology.PREFIXES) + text)
-    ...     found = answer(kb, "which cups are there?")
-    >>> found.sentence
+    ...     result = answer(kb, "which cups are there?")
+    >>> result.sentence
     'Cups: red cup.'
     """
     if not text.strip() or len(text) > MAX_TEXT:
@@ -184,7 +184,7 @@ def answer(
     nearest = _nearest(matches)
     best = matches[0]
     if best.score < NEAR:
-        listed = "; ".join(one.question for one in nearest)
+        listed = "; ".join(item.question for item in nearest)
         words = f"None of the questions is near to that. The nearest are: {listed}"
         return _unanswered(text, reading, words, nearest)
     question = best.question
@@ -193,7 +193,7 @@ def answer(
         words = f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
         return _unanswered(text, reading, words, nearest)
     unused = unused_mentions(question, filled, reading.mentions)
-    if reading.period is not None and all(one.period is None for one in filled):
+    if reading.period is not None and all(item.period is None for item in filled):
         unused.append(reading.period.text)
     reading = replace(reading, ignored=(*reading.ignored, *unused))
     sparql = filled_query(question, filled)
@@ -205,12 +205,12 @@ def answer(
         text,
         question.key,
         _understood(question, filled),
-        {one.slot.role: (one.text, tuple(map(str, one.terms))) for one in filled},
+        {item.slot.role: (item.text, tuple(map(str, item.terms))) for item in filled},
         reading.ignored,
         sparql,
         rows,
         {str(python_value(term)): name for term, name in names.items()},
-        _said(question, filled, reading, rows, names, is_cut),
+        _answer_words(question, filled, reading, rows, names, is_cut),
         nearest,
         is_cut,
     )
@@ -232,22 +232,23 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     names: set[str] = set()
     ignored: list[str] = []
     for at, token in enumerate(tokens):
-        covering = [one for one in mentions if one.start <= at < one.end]
-        words += sorted({f"@{one.role}" for one in covering if one.start == at})
+        covering = [item for item in mentions if item.start <= at < item.end]
+        words += sorted({f"@{item.role}" for item in covering if item.start == at})
         for part in split_name(token.strip('"<>').lower()):
             word = stem(part)
             if covering:
                 names.add(word)
             else:
                 word = matcher().corrected(word)
-                if not matcher().is_known(word):
+                if not matcher().is_familiar(word):
                     ignored.append(part)
             words.append(word)
     if period is not None:
         words.append("@time")
-    places = {(one.start, one.end) for one in mentions}
+    places = {(item.start, item.end) for item in mentions}
     roles = [
-        frozenset(one.role for one in mentions if (one.start, one.end) == place) for place in places
+        frozenset(item.role for item in mentions if (item.start, item.end) == place)
+        for place in places
     ]
     roles += [frozenset({"time"})] if period is not None else []
     return _Reading(
@@ -259,9 +260,9 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
 def _nearest(matches: list[Match]) -> tuple[Near, ...]:
     """Return the nearest questions, of several that ask the same the best."""
     groups: dict[str, Near] = {}
-    for one in matches:
-        near = Near(one.question.key, one.question.text, one.score)
-        groups.setdefault(one.question.group, near)
+    for item in matches:
+        near = Near(item.question.key, item.question.text, item.score)
+        groups.setdefault(item.question.group, near)
     return tuple(groups.values())[:_LISTED]
 
 
@@ -273,7 +274,7 @@ def _missing(question: Question, filled: list[Filled], reading: _Reading) -> str
 
     Answering about everything instead would pass for an answer about that.
     """
-    has = {one.slot for one in filled}
+    has = {item.slot for item in filled}
     empty = [slot for slot in question.slots if slot not in has and slot.role != "time"]
     if not empty:
         return ""
@@ -293,23 +294,24 @@ def _limited(sparql: str) -> str:
 
 def _understood(question: Question, filled: list[Filled]) -> str:
     """Return the question with what fills its slots."""
-    said = question.phrases[0]
-    text, by_role = said.text, {one.slot.role: one for one in filled if one.slot.is_constant}
-    for role, words, _ in said.filled:
-        one = by_role.get(role)
-        if one is not None:
-            text = text.replace(words, one.text, 1)
+    wording = question.phrases[0]
+    text, by_role = wording.text, {item.slot.role: item for item in filled if item.slot.is_constant}
+    for role, words, _ in wording.filled:
+        item = by_role.get(role)
+        if item is not None:
+            text = text.replace(words, item.text, 1)
         elif not role.endswith("kind"):
             text = text.replace(f"the {words}", words, 1).replace(words, f"any {role}", 1)
     only = [
-        f"{one.slot.role.replace('_', ' ')}: {one.text}"
-        for one in filled
-        if not one.slot.is_constant or one.slot.role not in {role for role, _, _ in said.filled}
+        f"{item.slot.role.replace('_', ' ')}: {item.text}"
+        for item in filled
+        if not item.slot.is_constant
+        or item.slot.role not in {role for role, _, _ in wording.filled}
     ]
     return text + (f" ({'; '.join(only)})" if only else "")
 
 
-def _said(
+def _answer_words(
     question: Question,
     filled: list[Filled],
     reading: _Reading,
@@ -322,7 +324,7 @@ def _said(
         doubt = f" Not considered: {', '.join(reading.ignored)}."
     if not len(rows):
         return "The graph states nothing that answers this; that does not mean no." + doubt
-    given = {one.slot.role: one.text for one in filled}
+    given = {item.slot.role: item.text for item in filled}
     for role, words, _ in question.phrases[0].filled:
         given.setdefault(role, words)
     more = f" There are more than {MAX_ROWS} rows." if is_cut else ""

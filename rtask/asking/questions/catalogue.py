@@ -96,8 +96,8 @@ class Question:
     @property
     def own_words(self) -> frozenset[str]:
         """The words of all its phrases, without slots."""
-        found = {word for one in self.phrases for word in one.words}
-        return frozenset(word for word in found if not word.startswith("@"))
+        result = {word for item in self.phrases for word in item.words}
+        return frozenset(word for word in result if not word.startswith("@"))
 
     @property
     def group(self) -> str:
@@ -112,7 +112,9 @@ def phrase(marked: str) -> Phrase:
     Phrase(text='Where is the mug?', words=('where', 'be', 'the', '@object'), \
 filled=(('object', 'mug', 'mug2'),))
     """
-    filled = tuple((role, said, name or said) for role, said, name in _MARKED.findall(marked))
+    filled = tuple(
+        (role, wording, name or wording) for role, wording, name in _MARKED.findall(marked)
+    )
     with_slots = _MARKED.sub(r" @\1 ", marked)
     return Phrase(_MARKED.sub(r"\2", marked), tuple(words_of(with_slots)), filled)
 
@@ -130,7 +132,7 @@ def _question(key: str, text: str, described: dict[str, Any]) -> Question:
     asked = lines[0].removeprefix("# question: ")
     body = "\n".join(line for line in lines if not line.startswith("#"))
     about = described[key]
-    slots = tuple(_slot(one) for one in about["slots"])
+    slots = tuple(_slot(item) for item in about["slots"])
     own = phrase(_marked(asked, slots))
     return Question(
         key,
@@ -138,7 +140,7 @@ def _question(key: str, text: str, described: dict[str, Any]) -> Question:
         body.strip() + "\n",
         slots,
         about["answer"],
-        (own, *(phrase(one) for one in about["phrasings"])),
+        (own, *(phrase(item) for item in about["phrasings"])),
         about.get("same", ""),
     )
 

@@ -48,16 +48,18 @@ def fill(question: Question, mentions: Iterable[Mention], period: Period | None)
     """Return the slots of a question that what was named fills, each at most once."""
     filled: list[Filled] = []
     used: set[tuple[int, int]] = set()
-    named = [one for one in mentions if not _is_own(question, one)]
+    named = [item for item in mentions if not _is_own(question, item)]
     for slot in question.slots:
         if slot.role == "time":
             if period is not None:
                 filled.append(Filled(slot, period.text, period=period))
             continue
-        choices = [one for one in named if (one.start, one.end) not in used and _fits(slot, one)]
+        choices = [
+            item for item in named if (item.start, item.end) not in used and _fits(slot, item)
+        ]
         if not choices:
             continue
-        mention = min(choices, key=lambda one: _preference(slot, one))
+        mention = min(choices, key=lambda item: _preference(slot, item))
         used.add((mention.start, mention.end))
         is_kind = (mention.role == "kind" and slot.role == "object") or _restricts(slot, mention)
         filled.append(Filled(slot, mention.text, mention.terms, is_kind))
@@ -68,8 +70,10 @@ def unused_mentions(
     question: Question, filled: Iterable[Filled], mentions: Iterable[Mention]
 ) -> list[str]:
     """Return the names for which a question has no place."""
-    used = {one.text for one in filled}
-    unused = [one.text for one in mentions if one.text not in used and not _is_own(question, one)]
+    used = {item.text for item in filled}
+    unused = [
+        item.text for item in mentions if item.text not in used and not _is_own(question, item)
+    ]
     return list(dict.fromkeys(unused))
 
 
@@ -102,45 +106,45 @@ def filled_query(question: Question, filled: Iterable[Filled]) -> str:
     becomes the most general one.
     """
     text = question.sparql
-    by_slot = {one.slot: one for one in filled}
+    by_slot = {item.slot: item for item in filled}
     added: list[str] = []
     for slot in question.slots:
-        one = by_slot.get(slot)
+        item = by_slot.get(slot)
         if slot.is_list:
-            text = _with_values(text, slot, one)
+            text = _with_values(text, slot, item)
         elif slot.is_constant:
-            text, pattern = _with_constant(text, slot, one)
+            text, pattern = _with_constant(text, slot, item)
             added += pattern
-        elif one is not None:
-            added.append(_restriction(one))
+        elif item is not None:
+            added.append(_restriction(item))
     if added:
         end = text.rindex("}")
-        text = text[:end].rstrip() + "\n" + "".join(f"  {one}\n" for one in added) + text[end:]
+        text = text[:end].rstrip() + "\n" + "".join(f"  {item}\n" for item in added) + text[end:]
     return _with_prefixes(text)
 
 
-def _with_values(text: str, slot: Slot, one: Filled | None) -> str:
+def _with_values(text: str, slot: Slot, item: Filled | None) -> str:
     clause = re.compile(rf"[ \t]*VALUES\s+{re.escape(slot.term)}\s*{{[^}}]*}}\s*\n")
-    if one is None:
+    if item is None:
         return clause.sub("", text)
-    members = " ".join(str(term) for term in one.terms)
+    members = " ".join(str(term) for term in item.terms)
     return clause.sub(lambda _: f"  VALUES {slot.term} {{ {members} }}\n", text)
 
 
-def _with_constant(text: str, slot: Slot, one: Filled | None) -> tuple[str, list[str]]:
+def _with_constant(text: str, slot: Slot, item: Filled | None) -> tuple[str, list[str]]:
     """Return a query with its constant replaced, and patterns to add."""
-    if one is not None and len(one.terms) == 1 and not one.is_kind:
-        return _replaced(text, slot, str(one.terms[0])), []
-    if one is None and slot.role in _KINDS:
+    if item is not None and len(item.terms) == 1 and not item.is_kind:
+        return _replaced(text, slot, str(item.terms[0])), []
+    if item is None and slot.role in _KINDS:
         return text, []
     variable = f"?{slot.role}" if f"?{slot.role} " not in text else f"?the_{slot.role}"
     text = _projected(_replaced(text, slot, variable), variable)
-    if one is None:
+    if item is None:
         return text, []
-    terms = " ".join(str(term) for term in one.terms)
-    if not one.is_kind:
+    terms = " ".join(str(term) for term in item.terms)
+    if not item.is_kind:
         return text, [f"VALUES {variable} {{ {terms} }}"]
-    return text, [_instances(variable, one)]
+    return text, [_instances(variable, item)]
 
 
 def _replaced(text: str, slot: Slot, by: str) -> str:
@@ -157,26 +161,26 @@ def _projected(text: str, variable: str) -> str:
     return head + _LIMIT.sub("", tail.rstrip()).rstrip() + "\n"
 
 
-def _restriction(one: Filled) -> str:
+def _restriction(item: Filled) -> str:
     """Return the pattern that restricts a variable to what was named."""
-    variable, pattern = one.slot.term, one.slot.pattern
-    if one.period is not None:
-        inner = f"{pattern} FILTER({one.period.condition(variable)})"
+    variable, pattern = item.slot.term, item.slot.pattern
+    if item.period is not None:
+        inner = f"{pattern} FILTER({item.period.condition(variable)})"
         return f"FILTER EXISTS {{ {inner} }}" if pattern else inner.strip()
-    if one.is_kind:
-        inner = _instances(variable, one)
-    elif len(one.terms) == 1 and pattern:
-        name, term = re.compile(re.escape(variable) + r"(?!\w)"), str(one.terms[0])
+    if item.is_kind:
+        inner = _instances(variable, item)
+    elif len(item.terms) == 1 and pattern:
+        name, term = re.compile(re.escape(variable) + r"(?!\w)"), str(item.terms[0])
         return f"FILTER EXISTS {{ {name.sub(lambda _: term, pattern)} }}"
     else:
-        inner = f"VALUES {variable} {{ {' '.join(str(term) for term in one.terms)} }}"
+        inner = f"VALUES {variable} {{ {' '.join(str(term) for term in item.terms)} }}"
     return f"FILTER EXISTS {{ {pattern} . {inner} }}" if pattern else inner
 
 
-def _instances(variable: str, one: Filled) -> str:
-    if len(one.terms) == 1:
-        return f"{{ {variable} a {one.terms[0]} }}"
-    kinds = " ".join(str(term) for term in one.terms)
+def _instances(variable: str, item: Filled) -> str:
+    if len(item.terms) == 1:
+        return f"{{ {variable} a {item.terms[0]} }}"
+    kinds = " ".join(str(term) for term in item.terms)
     return f"FILTER EXISTS {{ VALUES ?kind {{ {kinds} }} {variable} a ?kind }}"
 
 

@@ -71,30 +71,30 @@ class Matcher:
         counts = Counter(
             feature
             for _, phrases in self._asked
-            for feature in {f for one in phrases for f in _features(one.words)}
+            for feature in {f for item in phrases for f in _features(item.words)}
         )
         total = len(self._asked)
         self._idf = {f: math.log(1 + total / n) for f, n in counts.items()}
         self._rare = math.log(1 + total)
         self.vocabulary = frozenset(
-            word for _, phrases in self._asked for one in phrases for word in one.words
+            word for _, phrases in self._asked for item in phrases for word in item.words
         )
         self._vectors = [(question, *self._compared(phrases)) for question, phrases in self._asked]
 
     def _compared(self, phrases: Sequence[Phrase]) -> tuple[list[Vector], Vector]:
         """Return the vectors of phrases, and how usual each feature is in them, up to 1."""
-        counts = Counter(feature for one in phrases for feature in _features(one.words))
+        counts = Counter(feature for item in phrases for feature in _features(item.words))
         usual = {feature: (n / len(phrases)) ** _RARELY for feature, n in counts.items()}
-        return [_normed(self._weights(one.words)) for one in phrases], usual
+        return [_normed(self._weights(item.words)) for item in phrases], usual
 
     def matches(self, asked: Asked) -> list[Match]:
         """Return all questions, the most alike first."""
         weights = self._weights(asked.words, asked.names)
-        found = [
+        result = [
             Match(question, _likeness(weights, vectors, usual) - _misfit(question, asked.roles))
             for question, vectors, usual in self._vectors
         ]
-        return sorted(found, key=lambda one: (-one.score, one.question.key))
+        return sorted(result, key=lambda item: (-item.score, item.question.key))
 
     def corrected(self, word: str) -> str:
         """Return a word, or the one of the questions that it is a misspelling of."""
@@ -105,7 +105,7 @@ class Matcher:
         )
         return near[0] if near else word
 
-    def is_known(self, word: str) -> bool:
+    def is_familiar(self, word: str) -> bool:
         """Return whether a word means anything here."""
         return word in self.vocabulary or word in STOP or concept(word) in self._idf
 
@@ -135,8 +135,8 @@ def _slot_feature(word: str) -> str:
     return "@object" if word == "@kind" else word
 
 
-def _dot(one: Vector, other: Vector) -> float:
-    return sum(weight * other[feature] for feature, weight in one.items() if feature in other)
+def _dot(item: Vector, other: Vector) -> float:
+    return sum(weight * other[feature] for feature, weight in item.items() if feature in other)
 
 
 def _normed(weights: Vector) -> Vector:
@@ -147,7 +147,7 @@ def _normed(weights: Vector) -> Vector:
 def _likeness(weights: Vector, phrases: Sequence[Vector], usual: Vector) -> float:
     """Return the likeness to the nearest phrase, with the share that any phrase covers."""
     vector = _normed(weights)
-    nearest = max(_dot(vector, one) for one in phrases)
+    nearest = max(_dot(vector, item) for item in phrases)
     covered = _dot(weights, usual) / (sum(weights.values()) or 1.0)
     return (1 - _COVERED) * nearest + _COVERED * covered
 
@@ -166,7 +166,7 @@ def _misfit(question: Question, roles: Sequence[frozenset[str]]) -> float:
         and not slot.role.endswith("kind")
         for slot in question.slots
     )  # fmt: skip
-    unused = sum(not (one & takes) for one in roles)
+    unused = sum(not (item & takes) for item in roles)
     return _UNFILLED * empty + _UNUSED * unused
 
 

@@ -82,22 +82,22 @@ def find_mentions(select: Select, tokens: list[str], base: str = "") -> list[Men
     """
     names, terms = _candidates(tokens, base)
     rows = _look_up(select, names, terms)
-    found: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
+    result: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
     for row in rows:
         name, term, role = row["n"], row["s"], str(row.value("role"))
         places = terms.get(term, []) if name is None else names.get(_text(name), [])
         for start, end in places:
-            said = " ".join(tokens[start:end]).strip('"')
-            is_plural = name is not None and _is_plural(said, _text(name))
+            wording = " ".join(tokens[start:end]).strip('"')
+            is_plural = name is not None and _is_plural(wording, _text(name))
             assert term is not None
-            found.setdefault((start, end, role), []).append((term, is_plural))
+            result.setdefault((start, end, role), []).append((term, is_plural))
     mentions = [
         Mention(start, end, " ".join(tokens[start:end]).strip('"<>'), role,
                 tuple(dict.fromkeys(term for term, _ in named)),
                 all(is_plural for _, is_plural in named))
-        for (start, end, role), named in found.items()
+        for (start, end, role), named in result.items()
     ]  # fmt: skip
-    return sorted(_longest(mentions), key=lambda one: (one.start, one.role))
+    return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
 
 
 def _text(term: Term) -> str:
@@ -105,8 +105,8 @@ def _text(term: Term) -> str:
     return term.value
 
 
-def _is_plural(said: str, name: str) -> bool:
-    return said.lower() != name.lower() and said.lower().endswith("s")
+def _is_plural(wording: str, name: str) -> bool:
+    return wording.lower() != name.lower() and wording.lower().endswith("s")
 
 
 _Places = dict[str, list[tuple[int, int]]]
@@ -197,24 +197,24 @@ SELECT DISTINCT ?n ?s ?role WHERE {{
 
 def _longest(mentions: list[Mention]) -> list[Mention]:
     """Return mentions that no longer one contains or overlaps."""
-    kept: list[Mention] = []
-    for one in sorted(mentions, key=lambda m: (m.start - m.end, m.start)):
+    chosen: list[Mention] = []
+    for item in sorted(mentions, key=lambda m: (m.start - m.end, m.start)):
         is_free = all(
-            one.end <= other.start or other.end <= one.start
-            or (one.start, one.end) == (other.start, other.end)
-            for other in kept
+            item.end <= other.start or other.end <= item.start
+            or (item.start, item.end) == (other.start, other.end)
+            for other in chosen
         )  # fmt: skip
         if is_free:
-            kept.append(one)
-    return kept
+            chosen.append(item)
+    return chosen
 
 
 def words_without(tokens: list[str], mentions: list[Mention]) -> list[str]:
     """Return the stems of a question with ``@role`` for each mention, beside its words."""
-    at = {one.start: one for one in mentions}
+    at = {item.start: item for item in mentions}
     words: list[str] = []
     for place, token in enumerate(tokens):
         if place in at:
-            words += [f"@{one.role}" for one in mentions if one.start == place]
+            words += [f"@{item.role}" for item in mentions if item.start == place]
         words += [stem(part) for part in split_name(token.strip('"<>').lower())]
     return words

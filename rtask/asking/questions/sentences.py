@@ -116,7 +116,7 @@ def _filled(template: str, word: Callable[[str], str]) -> str:
     def part(match: re.Match[str]) -> str:
         optional, asked, yes, no, name, _ = match.groups()
         if optional is not None:
-            bound = all(word(one) for one in _VARIABLE.findall(optional))
+            bound = all(word(item) for item in _VARIABLE.findall(optional))
             return _filled(optional, word) if bound else ""
         if asked is not None:
             return _filled(yes if word(asked) == "yes" else no, word)

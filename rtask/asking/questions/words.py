@@ -126,12 +126,12 @@ def stem(word: str) -> str:
     """
     if word in _IRREGULAR:
         return _IRREGULAR[word]
-    for ending, kept, least in (
+    for ending, chosen, least in (
         ("ies", "y", 4), ("ied", "y", 4), ("sses", "ss", 5), ("xes", "x", 4), ("shes", "sh", 5),
         ("ches", "ch", 5), ("ing", "", 6), ("ed", "", 5), ("s", "", 4),
     ):  # fmt: skip
         if word.endswith(ending) and len(word) >= least and not word.endswith("ss"):
-            return _undoubled(word[: -len(ending)] + kept, ending in ("ing", "ed"))
+            return _undoubled(word[: -len(ending)] + chosen, ending in ("ing", "ed"))
     return word
 
 

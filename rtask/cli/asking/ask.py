@@ -94,37 +94,37 @@ def ask(
         raise SystemExit(1)
 
 
-def _show_answer(found: Answer, limit: int, as_json: bool) -> None:
+def _show_answer(result: Answer, limit: int, as_json: bool) -> None:
     if as_json:
-        print_json(found.to_dict())
-        exit_if_empty(len(found.rows))
+        print_json(result.to_dict())
+        exit_if_empty(len(result.rows))
         return
-    if not found.is_understood:
-        click.echo(found.sentence, err=True)
+    if not result.is_understood:
+        click.echo(result.sentence, err=True)
         raise click.exceptions.Exit(1)
-    click.echo(f"understood: {found.understood}", err=True)
-    click.echo(found.sentence)
-    if len(found.rows):
+    click.echo(f"understood: {result.understood}", err=True)
+    click.echo(result.sentence)
+    if len(result.rows):
         click.echo()
-        _print_rows(found, max(limit, 1))
-    click.echo(f"\n{found.sparql.rstrip()}")
-    exit_if_empty(len(found.rows))
+        _print_rows(result, max(limit, 1))
+    click.echo(f"\n{result.sparql.rstrip()}")
+    exit_if_empty(len(result.rows))
 
 
-def _print_rows(found: Answer, limit: int) -> None:
+def _print_rows(result: Answer, limit: int) -> None:
     from rtask.asking.questions.sentences import spoken
 
-    names = {term: found.names[str(getattr(term, "value", term))]
-             for row in found.rows for term in row
-             if term is not None and str(getattr(term, "value", term)) in found.names}  # fmt: skip
-    cells = [[spoken(term, names)[:_MAX_WIDTH] for term in row] for row in found.rows[:limit]]
-    table = [list(found.rows.variables), *cells]
+    names = {term: result.names[str(getattr(term, "value", term))]
+             for row in result.rows for term in row
+             if term is not None and str(getattr(term, "value", term)) in result.names}  # fmt: skip
+    cells = [[spoken(term, names)[:_MAX_WIDTH] for term in row] for row in result.rows[:limit]]
+    table = [list(result.rows.variables), *cells]
     widths = [max(len(line[at]) for line in table) for at in range(len(table[0]))]
     for line in table:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
-    if len(found.rows) > limit:
-        click.echo(f"... {len(found.rows) - limit} more rows; --limit prints them", err=True)
+    if len(result.rows) > limit:
+        click.echo(f"... {len(result.rows) - limit} more rows; --limit prints them", err=True)
 
 
 def _show_resolved(answer: ResolvedRequest) -> None:
