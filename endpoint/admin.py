@@ -105,17 +105,17 @@ class AdminRoutes:
 
     def _queries(self, request: Request, caller: Caller, address: str) -> Plan:
         """List or stop running queries: the caller's own or, for an admin, anybody's."""
-        found = self._context.queries.visible_to(caller)
+        queries = self._context.queries.visible_to(caller)
         if address == "/queries":
-            return Plan.ready(_json({"queries": [query.facts() for query in found]}))
+            return Plan.ready(_json({"queries": [query.facts() for query in queries]}))
         self._context.auth.check_origin(request, caller)
         name = address.removeprefix("/queries/")
-        wanted = [query for query in found if query.id == name]
-        if not wanted:
+        matching = [query for query in queries if query.id == name]
+        if not matching:
             raise RefusedError(404, "not-found", f"you have no running query {name}")
 
         def stop() -> Response:
-            for query in wanted:
+            for query in matching:
                 query.stop()
             self._context.metrics.count("rtask_query_aborted_total", reason="stopped")
             return Response(204)

@@ -91,8 +91,8 @@ class Application:
                 try:
                     response = work.result(job.plan.timeout_s)
                 except TimeoutError:
-                    found = self.give_up(work, job)
-                    response = work.result() if found is None else found
+                    refusal = self.give_up(work, job)
+                    response = work.result() if refusal is None else refusal
         except BaseException:
             self.end(job)
             raise
@@ -130,7 +130,7 @@ class Application:
             job.plan = Plan.ready(self._problem(error, job))
         return job
 
-    def admit_known(self, request: Request, caller: Caller, leave: Callable[[], None]) -> Job:
+    def admit_identified(self, request: Request, caller: Caller, leave: Callable[[], None]) -> Job:
         """Plan the answer to a query whose caller has been identified and admitted already.
 
         Parameters
@@ -168,29 +168,29 @@ class Application:
             return
         self._starting = self.pool.submit(readers.start, False)
 
-    def arrived(self, job: Job, found: Answer | ReaderStream | Instead) -> Response | None:
+    def arrived(self, job: Job, outcome: Answer | ReaderStream | Instead) -> Response | None:
         """Return the response to a point query that was asked on the event loop; does not wait.
 
         Returns
         -------
         None if it is to be submitted to a thread, together with the stream if that was found.
         """
-        if isinstance(found, Answer):
+        if isinstance(outcome, Answer):
             assert job.plan.whole is not None
-            job.plan.run = partial(job.plan.whole, found)
+            job.plan.run = partial(job.plan.whole, outcome)
             return self.run(job)
-        if found is Instead.ASK_AMONG_LONG:
-            self.slower(job)
-        elif found is Instead.ASK_IN_THREAD:
+        if outcome is Instead.ASK_AMONG_LONG:
+            self.demote(job)
+        elif outcome is Instead.ASK_IN_THREAD:
             return self._look_up(job)
         return None
 
     def _look_up(self, job: Job) -> Response | None:
         """Answer a look-up at once from the store; none if it is not one, or not a small one."""
-        found = job.plan.look_up() if job.plan.look_up else None
-        if found is None:
+        response = job.plan.look_up() if job.plan.look_up else None
+        if response is None:
             return None
-        job.plan.run = lambda: found
+        job.plan.run = lambda: response
         return self.run(job)
 
     def submit(self, job: Job, stream: ReaderStream | None = None) -> Future[Response]:
@@ -232,7 +232,7 @@ class Application:
             try:
                 answer.set_result(self.run(job))
             except SlowerThanItLooksError:
-                self.slower(job)
+                self.demote(job)
                 self.query_pool.submit(second)
             except BaseException as error:  # noqa: BLE001 - the future carries it
                 answer.set_exception(error)
@@ -247,7 +247,7 @@ class Application:
         return answer
 
     @staticmethod
-    def slower(job: Job) -> None:
+    def demote(job: Job) -> None:
         """Plan a query that took longer than it looked among the long ones."""
         assert job.plan.again is not None
         job.plan.run, job.plan.lane, job.plan.again = job.plan.again, "query", None
@@ -367,8 +367,8 @@ class Application:
         if encoding and request.body:
             allowed = context.config.max_upload_bytes
             body = unpacked(request.body, encoding, allowed)
-            known = {**request.headers, "rtask-request-id": request.id}
-            request = replace(request, body=body, headers=known)
+            headers = {**request.headers, "rtask-request-id": request.id}
+            request = replace(request, body=body, headers=headers)
         job.leave.append(context.limiter.admit(caller))
         following = context.following
         if following is not None and self.router.is_for_writer(request, address):

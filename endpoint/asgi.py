@@ -206,21 +206,21 @@ class AsgiApplication:
         if payload is None:
             return await self._work(job, wire)
         loop = asyncio.get_running_loop()
-        come: asyncio.Future[Answer | ReaderStream | Instead] = loop.create_future()
-        query = PointQuery(payload, job.plan.text, come.set_result)
+        outcome_future: asyncio.Future[Answer | ReaderStream | Instead] = loop.create_future()
+        query = PointQuery(payload, job.plan.text, outcome_future.set_result)
         self.points.ask(query)
         assert job.plan.running is not None
         watch = loop.call_later(WATCH_AFTER_S, wire.watch, job.plan.running.stop)
         job.plan.running.on_stop(lambda: call_soon(loop, query.give_up))
         try:
-            found = await come
+            outcome = await outcome_future
         finally:
             watch.cancel()
             self.points.forget(query)
-        response = application.arrived(job, found)
+        response = application.arrived(job, outcome)
         if response is not None:
             return response
-        return await self._work(job, wire, found if isinstance(found, ReaderStream) else None)
+        return await self._work(job, wire, outcome if isinstance(outcome, ReaderStream) else None)
 
     async def _work(
         self,
@@ -247,15 +247,15 @@ class AsgiApplication:
             else:
                 answer.set_result(work.result())
 
-        def expire() -> None:
-            found = None if answer.done() else application.give_up(work, job)
-            if found is not None and not answer.done():
-                answer.set_result(found)
+        def on_patience_expired() -> None:
+            refusal = None if answer.done() else application.give_up(work, job)
+            if refusal is not None and not answer.done():
+                answer.set_result(refusal)
 
         work.add_done_callback(lambda _: call_soon(loop, deliver))
         timers = []
         if plan.timeout_s is not None:
-            timers.append(loop.call_later(max(plan.timeout_s - gone_s, 0.0), expire))
+            timers.append(loop.call_later(max(plan.timeout_s - gone_s, 0.0), on_patience_expired))
         if plan.running is not None:
             timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
         if plan.elsewhere is not None:
@@ -362,7 +362,7 @@ def _wants_page(request: Request) -> bool:
     """
     if not prefers_html(request.header("accept")):
         return False
-    return any(request.method in one.pages for one in find(request.raw_path.rstrip("/")).routes)
+    return any(request.method in route.pages for route in find(request.raw_path.rstrip("/")).routes)
 
 
 async def _next_message(receive: Receive) -> Message:

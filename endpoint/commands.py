@@ -197,7 +197,7 @@ def create(
     with closing(_tokens(data, make=True)) as tokens:
         text, made = tokens.create(role, agent=robot or name, lifetime=lifetime, rights=rights)
     facts = {"role": made.role, "agent": made.agent, "expires": made.expires}
-    _told(data, "token-created", made.id, **facts, rights=list(made.rights))
+    _audit(data, "token-created", made.id, **facts, rights=list(made.rights))
     if as_json:
         click.echo(json.dumps({"token": text, **_members(made)}))
         return
@@ -211,12 +211,12 @@ def create(
 def list_tokens(data: Path, as_json: bool) -> None:
     """List tokens, without their secrets. Exit code 1 if there are none."""
     with closing(_tokens(data)) as tokens:
-        found = tokens.all()
+        listed = tokens.all()
     if as_json:
-        click.echo(json.dumps([_members(one) for one in found]))
-    for one in [] if as_json else found:
-        click.echo(_words(one))
-    exit_if_empty(found, "no tokens yet; `rtask token create` makes one")
+        click.echo(json.dumps([_members(token) for token in listed]))
+    for token in [] if as_json else listed:
+        click.echo(_words(token))
+    exit_if_empty(listed, "no tokens yet; `rtask token create` makes one")
 
 
 @token.command("revoke")
@@ -228,7 +228,7 @@ def revoke(token_id: str, data: Path, as_json: bool) -> None:
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
             raise UsageError(f"no token {token_id} to revoke; see rtask token list --data {data}")
-    _told(data, "token-revoked", token_id)
+    _audit(data, "token-revoked", token_id)
     if as_json:
         click.echo(json.dumps({"id": token_id, "revoked": True}))
     click.echo(f"token {token_id} is revoked", err=True)
@@ -246,7 +246,7 @@ def expire(token_id: str, lifetime: str, data: Path, as_json: bool) -> None:
     with closing(_tokens(data)) as tokens:
         if not tokens.expire(token_id, parse_lifetime(lifetime)):
             raise UsageError(f"no token {token_id} to change; see rtask token list --data {data}")
-    _told(data, "token-expires", token_id, lifetime=lifetime)
+    _audit(data, "token-expires", token_id, lifetime=lifetime)
     if as_json:
         click.echo(json.dumps({"id": token_id, "lifetime": lifetime}))
     click.echo(f"token {token_id} ends in {lifetime}", err=True)
@@ -263,7 +263,7 @@ def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
     return TokenStore(folder)
 
 
-def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
+def _audit(folder: Path, event: str, token_id: str, **facts: Any) -> None:
     """Record a change of a token in the audit trail."""
     from endpoint.monitoring.audit import Audit
 
@@ -271,21 +271,22 @@ def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
         audit.event(event, token=token_id, by="command line", **facts)
 
 
-def _members(one: Token) -> dict[str, Any]:
+def _members(token: Token) -> dict[str, Any]:
     return {
-        "id": one.id,
-        "agent": one.agent,
-        "role": one.role,
-        "created": one.created,
-        "expires": one.expires,
-        "revoked": one.revoked,
-        "rights": list(one.rights),
+        "id": token.id,
+        "agent": token.agent,
+        "role": token.role,
+        "created": token.created,
+        "expires": token.expires,
+        "revoked": token.revoked,
+        "rights": list(token.rights),
     }
 
 
-def _words(one: Token) -> str:
-    state = f"revoked {one.revoked[:19]}" if one.revoked else f"expires {one.expires or 'never'}"
-    rights = f"  may {', '.join(one.rights)}" if one.rights else ""
-    return (
-        f"{one.id}  {one.role:8}  {one.agent or '-':16}  made {one.created[:19]}  {state}{rights}"
+def _words(token: Token) -> str:
+    state = (
+        f"revoked {token.revoked[:19]}" if token.revoked else f"expires {token.expires or 'never'}"
     )
+    rights = f"  may {', '.join(token.rights)}" if token.rights else ""
+    agent = token.agent or "-"
+    return f"{token.id}  {token.role:8}  {agent:16}  made {token.created[:19]}  {state}{rights}"

@@ -43,7 +43,7 @@ class Instead(enum.Enum):
     """It takes longer than it looked."""
 
 
-Come = Callable[[Answer | ReaderStream | Instead], None]
+OnAnswer = Callable[[Answer | ReaderStream | Instead], None]
 
 
 class PointQuery:
@@ -60,22 +60,22 @@ class PointQuery:
         what to do instead.
     """
 
-    __slots__ = ("attempts", "come", "line", "payload", "since", "text")
+    __slots__ = ("attempts", "line", "on_answer", "payload", "since", "text")
 
-    def __init__(self, payload: bytes, text: str, come: Come) -> None:
+    def __init__(self, payload: bytes, text: str, on_answer: OnAnswer) -> None:
         self.payload = payload
         self.text = text
-        self.come: Come | None = come
+        self.on_answer: OnAnswer | None = on_answer
         self.line: _Line | None = None  # from which its answer is expected
         self.attempts = 0
         self.since = 0.0
 
-    def answer(self, found: Answer | ReaderStream | Instead) -> None:
+    def answer(self, outcome: Answer | ReaderStream | Instead) -> None:
         """Pass on what was found; a fault of one request must not concern the others."""
-        come, self.come = self.come, None
-        if come is not None:
+        on_answer, self.on_answer = self.on_answer, None
+        if on_answer is not None:
             try:
-                come(found)
+                on_answer(outcome)
             except Exception:  # noqa: BLE001 - whatever it is, the others get their answers
                 _log.exception("a point query could not be answered")
 
@@ -154,7 +154,7 @@ class PointLines:
 
     def forget(self, query: PointQuery) -> None:
         """Answer a query no more: its client has gone."""
-        query.come = None
+        query.on_answer = None
         line = query.line
         if line is not None and self._loop is not None and line.queries[0] is query:
             self._end_if_stalled(line, self._loop.time())
@@ -239,7 +239,7 @@ class PointLines:
         """Leave a reader to the long answer in front; ask the others again."""
         readers, query = self._readers, line.queries[0]
         assert readers is not None
-        if query.come is None or query.line is not line:
+        if query.on_answer is None or query.line is not line:
             line.reader.kill()
             self._close(line)
             return
@@ -273,7 +273,7 @@ class PointLines:
         for query in queries:
             if query.attempts >= MAX_ATTEMPTS:
                 query.answer(Instead.ASK_IN_THREAD)
-            elif query.come is not None:
+            elif query.on_answer is not None:
                 self.ask(query)
 
     def _advance(self) -> None:
@@ -283,7 +283,7 @@ class PointLines:
         assert loop is not None
         while self._waiting:
             query = self._waiting[0]
-            if query.come is not None and not self._try(readers, query, loop.time()):
+            if query.on_answer is not None and not self._try(readers, query, loop.time()):
                 return
             self._waiting.popleft()
 
@@ -315,7 +315,7 @@ class PointLines:
     def _end_if_stalled(line: _Line, now: float) -> bool:
         """End a reader whose query in front takes its time, though nobody waits for the answer."""
         front = line.queries[0]
-        if front.come is not None and front.line is line:
+        if front.on_answer is not None and front.line is line:
             return False
         if now - line.since <= STALL_S:
             return False

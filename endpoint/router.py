@@ -15,6 +15,7 @@ from endpoint.api.listing import plan_listing
 from endpoint.api.openapi import plan_openapi
 from endpoint.api.operations import ADDRESS as ENGINE
 from endpoint.api.operations import plan_operation
+from endpoint.api.proposals import plan_proposals
 from endpoint.api.reasoner import plan_reasoner
 from endpoint.api.services import ADDRESS as SERVICES
 from endpoint.api.services import plan_service
@@ -102,6 +103,9 @@ class Router:
             "reasoner": lambda request, caller, address: plan_reasoner(
                 embedded(kb, "the reasoner"), auth, request, caller
             ),
+            "proposals": lambda request, caller, address: plan_proposals(
+                embedded(kb, "proposals"), auth, context.audit, request, caller, address
+            ),
             "asked_records": lambda request, caller, address: plan_asked_records(
                 engine, context.tokens, request, caller
             ),
@@ -164,12 +168,14 @@ class Router:
         """Return whether a follower passes a request on.
 
         These are all that write, and what needs something that only the writer has: a reasoner,
-        datasets, workers of services, services that are not offered here.
+        proposals, datasets, workers of services, services that are not offered here.
         """
         if self.effect(request, address) == "writes":
             return True
         match: Match = find(address)
         handler = match.routes[0].handler if match.routes else ""
+        if handler == "proposals":
+            return True
         if handler == "reasoner":
             return not getattr(self._context.kb, "reasons", False)
         if handler != "service" or request.method != "POST":
@@ -178,7 +184,7 @@ class Router:
             definition, _ = self._called(address)
         except RtaskError:
             return True
-        is_elsewhere = any(one.type == "binary" for one in definition.resources.values())
+        is_elsewhere = any(resource.type == "binary" for resource in definition.resources.values())
         return is_elsewhere or definition.executor == "outward"
 
     def _called(self, address: str) -> tuple[Definition, str]:
@@ -190,8 +196,8 @@ class Router:
             There is none.
         """
         service, _, method = address.removeprefix(SERVICES).strip("/").rpartition("/")
-        definition, found = self._context.services.find(service, method)
-        return definition, found.name
+        definition, declared = self._context.services.find(service, method)
+        return definition, declared.name
 
     def _nothing_at(self, address: str) -> RefusedError:
         """Return the refusal that names the address that is likely to be meant."""
@@ -222,9 +228,9 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, address: str) -> Plan:
         context, kinds = self._context, _KINDS[address]
-        kept = self.asked.cache.find(request, caller.access)
-        if kept is not None:
-            return kept
+        cached = self.asked.cache.find(request, caller.access)
+        if cached is not None:
+            return cached
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
             if caller.access.reads is not None:

@@ -100,6 +100,11 @@ ROUTES: tuple[Route, ...] = (
     Route("/reasoner/explain", _GET, "reads", "reasoner"),
     Route("/reasoner/entails", _BOTH, "reads", "reasoner"),
     Route("/reasoner/contradictions", _GET, "reads", "reasoner"),
+    Route("/proposals", _GET, "reads", "proposals"),
+    Route("/proposals", _POST, "writes", "proposals"),
+    Route("/proposals/<number>", _GET, "reads", "proposals"),
+    Route("/proposals/<number>/adopt", _POST, "writes", "proposals"),
+    Route("/proposals/<number>/refuse", _POST, "writes", "proposals"),
     Route("/api/history", _GET, "reads", "admin"),
     Route("/api/blobs/<path:digest>", _GET, "reads", "blob"),
     Route("/api/context.jsonld", _GET, "reads", "listing", advice=_READ_ONLY),
@@ -123,7 +128,7 @@ ROUTES: tuple[Route, ...] = (
 )
 """The table."""
 
-_MAX_KEPT = 256
+_MAX_CACHED_LENGTH = 256
 """Length of addresses whose match is remembered, in characters."""
 
 _BY_PATTERN: dict[str, list[Route]] = defaultdict(list)
@@ -152,12 +157,12 @@ class Match:
     @property
     def allow(self) -> tuple[str, ...]:
         """Methods of the address, as ``Allow`` lists them."""
-        methods = dict.fromkeys(method for one in self.routes for method in one.methods)
+        methods = dict.fromkeys(method for route in self.routes for method in route.methods)
         return (*methods, "OPTIONS")
 
     def by(self, method: str) -> Route | None:
         """Return the route for a method, or None if the address does not take it."""
-        return next((one for one in self.routes if method in one.methods), None)
+        return next((route for route in self.routes if method in route.methods), None)
 
 
 _NOTHING = Match(())
@@ -179,7 +184,9 @@ def find(address: str) -> Match:
     fixed = _FIXED.get(address)
     if fixed is not None:
         return fixed
-    return _matched(address) if len(address) <= _MAX_KEPT else _matched.__wrapped__(address)
+    return (
+        _matched(address) if len(address) <= _MAX_CACHED_LENGTH else _matched.__wrapped__(address)
+    )
 
 
 @lru_cache(maxsize=4_096)
@@ -213,8 +220,8 @@ def pattern_of(lane: Lane, method: str) -> re.Pattern[bytes]:
     True
     """
     patterns = [
-        re.sub(r"<[^>]+>", "[A-Za-z0-9_@.*]+", re.escape(one.pattern).replace("\\<", "<"))
-        for one in ROUTES
-        if one.lane == lane and method in one.methods
+        re.sub(r"<[^>]+>", "[A-Za-z0-9_@.*]+", re.escape(route.pattern).replace("\\<", "<"))
+        for route in ROUTES
+        if route.lane == lane and method in route.methods
     ]
     return re.compile(f"(?:{'|'.join(patterns)})/?".encode())

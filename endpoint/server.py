@@ -21,7 +21,7 @@ from endpoint.activity.watch import watch
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
-from endpoint.direct import DirectProtocol, KnownQueries
+from endpoint.direct import DirectProtocol, HeadQueries
 from endpoint.rosbridge.activity_topic import announce_activity
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
@@ -134,17 +134,17 @@ def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[s
 def _allow_open_files() -> None:
     """Raise the limit of open files as far as the system allows, for many connections."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
+    limit = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < limit:
         with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+            resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
 
 
 def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
-    known = KnownQueries(asgi.application, asgi.points)
+    head_queries = HeadQueries(asgi.application, asgi.points)
     return uvicorn.Config(
         asgi,
-        http=partial(DirectProtocol, asgi=asgi, known=known),  # type: ignore[arg-type]
+        http=partial(DirectProtocol, asgi=asgi, head_queries=head_queries),  # type: ignore[arg-type]
         log_config=None,
         access_log=False,
         server_header=False,

@@ -149,12 +149,12 @@ class Config:
             return self.backup_dir or Path("backups")
         return folder.resolve().with_name(f"{folder.resolve().name}-backups")
 
-    def effective_timeout(self, wanted: float | None, role: str = "admin") -> float:
+    def effective_timeout(self, asked_s: float | None, role: str = "admin") -> float:
         """Return the time limit of a query: the requested one, up to what the role allows."""
         allowed = self.max_timeout_s
         if role in ROLE_TIMEOUT_S:
             allowed = min(allowed, max(self.timeout_s, ROLE_TIMEOUT_S[role]))
-        return min(wanted or self.timeout_s, allowed)
+        return min(asked_s or self.timeout_s, allowed)
 
 
 @lru_cache(maxsize=256)
@@ -174,14 +174,14 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def read_settings(file: Path, known: Iterable[str]) -> dict[str, Any]:
+def read_settings(file: Path, options: Iterable[str]) -> dict[str, Any]:
     """Read the ``[serve]`` table of a file, keyed by click's parameter names.
 
     Parameters
     ----------
     file
         TOML.
-    known
+    options
         Names of the options, spelled with dashes.
 
     Raises
@@ -198,7 +198,7 @@ def read_settings(file: Path, known: Iterable[str]) -> dict[str, Any]:
     table = document.get(TABLE, {})
     if not isinstance(table, dict):
         raise UsageError(f"{file}: [{TABLE}] must be a table")
-    names = set(known)
+    names = set(options)
     for name in table:
         if name.replace("_", "-") not in names:
             near = difflib.get_close_matches(name.replace("_", "-"), names, n=1)
@@ -218,9 +218,9 @@ def use_file(context: click.Context, _: click.Parameter, file: Path | None) -> P
             for option in parameter.opts
             if option.startswith("--") and parameter.name != "config"
         }
-        found = read_settings(file, options)
+        settings = read_settings(file, options)
         names = {option.replace("-", "_"): name for option, name in options.items()}
-        context.default_map = {str(names[key]): value for key, value in found.items()}
+        context.default_map = {str(names[key]): value for key, value in settings.items()}
     return file
 
 

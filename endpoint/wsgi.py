@@ -30,9 +30,9 @@ _OTHERS = ("/services", "/jobs", "/datasets")
 
 _PROGRAMS = tuple(
     dict.fromkeys(
-        one.pattern
-        for one in ROUTES
-        if one.lane != "stream" and not one.pages and not one.pattern.startswith(_OTHERS)
+        route.pattern
+        for route in ROUTES
+        if route.lane != "stream" and not route.pages and not route.pattern.startswith(_OTHERS)
     )
 )
 

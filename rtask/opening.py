@@ -33,9 +33,10 @@ from rtask.kb.store.overlay import Overlay
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
 from rtask.rdf.terms import LONG_AGO
+from rtask.remote.discovery import connect
 from rtask.remote.journal import RemoteJournal
 from rtask.remote.knowledge_base import open_remote
-from rtask.remote.opening import Place, connect, open_on_server
+from rtask.remote.opening import Place, open_on_server
 from rtask.remote.pending import PendingChange
 from rtask.remote.served import open_served
 from rtask.remote.store import RemoteStore
@@ -82,10 +83,11 @@ def open_knowledge_base(
     Parameters
     ----------
     target
-        A folder, ``":memory:"``, the address of a SPARQL 1.1 server (query and update at one
-        address), or ``sparql+https://host/?query=/q&update=/u`` where they differ. The statements
-        are then on that server, and everything else works as for a folder; what the server cannot
-        do is logged once. A server of RTASK itself keeps rights and records, and gives a client.
+        A folder, ``":memory:"`` or the address of a SPARQL 1.1 server. The usual places at and
+        below an address are tried for queries and updates; ``sparql+https://host/?query=/q&update=/u``
+        names them. The statements are then on that server, and everything else works as for a
+        folder; what the server cannot do is logged once. A server of RTASK itself keeps rights and
+        records, and gives a client.
     mode
         ``"rw"`` makes the folder if it does not exist, ``"new"`` refuses one that does, ``"r"``
         reads beside other readers, and follows a writer in another process.
@@ -218,7 +220,7 @@ def _open_address(
     endpoints.connection.close()
     if options.rules:
         raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
-    return open_served(place.address, token, timeout_s)
+    return open_served(endpoints, token, timeout_s)
 
 
 def _assemble(files: Files, options: _Options) -> KnowledgeBase:

@@ -38,7 +38,7 @@ _HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 CHECK_EVERY_S = 0.5
 _STANDS_S = 0.05
-_MAX_KNOWN = 10_000
+_MAX_REMEMBERED = 10_000
 Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS tokens (
@@ -134,8 +134,8 @@ class TokenStore:
         self._ever_issued = False
         self._ever_limited = False
         self._look_again = 0.0
-        self._known: dict[bytes, Token] = {}
-        self._known_at = b""
+        self._tokens: dict[bytes, Token] = {}
+        self._cached_at = b""
         self._memory_version = 0
         self._handle = -1
         self._clock = clock
@@ -228,16 +228,16 @@ class TokenStore:
         """
         self._require_current()
         shown, version = _digest(text), self._version()
-        if version != self._known_at:
-            self._known, self._known_at = {}, version
+        if version != self._cached_at:
+            self._tokens, self._cached_at = {}, version
         # The dictionary of this version: another thread may begin a newer one meanwhile.
-        known = self._known
-        found = known.get(shown)
-        if found is not None and found.is_valid(time.time()):
-            return found
+        tokens = self._tokens
+        cached = tokens.get(shown)
+        if cached is not None and cached.is_valid(time.time()):
+            return cached
         token = self._look_up(text)
-        if len(known) < _MAX_KNOWN:
-            known[shown] = token
+        if len(tokens) < _MAX_REMEMBERED:
+            tokens[shown] = token
         return token
 
     def _look_up(self, text: str) -> Token:
@@ -303,7 +303,7 @@ class TokenStore:
             self._file_version = os.pread(self._handle, 4, 24)
         return self._file_version
 
-    def standing(self) -> tuple[bytes, bool, bool]:
+    def revision(self) -> tuple[bytes, bool, bool]:
         """Return a value that differs once any token was created, revoked or changed.
 
         Whoever was identified while it was the same is identified likewise, until the token
@@ -393,8 +393,8 @@ class TokenStore:
 
     def _row(self, token_id: str) -> Row | None:
         with self._reading() as connection:
-            found = connection.execute("SELECT * FROM tokens WHERE id = ?", (token_id,)).fetchone()
-        return cast("Row | None", found)
+            row = connection.execute("SELECT * FROM tokens WHERE id = ?", (token_id,)).fetchone()
+        return cast("Row | None", row)
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:

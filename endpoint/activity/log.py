@@ -25,7 +25,7 @@ OPERATOR = "an operator"
 MAX_EVENTS = 1_000
 MAX_LANES = 64
 MAX_SEEN = 1_000
-LANE_KEPT_S = 600.0
+LANE_LIFETIME_S = 600.0
 PICTURE_TYPES = frozenset(
     ("rtask/Frame", "sensor_msgs/CompressedImage", "sensor_msgs/msg/CompressedImage")
 )
@@ -186,7 +186,7 @@ class ActivityLog:
     def tell(self, *events: Event) -> None:
         """Append events; each gets a number and, unless it has one, the present time."""
         state = self._state
-        told: list[Event] = []
+        logged: list[Event] = []
         with self._lock:
             for event in events:
                 state.last += 1
@@ -198,9 +198,9 @@ class ActivityLog:
                     state.seen_s.pop(event.who, None)
                     state.seen_s[event.who] = time_s
                 state.events.append(numbered)
-                told.append(numbered)
+                logged.append(numbered)
             self._forget_lanes()
-        for event in told:
+        for event in logged:
             for listener in tuple(self._listeners):
                 listener(event)
 
@@ -258,7 +258,7 @@ class ActivityLog:
         """Return the state of each robot: connected ones first, then by name."""
         with self._lock:
             return sorted(
-                self._state.lanes.values(), key=lambda one: (not one.connections, one.robot)
+                self._state.lanes.values(), key=lambda lane: (not lane.connections, lane.robot)
             )
 
     def lane(self, robot: str) -> Lane | None:
@@ -286,7 +286,7 @@ class ActivityLog:
         lanes, now = self._state.lanes, self._clock()
         gone = [
             name for name, lane in lanes.items()
-            if not lane.connections and now - lane.changed_s > LANE_KEPT_S
+            if not lane.connections and now - lane.changed_s > LANE_LIFETIME_S
         ]  # fmt: skip
         for name in gone:
             del lanes[name]

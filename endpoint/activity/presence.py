@@ -61,7 +61,7 @@ class Links:
 
         def leave() -> None:
             with self._left:
-                self._open = [one for one in self._open if one is not link]
+                self._open = [other for other in self._open if other is not link]
                 self._left.notify_all()
 
         return leave
@@ -73,12 +73,12 @@ class Links:
 
     def close(self, robot: str, reason: str) -> int:
         """Close the connections of a robot, wait a moment for their end, return their number."""
-        found = self.of(robot)
-        for link in found:
+        links = self.of(robot)
+        for link in links:
             link.close(reason)
         with self._left:
-            self._left.wait_for(lambda: not any(one in found for one in self._open), CLOSING_S)
-        return len(found)
+            self._left.wait_for(lambda: not any(link in links for link in self._open), CLOSING_S)
+        return len(links)
 
 
 @dataclass

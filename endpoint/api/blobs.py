@@ -60,10 +60,10 @@ def _answer(kb: ServedGraph, request: Request, digest: str) -> Response:
     if not media_type:
         media_type = "application/octet-stream"
         headers = (*headers, ("Content-Disposition", f'attachment; filename="{digest[:12]}"'))
-    wanted = _range(request.header("range"), len(data))
-    if wanted is None:
+    byte_range = _range(request.header("range"), len(data))
+    if byte_range is None:
         return Response(200, data, media_type, headers)
-    start, end = wanted
+    start, end = byte_range
     if start >= len(data):
         unsatisfied = (("Content-Range", f"bytes */{len(data)}"),)
         raise RefusedError(416, "usage", f"the blob has {len(data)} bytes", headers=unsatisfied)

@@ -246,5 +246,5 @@ _OUTCOMES = Collection(
     by_time=True,
 )  # fmt: skip
 
-COLLECTIONS = {one.name: one for one in (_ROBOTS, _TASKS, _OBJECTS, _OUTCOMES)}
+COLLECTIONS = {collection.name: collection for collection in (_ROBOTS, _TASKS, _OBJECTS, _OUTCOMES)}
 """By name."""

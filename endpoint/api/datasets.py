@@ -77,14 +77,14 @@ def _answer(datasets: Datasets, request: Request, caller: Caller, parts: list[st
 
 def _whole(datasets: Datasets, request: Request, caller: Caller, name: str) -> Response:
     if request.method != "PUT":
-        found = datasets.find(name, caller.access)
-        known = {"key": datasets.key(name.partition("@")[0])}
-        return _json({**found.facts(), **known, "versions": datasets.numbers(found.dataset)})
-    wanted = json_object(request) if request.body else {}
-    source, readers = wanted.pop("fork_of", None), wanted.pop("readers", None)
-    key = wanted.pop("key", "")
-    if wanted:
-        raise UsageError(f"unknown field {min(wanted)!r}; known: fork_of, readers, key")
+        dataset = datasets.find(name, caller.access)
+        facts = {"key": datasets.key(name.partition("@")[0])}
+        return _json({**dataset.facts(), **facts, "versions": datasets.numbers(dataset.dataset)})
+    fields = json_object(request) if request.body else {}
+    source, readers = fields.pop("fork_of", None), fields.pop("readers", None)
+    key = fields.pop("key", "")
+    if fields:
+        raise UsageError(f"unknown field {min(fields)!r}; known: fork_of, readers, key")
     if readers is not None and not _are_texts(readers):
         raise UsageError("readers: expected a list of names", field="readers")
     if not isinstance(key, str):
@@ -104,27 +104,27 @@ def _action(
     datasets: Datasets, request: Request, caller: Caller, name: str, action: str
 ) -> Response:
     if action == "diff":
-        before, after = (_parameter(request, one) for one in ("from", "to"))
+        before, after = (_parameter(request, side) for side in ("from", "to"))
         return _json(datasets.difference(f"{name}@{before}", f"{name}@{after}", caller.access))
     if action == "files":
         return _files(datasets, request, caller, name)
-    wanted = json_object(request) if request.body else {}
-    message = wanted.get("message", "")
+    fields = json_object(request) if request.body else {}
+    message = fields.get("message", "")
     if not isinstance(message, str):
         raise UsageError("message: expected a text", field="message")
     if action == "snapshot":
         return _json(datasets.snapshot(name, message, caller.access).facts())
     if action == "prune":
-        paths, where = wanted.get("paths", []), wanted.get("where", {})
+        paths, where = fields.get("paths", []), fields.get("where", {})
         if not _are_texts(paths):
             raise UsageError("paths: expected a list of texts", field="paths")
         if not isinstance(where, dict):
             raise UsageError("where: expected values by fields", field="where")
         return _json(datasets.prune(name, paths, where, message, caller.access).facts())
-    source, rules = wanted.get("source"), wanted.get("rules", {})
+    source, rules = fields.get("source"), fields.get("rules", {})
     if not isinstance(source, str):
         raise UsageError("source: expected the name of a version", field="source")
-    if not isinstance(rules, dict) or not all(one in _RULES for one in rules.values()):
+    if not isinstance(rules, dict) or not all(side in _RULES for side in rules.values()):
         raise UsageError('rules: expected {"<path>": "ours" or "theirs"}', field="rules")
     return _json(datasets.merge(name, source, rules, message, caller.access).facts())
 
@@ -143,8 +143,8 @@ def _files(datasets: Datasets, request: Request, caller: Caller, name: str) -> R
 
 def _head_of(name: str) -> str:
     """Return the name of a dataset that is written to."""
-    plain, _, wanted = name.partition("@")
-    if wanted not in ("", "head"):
+    plain, _, version = name.partition("@")
+    if version not in ("", "head"):
         raise RefusedError(405, "method-not-allowed", f"{name} never changes; write to the head")
     return plain
 
@@ -176,7 +176,7 @@ def _parameter(request: Request, name: str) -> str:
 
 
 def _are_texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(one, str) for one in value)
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
 def _json(value: Any) -> Response:

@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlencode
 
 import ontology
 from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
-from endpoint.http.conditional import Versions, is_known
+from endpoint.http.conditional import Versions, is_current
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
@@ -51,7 +51,7 @@ Item = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class _Wanted:
+class _Selection:
     """A parsed request."""
 
     collection: Collection
@@ -83,26 +83,26 @@ def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_
     collection = COLLECTIONS[name]
     media_type = choose(request.header("accept"), TYPES)
     single = f"{kb.base}{collection.folder}/{unquote(rest)}" if rest else ""
-    wanted = _wanted(collection, request, single)
-    text = _text(wanted)
-    etag = versions.of_query(text, media_type, wanted.counts)
-    if is_known(request, etag):
+    selection = _select(collection, request, single)
+    text = _text(selection)
+    etag = versions.of_query(text, media_type, selection.counts)
+    if is_current(request, etag):
         return Plan.ready(Response(304, headers=(("ETag", etag),)))
 
-    answer = _Answer(media_type, etag, request.site, wanted.members)
+    answer = _Answer(media_type, etag, request.site, selection.members)
 
     def run() -> Response:
         rows = kb.select(text).to_dicts()
-        items = [_item(row, wanted) for row in rows[: wanted.limit]]
+        items = [_item(row, selection) for row in rows[: selection.limit]]
         if single:
-            return _single(kb, wanted, items, answer)
+            return _single(kb, selection, items, answer)
         body: Item = {"items": items, "next": None}
-        if len(rows) > wanted.limit:
+        if len(rows) > selection.limit:
             arguments = {k: v for k, v in request.parameters if k != "cursor"}
-            arguments["cursor"] = _cursor(rows[wanted.limit - 1], wanted)
+            arguments["cursor"] = _cursor(rows[selection.limit - 1], selection)
             body["next"] = f"{ADDRESS}{name}?{urlencode(arguments)}"
-        if wanted.counts:
-            body["total"] = int(str(kb.select(_count_text(wanted))[0].value("total")))
+        if selection.counts:
+            body["total"] = int(str(kb.select(_count_text(selection))[0].value("total")))
         return answer.of(body)
 
     return Plan(run, timeout_s=timeout_s, lane="query")
@@ -123,22 +123,22 @@ def context() -> Item:
     return {"@context": terms}
 
 
-def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
+def _select(collection: Collection, request: Request, single: str) -> _Selection:
     """Read the parameters."""
     given: dict[str, str] = {}
-    filters = {one.name: one for one in collection.filters}
-    known = [*filters, *_OWN]
+    filters = {filter_.name: filter_ for filter_ in collection.filters}
+    names = [*filters, *_OWN]
     for name, value in request.parameters:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
             raise UsageError(f"unknown parameter {name!r}; {hint}", field=name)
         if name in given:
             raise UsageError(f"{name} is given twice", field=name)
         given[name] = value
     patterns = [
-        one.pattern.replace("$value", _term(one.kind, given[name], name))
-        for name, one in filters.items()
+        filter_.pattern.replace("$value", _term(filter_.kind, given[name], name))
+        for name, filter_ in filters.items()
         if name in given
     ]
     patterns += [
@@ -150,7 +150,7 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
     if not _SHORT_NUMBER.fullmatch(limit) or not 1 <= int(limit) <= MAX_LIMIT:
         raise UsageError(f"limit: expected a whole number from 1 to {MAX_LIMIT}", field="limit")
     after = _after(collection, given["cursor"]) if "cursor" in given else ""
-    return _Wanted(
+    return _Selection(
         collection, _members(collection, given.get("fields", "")), tuple(patterns), int(limit),
         after, given.get("total", "") in ("1", "true"), single,
     )  # fmt: skip
@@ -191,9 +191,9 @@ def _term(kind: Kind, value: str, name: str) -> str:
     return str(literal(value))
 
 
-def _cursor(row: Mapping[str, Any], wanted: _Wanted) -> str:
+def _cursor(row: Mapping[str, Any], selection: _Selection) -> str:
     """Return the cursor of a row: its place in the order of the list."""
-    place = [str(row["iri"]), *([_moment(row["time"])] if wanted.collection.by_time else [])]
+    place = [str(row["iri"]), *([_moment(row["time"])] if selection.collection.by_time else [])]
     return base64.urlsafe_b64encode(json.dumps(place).encode()).decode().rstrip("=")
 
 
@@ -212,46 +212,46 @@ def _after(collection: Collection, cursor: str) -> str:
     return f"FILTER(?time < {time} || (?time = {time} && STR(?iri) < {last}))"
 
 
-def _text(wanted: _Wanted) -> str:
+def _text(selection: _Selection) -> str:
     """Return the query of one page: its items, and each block of members about them."""
-    chosen, names = _chosen(wanted), [member.name for member in wanted.members]
+    chosen, names = _chosen(selection), [member.name for member in selection.members]
     blocks = []
-    for block in wanted.collection.blocks:
-        said = [f"({m.value} AS ?{m.name})" for m in block.members if m.name in names]
-        if said:
+    for block in selection.collection.blocks:
+        bindings = [f"({m.value} AS ?{m.name})" for m in block.members if m.name in names]
+        if bindings:
             inner = f"{{ SELECT ?iri {{ {{ {chosen} }} }} }} {block.pattern}"
             blocks.append(
-                f"OPTIONAL {{ SELECT ?iri {' '.join(said)} {{ {inner} }} GROUP BY ?iri }}"
+                f"OPTIONAL {{ SELECT ?iri {' '.join(bindings)} {{ {inner} }} GROUP BY ?iri }}"
             )
-    return f"{PREFIXES}SELECT * {{ {{ {chosen} }} {' '.join(blocks)} }} {_order(wanted)}"
+    return f"{PREFIXES}SELECT * {{ {{ {chosen} }} {' '.join(blocks)} }} {_order(selection)}"
 
 
-def _chosen(wanted: _Wanted, *, page: bool = True) -> str:
+def _chosen(selection: _Selection, *, page: bool = True) -> str:
     """Return the sub-select of the items on one page, or of all that pass the filters."""
-    where = " . ".join((wanted.collection.pattern, *wanted.patterns))
-    if wanted.collection.by_time:
+    where = " . ".join((selection.collection.pattern, *selection.patterns))
+    if selection.collection.by_time:
         grouped = f"SELECT ?iri (MAX(?ended) AS ?time) {{ {where} }} GROUP BY ?iri"
-        inner = f"SELECT ?iri ?time {{ {{ {grouped} }} {wanted.after if page else ''} }}"
+        inner = f"SELECT ?iri ?time {{ {{ {grouped} }} {selection.after if page else ''} }}"
     else:
-        after = wanted.after if page else ""
+        after = selection.after if page else ""
         inner = f"SELECT DISTINCT ?iri {{ {where} . {after} FILTER(isIRI(?iri)) }}"
-    return f"{inner} {_order(wanted)} LIMIT {wanted.limit + 1}" if page else inner
+    return f"{inner} {_order(selection)} LIMIT {selection.limit + 1}" if page else inner
 
 
-def _order(wanted: _Wanted) -> str:
-    by_time = wanted.collection.by_time
+def _order(selection: _Selection) -> str:
+    by_time = selection.collection.by_time
     return "ORDER BY DESC(?time) DESC(STR(?iri))" if by_time else "ORDER BY STR(?iri)"
 
 
-def _count_text(wanted: _Wanted) -> str:
-    chosen = _chosen(wanted, page=False)
+def _count_text(selection: _Selection) -> str:
+    chosen = _chosen(selection, page=False)
     return f"{PREFIXES}SELECT (COUNT(*) AS ?total) {{ {{ {chosen} }} }}"
 
 
-def _item(row: Mapping[str, Any], wanted: _Wanted) -> Item:
+def _item(row: Mapping[str, Any], selection: _Selection) -> Item:
     """Return an item as a JSON object."""
     item: Item = {"iri": str(row["iri"])}
-    for member in wanted.members:
+    for member in selection.members:
         value = row.get(member.name)
         if member.kind in ("iris", "texts"):
             item[member.name] = sorted(str(value).split("\n")) if value else []
@@ -270,19 +270,21 @@ def _moment(value: Any) -> str:
     return value.isoformat() if isinstance(value, dt.datetime) else str(value)
 
 
-def _single(kb: ServedGraph, wanted: _Wanted, items: list[Item], answer: _Answer) -> Response:
+def _single(kb: ServedGraph, selection: _Selection, items: list[Item], answer: _Answer) -> Response:
     """Return one item, redirect to its present name, or say why it is gone."""
     if items:
         return answer.of(items[0])
-    now = present_name(kb, wanted.single)
-    name = wanted.collection.name
-    start = f"{kb.base}{wanted.collection.folder}/"
-    if now != wanted.single and now.startswith(start):
+    now = present_name(kb, selection.single)
+    name = selection.collection.name
+    start = f"{kb.base}{selection.collection.folder}/"
+    if now != selection.single and now.startswith(start):
         return Response(308, headers=(("Location", f"{ADDRESS}{name}/{now[len(start) :]}"),))
-    if kb.match(wanted.single, PROV.invalidatedAtTime):
-        raise RefusedError(410, "gone", f"{wanted.single} was forgotten")
+    if kb.match(selection.single, PROV.invalidatedAtTime):
+        raise RefusedError(410, "gone", f"{selection.single} was forgotten")
     raise RefusedError(
-        404, "not-found", f"no {wanted.collection.folder} {wanted.single}; see {ADDRESS}{name}"
+        404,
+        "not-found",
+        f"no {selection.collection.folder} {selection.single}; see {ADDRESS}{name}",
     )
 
 

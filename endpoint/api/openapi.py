@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from endpoint.api.openapi_page import page
 from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
+from endpoint.api.openapi_proposals import proposal_paths
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_services import service_paths
@@ -114,13 +115,13 @@ def _request_name(operation: str) -> str:
 
 
 def _operation(name: str, operation: Operation) -> JsonObject:
-    wanted: JsonObject = {"$ref": f"#/components/schemas/{_request_name(name)}"}
+    reference: JsonObject = {"$ref": f"#/components/schemas/{_request_name(name)}"}
     entries = operation.request.entries
     if entries:
         entry = kind_of(operation.request.model_fields[entries]).message
         assert entry is not None
         # The fields of one entry may stand at top level.
-        wanted = {"anyOf": [wanted, {"$ref": f"#/components/schemas/{entry.__name__}"}]}
+        reference = {"anyOf": [reference, {"$ref": f"#/components/schemas/{entry.__name__}"}]}
     answer = {"$ref": f"#/components/schemas/{operation.answer.__name__}"}
     described: JsonObject = {
         "operationId": name,
@@ -130,7 +131,7 @@ def _operation(name: str, operation: Operation) -> JsonObject:
         "x-effect": operation.effect,
         "requestBody": {
             "required": True,
-            "content": {JSON_TYPE: {"schema": wanted}},
+            "content": {JSON_TYPE: {"schema": reference}},
         },
         "responses": {
             "200": {
@@ -182,6 +183,7 @@ def _fixed_paths() -> JsonObject:
             )
         },
         **reasoner_paths(),
+        **proposal_paths(),
         "/changes": {"get": _changes(text)},
         "/tokens/ticket": {"post": _ticket()},
         "/health": {"get": _health("Whether the server is healthy")},

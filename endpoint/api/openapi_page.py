@@ -32,8 +32,8 @@ def page(document: JsonObject) -> str:
         for method, described in methods.items()
     ]
     links = [
-        f'<li><a href="#{_anchor(*one)}">{one[1].upper()} {escape(one[0])}</a></li>'
-        for one in all_of
+        f'<li><a href="#{_anchor(*entry)}">{entry[1].upper()} {escape(entry[0])}</a></li>'
+        for entry in all_of
     ]
     parts.append(
         f"<details><summary>{len(all_of)} requests</summary><ul>{''.join(links)}</ul></details>"
@@ -53,14 +53,17 @@ def _operation(path: str, method: str, described: JsonObject, schemas: JsonObjec
         f"<h2><code>{method.upper()} {escape(path)}</code></h2>",
         f"<p>{escape(described['summary'])}. {_code(described.get('description', ''))}</p>",
     ]
-    rows = [(one["name"], one["in"], one["description"]) for one in described.get("parameters", ())]
+    rows = [
+        (response["name"], response["in"], response["description"])
+        for response in described.get("parameters", ())
+    ]
     if rows:
         parts.append(_table(("parameter", "in", "meaning"), rows))
     body = described.get("requestBody")
     if body:
         schema = _resolved(next(iter(body["content"].values())).get("schema", {}), schemas)
         parts.append(_fields(schema, schemas))
-    done = next(one for status, one in described["responses"].items() if status[0] == "2")
+    done = next(response for status, response in described["responses"].items() if status[0] == "2")
     answers: JsonObject = next(iter(done.get("content", {}).values()), {})
     answer = answers.get("schema")
     if answer:
@@ -73,11 +76,11 @@ def _fields(schema: JsonObject, schemas: JsonObject) -> str:
         schema = _resolved(schema["anyOf"][0], schemas)
     required = set(schema.get("required", ()))
     rows = []
-    for name, one in schema.get("properties", {}).items():
-        words = one.get("description", "")
-        if "default" in one:
-            words += f"; default {one['default']}"
-        rows.append((name, _kind(one), words + ("; required" if name in required else "")))
+    for name, member in schema.get("properties", {}).items():
+        words = member.get("description", "")
+        if "default" in member:
+            words += f"; default {member['default']}"
+        rows.append((name, _kind(member), words + ("; required" if name in required else "")))
     return _table(("field", "type", "meaning"), rows) if rows else ""
 
 
@@ -97,8 +100,8 @@ def _kind(schema: JsonObject) -> str:
 
 def _resolved(schema: JsonObject, schemas: JsonObject) -> JsonObject:
     if "$ref" in schema:
-        found: JsonObject = schemas[schema["$ref"].rsplit("/", 1)[1]]
-        return found
+        target: JsonObject = schemas[schema["$ref"].rsplit("/", 1)[1]]
+        return target
     return schema
 
 

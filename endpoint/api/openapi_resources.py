@@ -36,18 +36,18 @@ def resource_paths() -> JsonObject:
     name = parameter("id", "path", "last part of its IRI", {"type": "string"})
     for collection in COLLECTIONS.values():
         filters = [
-            parameter(one.name, "query", one.summary, _SCHEMAS[one.kind])
-            for one in collection.filters
+            parameter(filter_.name, "query", filter_.summary, _SCHEMAS[filter_.kind])
+            for filter_ in collection.filters
         ]
         item = _item(collection)
         several = get(collection.summary, TYPES, [*filters, *common])
         several["responses"]["200"]["content"][JSON_TYPE] = {"schema": _page(item)}
-        one = get(f"One of {collection.name}", TYPES, [name, common[1]])
-        one["responses"]["200"]["content"][JSON_TYPE] = {"schema": item}
-        for described in (several, one):
+        single = get(f"One of {collection.name}", TYPES, [name, common[1]])
+        single["responses"]["200"]["content"][JSON_TYPE] = {"schema": item}
+        for described in (several, single):
             described["responses"]["304"] = {"description": "as If-None-Match knows it"}
         paths[f"{ADDRESS}{collection.name}"] = {"get": several}
-        paths[f"{ADDRESS}{collection.name}/{{id}}"] = {"get": one}
+        paths[f"{ADDRESS}{collection.name}/{{id}}"] = {"get": single}
     return paths
 
 

@@ -97,7 +97,7 @@ def _dataset_paths() -> JsonObject:
     readers = {"type": "array", "items": _TEXT}
     paths = {"type": "array", "items": _TEXT}
     file = f"{_DATASET}/files/{{path}}"
-    ends = [parameter(one, "query", "a version, or head", _TEXT) for one in ("from", "to")]
+    ends = [parameter(side, "query", "a version, or head", _TEXT) for side in ("from", "to")]
     content = {"schema": {"type": "string", "format": "binary"}}
     binary: JsonObject = {"content": {"application/octet-stream": content}}
     return {
@@ -140,7 +140,7 @@ def _operation(definition: Definition, method: Method, schemas: JsonObject) -> J
         {"type": "array", "items": _TEXT},
     )  # fmt: skip
     prefer = parameter("Prefer", "header", "respond-async makes the call a job", _TEXT)
-    request, answer = ({"$ref": _REF + names[one.__name__]} for one in (
+    request, answer = ({"$ref": _REF + names[message.__name__]} for message in (
         method.request, method.answer
     ))  # fmt: skip
     job = {"description": "a job, whose address is in Location", "content": {JSON_TYPE: {}}}
@@ -160,14 +160,14 @@ def _operation(definition: Definition, method: Method, schemas: JsonObject) -> J
     }
 
 
-def _add(schemas: JsonObject, found: JsonObject, definition: Definition) -> dict[str, str]:
+def _add(schemas: JsonObject, fragment: JsonObject, definition: Definition) -> dict[str, str]:
     """Add schemas, under other names where another service has taken theirs."""
     stem = definition.name.replace("/", "")
     names = {
         name: f"{stem}{name}" if name in schemas and schemas[name] != schema else name
-        for name, schema in found.items()
+        for name, schema in fragment.items()
     }
-    text = json.dumps(found)
+    text = json.dumps(fragment)
     for name, other in names.items():
         text = text.replace(f'"{_REF}{name}"', f'"{_REF}{other}"')
     schemas.update({names[name]: schema for name, schema in json.loads(text).items()})

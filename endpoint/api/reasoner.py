@@ -68,7 +68,7 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
         if not names:
             raise UsageError("name the rules to remove: DELETE /reasoner/rules?label=<label>")
         return Plan(lambda: _remove(kb, names, request, caller))
-    return Plan(lambda: _json(_one(kb, name).to_dict() if name else {"rules": _all(kb)}))
+    return Plan(lambda: _json(_rule_named(kb, name).to_dict() if name else {"rules": _all(kb)}))
 
 
 def _require_author(auth: Authenticator, request: Request, caller: Caller) -> None:
@@ -82,21 +82,21 @@ def _all(kb: KnowledgeBase) -> list[dict[str, Any]]:
     return [rule.to_dict() for rule in kb.rules()]
 
 
-def _one(kb: KnowledgeBase, name: str) -> Rule:
+def _rule_named(kb: KnowledgeBase, name: str) -> Rule:
     """Return a rule by its label, its IRI or the last part of that."""
     rules = kb.rules()
     for rule in rules:
         if rule.iri is not None and rule.iri.value.rpartition("/rule/")[2] == name:
             return rule
-    wanted = find(rules, name)
-    return next(rule for rule in rules if rule.iri == wanted)
+    match = find(rules, name)
+    return next(rule for rule in rules if rule.iri == match)
 
 
 def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
     sent = _sent(request)
     note = caller.note(request)
     commit = kb.add_rules(sent.rules, access=caller.access, replace=sent.replace, note=note)
-    made = [_one(kb, rule.label.strip()) for rule in sent.rules]
+    made = [_rule_named(kb, rule.label.strip()) for rule in sent.rules]
     facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if sent.several:
         return _json({"rules": [rule.to_dict() for rule in made], **facts}, 201)
@@ -109,7 +109,7 @@ def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Calle
     caller.access.bind(kb.graphs, kb.catalogue.is_ontology, kb.plain).require_write(
         kb.graphs.rules, "rules"
     )
-    labels = [_one(kb, name).label for name in names]
+    labels = [_rule_named(kb, name).label for name in names]
     commit = kb.remove_rules(labels, access=caller.access, note=caller.note(request))
     removed = labels if request.values("label") else labels[0]
     return _json({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
@@ -176,7 +176,7 @@ def _text_of(request: Request) -> bytes:
 def _contradictions(kb: KnowledgeBase) -> Response:
     return _json(
         {
-            "contradictions": [found.message for found in kb.contradictions()],
+            "contradictions": [contradiction.message for contradiction in kb.contradictions()],
             "causes": kb.causes(CAUSES_MS),
         }
     )
@@ -218,7 +218,7 @@ def _sent(request: Request) -> _Sent:
         raise TooLargeError(
             f"at most {MAX_RULES} rules are added at once", limit="rules", allowed=MAX_RULES
         )
-    return _Sent([_rule(one, _FIELDS[:3]) for one in given], replace, several=True)
+    return _Sent([_rule(rule, _FIELDS[:3]) for rule in given], replace, several=True)
 
 
 def _rule(sent: Any, fields: tuple[str, ...]) -> Rule:

@@ -71,8 +71,8 @@ def plan_service(
             return Plan(lambda: _json({"services": host.listing()}))
         parts = address.removeprefix(f"{ADDRESS}/").split("/")
         if len(parts) == 2:
-            found = host.registry.find("/".join(parts))
-            return Plan(lambda: _json(host.description(found.exact)))
+            service = host.registry.find("/".join(parts))
+            return Plan(lambda: _json(host.description(service.exact)))
         if len(parts) != 3:
             raise UnknownTermError(f"there is nothing at {address}; see {ADDRESS}")
         return _plan_call(host, auth, request, caller, "/".join(parts[:2]), parts[2])
@@ -83,8 +83,8 @@ def plan_service(
 def _plan_call(
     host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, name: str, method: str
 ) -> Plan:
-    definition, found = host.find(name, method)
-    authorise(auth, request, caller, found.scope, f"{definition.name}/{method}")
+    definition, target = host.find(name, method)
+    authorise(auth, request, caller, target.scope, f"{definition.name}/{method}")
     args = _arguments(request)
     data = _data(request, args.pop(DATA, None))
     is_job = "respond-async" in request.header("prefer")
@@ -201,7 +201,7 @@ def _job(job: Job, after: int | None = None) -> Response:
     """Return a job with its answer or its problem, and its events after a number."""
     facts = job_facts(job)
     if after is not None:
-        facts["events"] = [{"number": number, **said} for number, said in job.events(after)]
+        facts["events"] = [{"number": number, **event} for number, event in job.events(after)]
     return _json(facts)
 
 
@@ -226,16 +226,16 @@ def _data(request: Request, in_body: Any) -> dict[str, str]:
         ``?data`` or ``$data`` cannot be read.
     """
     if in_body is not None and not (
-        isinstance(in_body, dict) and all(isinstance(one, str) for one in in_body.values())
+        isinstance(in_body, dict) and all(isinstance(name, str) for name in in_body.values())
     ):
         raise UsageError(f'{DATA}: expected {{"resource": "<namespace>/<name>"}}', field=DATA)
-    found: dict[str, str] = dict(in_body or {})
+    files: dict[str, str] = dict(in_body or {})
     for text in request.values("data"):
         name, colon, dataset = text.partition(":")
         if not (name and colon and dataset):
             raise UsageError(f"data={text}: expected data=<resource>:<namespace>/<name>")
-        found[name] = dataset
-    return found
+        files[name] = dataset
+    return files
 
 
 def _seconds(request: Request, name: str, most: float) -> float | None:

@@ -1,6 +1,6 @@
 """Answers to small requests, written by the server's protocol itself."""
 
-from endpoint.direct.known import KnownQueries
+from endpoint.direct.head_queries import HeadQueries
 from endpoint.direct.protocol import DirectProtocol
 
-__all__ = ["DirectProtocol", "KnownQueries"]
+__all__ = ["DirectProtocol", "HeadQueries"]

@@ -21,7 +21,7 @@ from endpoint.sparql.answer_cache import Part, key_part
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["KnownHead", "learn"]
+__all__ = ["RepeatedHead", "learn"]
 
 # With these alone, a request has no body, no condition, no session and no id of its own.
 _HARMLESS = frozenset(
@@ -35,7 +35,7 @@ _PLAIN_TYPES = (negotiation.RESULTS_JSON, negotiation.CSV, negotiation.TSV)
 
 
 @dataclass(frozen=True, slots=True)
-class KnownHead:
+class RepeatedHead:
     """Meaning of a header for a small query by GET.
 
     Parameters
@@ -45,7 +45,7 @@ class KnownHead:
         the first line with all the lines that follow.
     request
         The request from which it was learnt.
-    caller, standing
+    caller, revision
         Who sends it, and the state of the tokens when that was found out.
     sender
         Its part of the log line.
@@ -65,7 +65,7 @@ class KnownHead:
     end: bytes
     request: Request
     caller: Caller
-    standing: object
+    revision: object
     sender: Sender
     fields: bytes
     media_type: str
@@ -84,13 +84,13 @@ class KnownHead:
             return data[len(start) : -len(end)]
         return None
 
-    def is_current(self, standing: object) -> bool:
+    def is_current(self, revision: object) -> bool:
         """Whether its sender is still the same, given the present state of the tokens."""
         token = self.caller.token
-        return standing == self.standing and (token is None or token.expires_at > time.time())
+        return revision == self.revision and (token is None or token.expires_at > time.time())
 
 
-def learn(block: bytes, request: Request, application: Application) -> KnownHead | None:
+def learn(block: bytes, request: Request, application: Application) -> RepeatedHead | None:
     """Return what a header means; none if it is one of those whose requests need a closer look.
 
     Parameters
@@ -107,7 +107,7 @@ def learn(block: bytes, request: Request, application: Application) -> KnownHead
     is_harmless = _HARMLESS.issuperset(request.headers)
     if not is_harmless or request.header("connection", "keep-alive").lower() != "keep-alive":
         return None
-    standing = context.tokens.standing()
+    revision = context.tokens.revision()
     try:
         caller = context.auth.identify(request)
         media_type = negotiation.choose(request.header("accept"), negotiation.SOLUTION_TYPES)
@@ -123,12 +123,12 @@ def learn(block: bytes, request: Request, application: Application) -> KnownHead
         return None
     if media_type not in _PLAIN_TYPES or payload is None:
         return None
-    return KnownHead(
+    return RepeatedHead(
         b"GET %b?query=" % request.raw_path.encode("ascii"),
         b" HTTP/1.1\r\n" + block,
         request,
         caller,
-        standing,
+        revision,
         Sender.of(request, caller),
         encode_fields(application.steady_fields(request)),
         media_type,

@@ -20,8 +20,8 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE, RequestResponseCy
 from endpoint.application import Job
 from endpoint.asgi import SMALL_BODY, WATCH_AFTER_S, AsgiApplication, call_soon
 from endpoint.direct.exchange import Exchange
-from endpoint.direct.heads import KnownHead, learn
-from endpoint.direct.known import KnownQueries, KnownQuery
+from endpoint.direct.head_queries import HeadQueries, HeadQuery
+from endpoint.direct.heads import RepeatedHead, learn
 from endpoint.http.encoding import SharedFields, encode_fields
 from endpoint.http.messages import Request, Response
 from endpoint.http.response_stream import UNHURRIED_BYTES, Wire
@@ -46,21 +46,21 @@ class DirectProtocol(GuardedProtocol):
     ----------
     asgi
         Answers everything else.
-    known
+    head_queries
         Answers queries under known headers.
     """
 
     def __init__(
-        self, *args: Any, asgi: AsgiApplication, known: KnownQueries, **options: Any
+        self, *args: Any, asgi: AsgiApplication, head_queries: HeadQueries, **options: Any
     ) -> None:
         super().__init__(*args, **options)
         self._asgi = asgi
         self._application = asgi.application
         # Middleware changes what the application sees: who asks, behind a proxy.
         self._is_plain = self.app is asgi
-        self._known = known
+        self._head_queries = head_queries
         self._may_learn = self._is_plain and self._application.context.following is None
-        self._head: KnownHead | None = None
+        self._head: RepeatedHead | None = None
         self._block = b""  # header of the last request that was answered here
         self._data = b""
         self._messages = 0
@@ -72,11 +72,11 @@ class DirectProtocol(GuardedProtocol):
         head = self._head
         if head is not None and not self._in_message and self._is_free():
             value = head.value_in(data)
-            query = self._known.admit(head, value) if value is not None else None
+            query = self._head_queries.admit(head, value) if value is not None else None
             if query is not None:
                 cycle: Any = query
                 self.cycle = cycle
-                self._known.answer(query, self)
+                self._head_queries.answer(query, self)
                 return
         self._data = b"" if self._in_message else data
         self._messages = 0
@@ -192,7 +192,8 @@ class DirectProtocol(GuardedProtocol):
         work = self._application.submit(job)
         timeout_s = job.plan.timeout_s
         patience_s = WATCH_AFTER_S if timeout_s is None else min(WATCH_AFTER_S, timeout_s)
-        exchange.wait(self.loop, patience_s, partial(self._tired, exchange, job, work))
+        expired = partial(self._on_patience_expired, exchange, job, work)
+        exchange.wait(self.loop, patience_s, expired)
 
         def done(_: object) -> None:
             call_soon(self.loop, partial(self._done, exchange, job, work))
@@ -207,17 +208,19 @@ class DirectProtocol(GuardedProtocol):
         else:
             self._reply(exchange, job, work.result())
 
-    def _tired(self, exchange: Exchange, job: Job, work: Future[Response]) -> None:
+    def _on_patience_expired(self, exchange: Exchange, job: Job, work: Future[Response]) -> None:
         exchange.stop_waiting()
         self._hand_over(exchange, job, work=work)
 
-    def _arrive(self, exchange: Exchange, job: Job, found: Answer | ReaderStream | Instead) -> None:
+    def _arrive(
+        self, exchange: Exchange, job: Job, outcome: Answer | ReaderStream | Instead
+    ) -> None:
         """Send an answer that has come; pass on one that is long or late."""
-        response = self._application.arrived(job, found)
+        response = self._application.arrived(job, outcome)
         if response is not None:
             self._reply(exchange, job, response)
         else:
-            self._hand_over(exchange, job, found if isinstance(found, ReaderStream) else None)
+            self._hand_over(exchange, job, outcome if isinstance(outcome, ReaderStream) else None)
 
     def _reply(self, exchange: Exchange, job: Job, response: Response) -> None:
         """Write a whole response at once."""
@@ -277,20 +280,20 @@ class DirectProtocol(GuardedProtocol):
         else:
             super().timeout_keep_alive_handler()
 
-    def resume(self, query: KnownQuery, job: Job, found: Answer | ReaderStream | Instead) -> None:
+    def resume(self, query: HeadQuery, job: Job, outcome: Answer | ReaderStream | Instead) -> None:
         """Go on with a query that needs more than what was done for it here."""
         query.scope = self._scope_of(query)
         if job.plan.lane == "point":
-            self._arrive(query, job, found)
+            self._arrive(query, job, outcome)
             return
-        if isinstance(found, ReaderStream):
-            found.close()
+        if isinstance(outcome, ReaderStream):
+            outcome.close()
         if job.plan.lane == "loop":
             self._reply(query, job, self._application.run(job))
         else:
             self._hand_over(query, job)
 
-    def _scope_of(self, query: KnownQuery) -> Any:
+    def _scope_of(self, query: HeadQuery) -> Any:
         """Return the scope that the parser would have made of a query."""
         request = query.head.request
         return {

@@ -69,12 +69,12 @@ class ActivityStream(EventStream):
             yield piece
         while not self.reason:
             self.ready.clear()
-            found = self._log.after(self._sent)
-            if found and found[0].number > self._sent + 1:
-                yield sse("gap", {"missed": found[0].number - self._sent - 1})
-            if found:
-                self._sent = found[-1].number
-                yield b"".join(self._piece(one) for one in found)
+            events = self._log.after(self._sent)
+            if events and events[0].number > self._sent + 1:
+                yield sse("gap", {"missed": events[0].number - self._sent - 1})
+            if events:
+                self._sent = events[-1].number
+                yield b"".join(self._piece(event) for event in events)
             elif not await self.wait():
                 yield b": still here\n\n"
 
@@ -92,10 +92,10 @@ class ActivityStream(EventStream):
             events = past_events(self._context, match["version"])
         except RtaskError as error:
             return [sse("gap", {"detail": str(error)})]
-        known = {one.seq for one in events}
-        mine = [one for one in self._log.after(0) if one.number <= self._sent]
-        rest = [one for one in mine if one.seq not in known]
-        return [self._piece(one) for one in (*events, *rest)]
+        sent = {event.seq for event in events}
+        mine = [event for event in self._log.after(0) if event.number <= self._sent]
+        rest = [event for event in mine if event.seq not in sent]
+        return [self._piece(event) for event in (*events, *rest)]
 
     def _piece(self, event: Event) -> bytes:
         data: dict[str, Any] = as_json(event)
@@ -126,7 +126,7 @@ def past_events(context: ServerContext, version: str, most: int = MAX_PAST) -> l
     if epoch not in ("", kb.epoch) or not _NUMBER.fullmatch(number):
         raise UsageError(f"since={version[:80]}: expected {kb.epoch}:<number of a commit>")
     kb.feed.require_retained(int(number))
-    found: deque[Event] = deque(maxlen=most)
+    events: deque[Event] = deque(maxlen=most)
     for change in kb.feed.changes(int(number), kb.feed.last_seq):
-        found.extend(commit_events(kb, change))
-    return list(found)
+        events.extend(commit_events(kb, change))
+    return list(events)

@@ -86,8 +86,8 @@ def _author(tokens: TokenStore, entry: Mapping[str, Any]) -> Access:
     author = Access(agent, cast(Role, role))
     if "write" not in SCOPES[role]:
         raise ForbiddenError(f"a {role} stores nothing")
-    own = [one for one in tokens.all() if agent is not None and one.agent == agent]
+    own = [token for token in tokens.all() if agent is not None and token.agent == agent]
     now = time.time()
-    if own and not any(one.is_valid(now) and one.role == role for one in own):
+    if own and not any(token.is_valid(now) and token.role == role for token in own):
         raise ForbiddenError(f"no token of {agent} as a {role} is valid any longer")
     return author

@@ -75,7 +75,7 @@ class Changes:
     @staticmethod
     def serves(path: str) -> bool:
         """Tell whether an address belongs to change notifications."""
-        return any(one.lane == "stream" for one in find(path.rstrip("/")).routes)
+        return any(route.lane == "stream" for route in find(path.rstrip("/")).routes)
 
     @classmethod
     def follows(cls, request: Request) -> bool:
@@ -124,10 +124,10 @@ class Changes:
         """Return one whole commit, for followers whose event was truncated."""
         feed = self._kb.feed
         seq = int(number) if number.isdecimal() and len(number) < 18 else -1
-        found = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
-        if not found:
+        changes = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
+        if not changes:
             raise RefusedError(404, "not-found", f"no commit {number[:20]} is kept")
-        return Response(200, encode(change_data(found[0], None)).encode(), JSON_TYPE)
+        return Response(200, encode(change_data(changes[0], None)).encode(), JSON_TYPE)
 
     async def serve_socket(
         self, request: Request, scope: Message, receive: Receive, transmit: Transmit
@@ -158,14 +158,14 @@ class Changes:
     async def close_revoked(self) -> None:
         """Disconnect the followers whose token has been revoked."""
         everybody: list[EventStream | ChangeSocket] = [*self._streams, *self._sockets]
-        for one in everybody:
-            if not self._context.auth.still_valid(one.caller):
-                await one.end("token revoked", 1008)
+        for stream in everybody:
+            if not self._context.auth.still_valid(stream.caller):
+                await stream.end("token revoked", 1008)
 
     async def close_all(self) -> None:
         """Disconnect all followers because the server stops."""
         everybody: list[EventStream | ChangeSocket] = [*self._streams, *self._sockets]
-        await asyncio.gather(*(one.end("server stops", 1012) for one in everybody))
+        await asyncio.gather(*(stream.end("server stops", 1012) for stream in everybody))
 
     def add(self, stream: EventStream) -> None:
         """Count a stream in."""
@@ -243,23 +243,23 @@ class Stream(EventStream):
         yield event("hello", {"version": self.begin, "epoch": epoch})
         if self._missed is not None:
             kind = "epoch" if isinstance(self._missed, EpochChangedError) else "gone"
-            told = {"detail": str(self._missed), "version": self.begin, **self._missed.details}
-            yield event(kind, told, self.begin)
+            facts = {"detail": str(self._missed), "version": self.begin, **self._missed.details}
+            yield event(kind, facts, self.begin)
         live = False
         try:
             while not self.reason:
                 self.ready.clear()
                 if live:
-                    found = self._follower.drain()
+                    changes = self._follower.drain()
                 else:  # what was missed is read from files
-                    found = await asyncio.to_thread(self._follower.drain)
-                    live = not found
+                    changes = await asyncio.to_thread(self._follower.drain)
+                    live = not changes
                     if live:
                         continue
-                for change in found:
+                for change in changes:
                     position = self._changes.position(change.commit.seq)
                     yield event("change", change_data(change), position)
-                if not found and not await self.wait():
+                if not changes and not await self.wait():
                     yield b": still here\n\n"
         except Lagged as error:
             yield event("lagged", {"detail": str(error), **error.details})
@@ -288,4 +288,4 @@ def _patterns(request: Request) -> list[Any]:
         given.append(single)
     if len(given) > MAX_PATTERNS:
         raise UsageError(f"{len(given)} patterns; at most {MAX_PATTERNS}")
-    return [read_pattern(one) for one in given]
+    return [read_pattern(pattern) for pattern in given]

@@ -137,10 +137,10 @@ class Follower:
         reader = replace(reader_of(kb), is_used=lambda _: True)
         self._filters = [filter_of(pattern, reader) for pattern in patterns]
         if len(self._filters) == 1:
-            (one,) = self._filters
+            (only,) = self._filters
             self._subscription: Subscription[Change] = kb.subscribe(
-                one.subject, one.predicate, one.value, cast(Any, one.graph), cls=one.cls,
-                inferred=one.inferred, since=since, on_ready=on_ready,
+                only.subject, only.predicate, only.value, cast(Any, only.graph), cls=only.cls,
+                inferred=only.inferred, since=since, on_ready=on_ready,
             )  # fmt: skip
             self._filters = []
         else:
@@ -157,10 +157,10 @@ class Follower:
             The knowledge base was closed.
         """
         while True:
-            found = self._subscription.drain(limit)
-            if not found or not self._filters:
-                return found
-            parts = [part for change in found if (part := self._part(change)) is not None]
+            changes = self._subscription.drain(limit)
+            if not changes or not self._filters:
+                return changes
+            parts = [part for change in changes if (part := self._part(change)) is not None]
             if parts:
                 return parts
 
@@ -175,8 +175,8 @@ class Follower:
         def is_instance(subject: Any, cls: NamedNode) -> bool:
             return (subject, cls) in types or bool(self._kb.match(subject, RDF_TYPE, cls))
 
-        found = [f.applied(change, is_instance) for f in self._filters]
-        parts = [part for part in found if part is not None]
+        applied = [f.applied(change, is_instance) for f in self._filters]
+        parts = [part for part in applied if part is not None]
         if len(parts) < 2:
             return parts[0] if parts else None
         merged = {

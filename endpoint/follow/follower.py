@@ -365,9 +365,9 @@ class Follower:
                 "whether it was carried out is not known",
                 headers=(("Retry-After", "5"),),
             ) from error
-        kept = tuple((n, v) for n, v in answer.headers.items() if n.lower() not in _DROPPED)
+        passed_on = tuple((n, v) for n, v in answer.headers.items() if n.lower() not in _DROPPED)
         media_type = answer.headers.get("content-type", "")
-        return Response(answer.status_code, answer.content, media_type, kept)
+        return Response(answer.status_code, answer.content, media_type, passed_on)
 
     def catch_up(self) -> None:
         """Wait, for two seconds at most, for what the writer has committed by now."""
@@ -388,7 +388,7 @@ class _Frames:
     def feed(self, piece: bytes) -> list[Record]:
         """Return the frames that are whole now."""
         self._rest += piece
-        found = []
+        frames = []
         at = 0
         while (end := self._rest.find(b"\n", at)) >= 0:
             header: dict[str, Any] = json.loads(self._rest[at:end])
@@ -398,10 +398,10 @@ class _Frames:
             body = bytes(self._rest[end + 1 : stop])
             if "crc32" in header and zlib.crc32(body) != header["crc32"]:
                 raise RemoteUnavailableError("a record was damaged on its way")
-            found.append(Record(header, body))
+            frames.append(Record(header, body))
             at = stop
         del self._rest[:at]
-        return found
+        return frames
 
 
 def _start_again() -> None:

@@ -79,14 +79,14 @@ class JobStream(EventStream):
         while not self.reason:
             self.ready.clear()
             has_ended = job.state in ENDED
-            found = job.events(self._sent)
-            if found:
-                self._sent = found[-1][0]
-            if has_ended or (found and found[-1][1]["state"] in ENDED):
+            events = job.events(self._sent)
+            if events:
+                self._sent = events[-1][0]
+            if has_ended or (events and events[-1][1]["state"] in ENDED):
                 yield event("ended", job_facts(job), str(self._sent))
                 return
-            if found:
-                yield event("progress", found[-1][1], str(self._sent))
+            if events:
+                yield event("progress", events[-1][1], str(self._sent))
                 await asyncio.sleep(_PAUSE_S)
             elif not await self.wait(min(COMMENT_S, max(job.task.call.left_s, _PAUSE_S))):
                 yield b": still here\n\n"

@@ -150,8 +150,8 @@ class RecordSpool:
                     self._changed.wait_for(lambda: self._is_closed, _RETRY_S)
                 continue
             self._outage.ended()
-            for one in refused:
-                _log.warning("the writer refused a record of a robot: %s", one.get("reason"))
+            for record in refused:
+                _log.warning("the writer refused a record of a robot: %s", record.get("reason"))
             if refused:
                 self._lost("refused", len(refused))
             with self._changed:

@@ -110,7 +110,7 @@ class RecordStream(EventStream):
     async def pieces(self) -> AsyncIterator[bytes]:
         """Yield records and the frames among them until the stream ends."""
         loop = asyncio.get_running_loop()
-        known: list[list[str | None]] | None = None
+        graphs: list[list[str | None]] | None = None
         beaten = 0.0
         looked = 0.0
         while not (self._ended or self.reason):
@@ -119,8 +119,8 @@ class RecordStream(EventStream):
             if now - looked >= _LOOK_S:
                 looked = now
                 rows = await loop.run_in_executor(None, self._tokens.rows)
-                if rows != known:
-                    known = rows
+                if rows != graphs:
+                    graphs = rows
                     yield _frame("tokens", json.dumps(rows).encode())
             upto = self._kb.feed.last_seq
             if self._tail.after < upto:
@@ -147,8 +147,8 @@ class RecordStream(EventStream):
 
     def _start(self) -> Message:
         start = super()._start()
-        kept = [(n, v) for n, v in start["headers"] if n != b"content-type"]
-        start["headers"] = [(b"content-type", b"application/vnd.rtask.journal"), *kept]
+        headers = [(n, v) for n, v in start["headers"] if n != b"content-type"]
+        start["headers"] = [(b"content-type", b"application/vnd.rtask.journal"), *headers]
         return start
 
 

@@ -121,8 +121,8 @@ class ChangeSocket:
     def _tell_error(self, id_: Any, error: RtaskError) -> None:
         kinds = ((GoneError, "gone"), (EpochChangedError, "epoch"), (Lagged, "lagged"))
         op = next((name for kind, name in kinds if isinstance(error, kind)), "error")
-        told = {"op": op, "version": self._version(), **details_of(error)}
-        self._tell({**told, "id": id_} if id_ is not None else told)
+        facts = {"op": op, "version": self._version(), **details_of(error)}
+        self._tell({**facts, "id": id_} if id_ is not None else facts)
 
     def _subscribe(self, request: JsonObject) -> None:
         given = request.get("patterns", [])
@@ -131,7 +131,7 @@ class ChangeSocket:
         since = request.get("since")
         if since is not None and not isinstance(since, str | int):
             raise UsageError("since: expected a version, <epoch>:<seq>")
-        patterns = [read_pattern(one) for one in given]
+        patterns = [read_pattern(pattern) for pattern in given]
         if sum(self._patterns.values()) + len(patterns) > MAX_PATTERNS_IN_ALL:
             raise UsageError(f"more than {MAX_PATTERNS_IN_ALL} patterns on one connection")
         id_, begin = request["id"], self._version()
@@ -200,11 +200,11 @@ class ChangeSocket:
             self._tell({"op": "subscribed", "id": id_, "version": version})
             while True:
                 ready.clear()
-                found = await asyncio.to_thread(source.drain, 100)
-                for change in found:
+                changes = await asyncio.to_thread(source.drain, 100)
+                for change in changes:
                     await self._outbox.wait_for_room()
                     self._tell(words(change))
-                if not found:
+                if not changes:
                     await ready.wait()
         except ClosedError:
             await self.end("the store was closed", TRY_AGAIN_LATER)

@@ -33,13 +33,13 @@ def minimum_version(kb: ServedGraph, text: str) -> Callable[[Callable[[], Respon
         raise RefusedError(400, "usage", "RTASK-Min-Version is EPOCH:NUMBER, as in RTASK-Version")
     if epoch != kb.epoch:
         raise RefusedError(409, "epoch", f"versions were renumbered with epoch {kb.epoch}")
-    wanted = int(number)
+    version = int(number)
 
     def run(then: Callable[[], Response]) -> Response:
-        come = threading.Event()
-        stop = kb.on_commit(lambda change: come.set() if change.commit.seq >= wanted else None)
+        reached = threading.Event()
+        stop = kb.on_commit(lambda change: reached.set() if change.commit.seq >= version else None)
         try:
-            if kb.seq < wanted and not come.wait(WAIT_S) and kb.seq < wanted:
+            if kb.seq < version and not reached.wait(WAIT_S) and kb.seq < version:
                 raise RefusedError(
                     503,
                     "behind",

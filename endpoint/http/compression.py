@@ -35,8 +35,8 @@ def accepts_gzip(header: str) -> bool:
                 except ValueError:
                     quality = 0.0
         qualities[name] = quality
-    wanted = qualities.get("gzip", qualities.get("*", 0.0))
-    return wanted > 0 and wanted >= qualities.get("identity", 0.0)
+    gzip_quality = qualities.get("gzip", qualities.get("*", 0.0))
+    return gzip_quality > 0 and gzip_quality >= qualities.get("identity", 0.0)
 
 
 def wants_gzip(request: Request) -> bool:

@@ -95,21 +95,21 @@ def _is_unsteady(masked: str) -> bool:
     return _UNSTEADY.search(masked) is not None
 
 
-def is_known(request: Request, etag: str) -> bool:
+def is_current(request: Request, etag: str) -> bool:
     """Tell whether a client has this answer already (RFC 9110, 13.1.2: weak comparison)."""
     sent = request.headers.get("if-none-match")
     if not sent or not etag:
         return False
-    known = [tag.strip().removeprefix("W/") for tag in sent.split(",")]
-    return sent.strip() == "*" or _opaque(etag) in {_opaque(tag) for tag in known}
+    tags = [tag.strip().removeprefix("W/") for tag in sent.split(",")]
+    return sent.strip() == "*" or _opaque(etag) in {_opaque(tag) for tag in tags}
 
 
 def names(header: str, etag: str) -> bool:
     """Tell whether If-Match names the state of the graph in `etag`, in any media type."""
-    wanted = _opaque(etag).rpartition("-")[0]
+    version = _opaque(etag).rpartition("-")[0]
     stem = "-".join(_opaque(etag).split("-")[:2])
     tags = [tag.strip() for tag in header.split(",") if not tag.strip().startswith("W/")]
-    return bool(wanted) and any("-".join(_opaque(tag).split("-")[:2]) == stem for tag in tags)
+    return bool(version) and any("-".join(_opaque(tag).split("-")[:2]) == stem for tag in tags)
 
 
 def _opaque(etag: str) -> str:

@@ -22,9 +22,9 @@ from rtask.errors import UsageError
 from rtask.wire.message import Answer
 
 HEADER = "idempotency-key"
-KEPT = 10_000
+MAX_KEYS = 10_000
 _KEY = re.compile(r"[A-Za-z0-9._:-]{1,200}")
-_TOLD = ("insert_object", "report_outcome", "teach_object")
+_KEYED_OPERATIONS = ("insert_object", "report_outcome", "teach_object")
 
 
 class IdempotencyKeys:
@@ -62,13 +62,13 @@ class IdempotencyKeys:
         digest = hashlib.sha256(request.body).digest()
         with self._lock:
             first = self._bodies.setdefault((agent, operation, key), digest)
-            while len(self._bodies) > KEPT:
+            while len(self._bodies) > MAX_KEYS:
                 self._bodies.popitem(last=False)
         if first != digest:
             raise RefusedError(
                 422, "idempotency-key-reused", f"the key {key} was used with another body before"
             )
-        return with_key(operation, args, key) if operation in _TOLD else args
+        return with_key(operation, args, key) if operation in _KEYED_OPERATIONS else args
 
     def once(
         self, request: Request, operation: str, agent: str, run: Callable[[], Answer]
@@ -78,13 +78,13 @@ class IdempotencyKeys:
         A repetition waits while the first request is still being carried out.
         """
         key = request.headers.get(HEADER)
-        if key is None or operation in _TOLD:
+        if key is None or operation in _KEYED_OPERATIONS:
             return run()
         mine: Future[Answer] = Future()
         name = (agent, operation, key.strip().strip('"'))
         with self._lock:
             first = self._answers.setdefault(name, mine)
-            while len(self._answers) > KEPT:
+            while len(self._answers) > MAX_KEYS:
                 self._answers.popitem(last=False)
         if first is not mine:
             return first.result()
@@ -108,9 +108,9 @@ def with_key(operation: str, args: dict[str, Any], key: str) -> dict[str, Any]:
     return {
         **args,
         "objects": [
-            {**one, "task_id": one.get("task_id") or (key if len(objects) == 1 else f"{key}.{k}")}
-            if isinstance(one, dict)
-            else one
-            for k, one in enumerate(objects)
+            {**item, "task_id": item.get("task_id") or (key if len(objects) == 1 else f"{key}.{k}")}
+            if isinstance(item, dict)
+            else item
+            for k, item in enumerate(objects)
         ],
     }

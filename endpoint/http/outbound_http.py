@@ -145,12 +145,12 @@ class Outgoing:
         host = parts.hostname or ""
         port = parts.port or _PORTS[parts.scheme]
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+            resolved = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         except OSError as error:
             raise RemoteUnavailableError(
                 f"{self.operation}: {host} is not known: {error.strerror}", address=host
             ) from None
-        addresses = [str(info[4][0]) for info in found]
+        addresses = [str(info[4][0]) for info in resolved]
         named = _is_literal(urlsplit(entry).hostname or "")
         for address in addresses:
             if not named and not ipaddress.ip_address(address.partition("%")[0]).is_global:

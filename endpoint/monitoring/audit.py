@@ -22,7 +22,7 @@ from rtask.kb.commit.commit import Change
 
 FILE_NAME = "audit.jsonl"
 MAX_BYTES = 64 << 20
-_KEPT = 500
+_MAX_LINES = 500
 _DENIALS_PER_S = 50.0
 _log = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ class Audit:
     def __init__(self, folder: Path | None = None) -> None:
         self._path = folder / FILE_NAME if folder else None
         self._lock = threading.Lock()
-        self._recent: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._recent: deque[dict[str, Any]] = deque(maxlen=_MAX_LINES)
         self._file: TextIO | None = None
         # A caller that is refused a thousand times a second must not fill the disk.
         self._denials = Buckets(_DENIALS_PER_S)

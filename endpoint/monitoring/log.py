@@ -53,8 +53,8 @@ def in_words(line: Mapping[str, Any]) -> str:
     clock = str(line.get("time", ""))[11:19]
     if "path" not in line:
         level = str(line.get("level", "info"))
-        said = f"{'' if level == 'info' else f'{level}: '}{line.get('message', '')}"
-        return "\n".join([f"{clock} {said}", *filter(None, [line.get("exception")])])
+        text = f"{'' if level == 'info' else f'{level}: '}{line.get('message', '')}"
+        return "\n".join([f"{clock} {text}", *filter(None, [line.get("exception")])])
     who = line.get("agent") or line.get("role")
     asked = f"{clock} {line['status']} {line['method']} {line['path']}, {line['ms']:.0f} ms"
     return f"{asked}, {who}" if who else asked

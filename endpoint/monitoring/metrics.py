@@ -28,7 +28,7 @@ BUCKETS_S = (
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"))
 _ROUTES = (
-    *dict.fromkeys("/" + one.pattern.split("/")[1] for one in ROUTES),
+    *dict.fromkeys("/" + route.pattern.split("/")[1] for route in ROUTES),
     "/admin",
     "/static",
 )
@@ -110,10 +110,10 @@ class Metrics:
         }
         ProcessCollector(registry=self._registry)
         # Finding the series of some labels takes longer than adding to it.
-        self._known_requests: dict[
+        self._request_series: dict[
             tuple[str, str, int, str, str], tuple[Counter, Histogram, Counter | None]
         ] = {}
-        self._known_counters: dict[tuple[str, ...], Counter] = {}
+        self._counter_series: dict[tuple[str, ...], Counter] = {}
 
     def request(
         self, path: str, method: str, status: int, seconds: float, form: str = "", how: str = ""
@@ -126,10 +126,10 @@ class Metrics:
             Of a query that succeeded: its form and outcome.
         """
         key = (route_of(path), method if method in _METHODS else "other", status, form, how)
-        known = self._known_requests.get(key)
-        if known is None:
-            known = self._known_requests[key] = self._series(*key)
-        requests, times, queries = known
+        series = self._request_series.get(key)
+        if series is None:
+            series = self._request_series[key] = self._series(*key)
+        requests, times, queries = series
         requests.inc()
         times.observe(seconds)
         if queries is not None:
@@ -146,10 +146,10 @@ class Metrics:
     def count(self, name: str, amount: int = 1, **labels: str) -> None:
         """Add to a counter; all its labels must be given."""
         key = (name, *labels.values())
-        if (counter := self._known_counters.get(key)) is None:
+        if (counter := self._counter_series.get(key)) is None:
             family = self._counters[name]
             counter = family.labels(**labels) if labels else family
-            self._known_counters[key] = counter
+            self._counter_series[key] = counter
         counter.inc(amount)
 
     def total(self, name: str) -> int:

@@ -46,10 +46,13 @@ def last_events(count: int) -> list[Model]:
     if not isinstance(knowledge_base(), KnowledgeBase):
         return []
     log = context().activity
-    events = [one for one in log.after(0) if one.kind not in _SILENT]
+    events = [event for event in log.after(0) if event.kind not in _SILENT]
     if len(events) < count:  # commits before the log began are read again each time
-        events = [*(one for one in _before(log.first_seq) if one.kind not in _SILENT), *events]
-    return [as_json(one) for one in reversed(events[-count:])]
+        events = [
+            *(event for event in _before(log.first_seq) if event.kind not in _SILENT),
+            *events,
+        ]
+    return [as_json(event) for event in reversed(events[-count:])]
 
 
 def _before(seq: int) -> list[Event]:
@@ -57,10 +60,10 @@ def _before(seq: int) -> list[Event]:
     kb = embedded_graph()
     since = max(0, (seq or kb.seq + 1) - 1 - PAST_COMMITS)
     try:
-        found = past_events(context(), f"{kb.epoch}:{since}", MAX_ROWS)
+        events = past_events(context(), f"{kb.epoch}:{since}", MAX_ROWS)
     except GoneError:  # so few are kept
         return []
-    return [event for event in found if not seq or event.seq < seq]
+    return [event for event in events if not seq or event.seq < seq]
 
 
 @blueprint.app_template_filter("clock")
@@ -122,9 +125,9 @@ def _frame_jpeg(text: str) -> bytes:
     from features.geometry import Frame
 
     try:
-        found = decode(from_wire(text))
+        image = decode(from_wire(text))
     except ValueError as error:
         raise UsageError(f"the camera's last message holds no frame: {error}") from None
-    if not isinstance(found, Frame) or found.rgb is None:
+    if not isinstance(image, Frame) or image.rgb is None:
         raise UsageError("the camera's last frame has no colours")
-    return jpeg(found.rgb, _JPEG_QUALITY).stored
+    return jpeg(image.rgb, _JPEG_QUALITY).stored

@@ -16,12 +16,12 @@ _FILE = Path(__file__).parent / "benchmarks.toml"
 @page("/benchmarks", "benchmarks.html")
 def benchmarks() -> Model:
     """Return the figures by section, with the machine, the load and the command of each."""
-    found = figures()
+    results = figures()
     sections: dict[str, list[Model]] = {}
-    for row in found["row"]:
+    for row in results["row"]:
         shown = {**row, "title": row.get("title", row["what"]), "words": _words(row["ratio"])}
         sections.setdefault(row["section"], []).append(shown)
-    return {"machine": found["machine"], "recorded": found["recorded"], "sections": sections}
+    return {"machine": results["machine"], "recorded": results["recorded"], "sections": sections}
 
 
 @cache

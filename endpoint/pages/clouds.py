@@ -31,12 +31,12 @@ _GREY = 128
 @blueprint.route("/object/cloud.ply", methods=["GET"])
 def cloud() -> WerkzeugResponse:
     """Return the cloud of an object's model, or of one of its views, as binary PLY."""
-    thing = iri(resolve_object("iri"))
+    subject = iri(resolve_object("iri"))
     asked = flask.request.args
     view, most = asked.get("view", ""), asked.get("max", DEFAULT_POINTS, type=int)
     if not 1 <= most <= MAX_POINTS:
         raise UsageError(f"max={most}: expected 1 to {MAX_POINTS} points")
-    blob = _blob_of_view(thing, iri(view)) if view else _blob_of_model(thing)
+    blob = _blob_of_view(subject, iri(view)) if view else _blob_of_model(subject)
     etag = f"{blob.rpartition(':')[2][:32]}-{most}"
     response = flask.Response(content_type="application/ply")
     response.set_etag(etag)
@@ -45,19 +45,19 @@ def cloud() -> WerkzeugResponse:
         response.status_code = 304
         return response
     with naming_extras("clouds"):
-        points, colours = _points_of_view(iri(view), blob) if view else _points_of_model(thing)
+        points, colours = _points_of_view(iri(view), blob) if view else _points_of_model(subject)
         response.set_data(ply_of(*thinned(points, colours, most)))
     return response
 
 
-def _blob_of_model(thing: NamedNode) -> str:
-    models = stored_models(embedded_graph(), thing)
+def _blob_of_model(model: NamedNode) -> str:
+    models = stored_models(embedded_graph(), model)
     if not models:
-        raise RefusedError(404, "not-found", f"there is no model of {thing.value}; name a view")
+        raise RefusedError(404, "not-found", f"there is no model of {model.value}; name a view")
     return models[0].blob
 
 
-def _blob_of_view(thing: NamedNode, view: NamedNode) -> str:
+def _blob_of_view(model: NamedNode, view: NamedNode) -> str:
     """Return the IRI of the bytes of a view's cloud.
 
     Raises
@@ -66,7 +66,7 @@ def _blob_of_view(thing: NamedNode, view: NamedNode) -> str:
         404 if it is not a view of the object, or has no cloud.
     """
     kb = embedded_graph()
-    if kb.match(thing, RT.hasView, view):
+    if kb.match(model, RT.hasView, view):
         for content in kb.match(view, RT.viewContent):
             node = content.object
             if isinstance(node, NamedNode) and kb.match(node, RDF.type, RT.PointCloud):
@@ -76,13 +76,13 @@ def _blob_of_view(thing: NamedNode, view: NamedNode) -> str:
     raise RefusedError(404, "not-found", f"{view.value} is not a view with a cloud of the object")
 
 
-def _points_of_model(thing: NamedNode) -> Points:
+def _points_of_model(subject: NamedNode) -> Points:
     engine = context().engine
     assert isinstance(engine, Engine)  # another has no models
-    found = engine.context.models.of(thing)
-    if found is None:
-        raise RefusedError(404, "not-found", f"the model of {thing.value} cannot be read")
-    model = found[1]
+    points = engine.context.models.of(subject)
+    if points is None:
+        raise RefusedError(404, "not-found", f"the model of {subject.value} cannot be read")
+    model = points[1]
     return model.cloud[:, :3], model.colours
 
 
@@ -124,13 +124,13 @@ def coloured_points(data: bytes) -> Points:
     from features.codec import decode
     from features.geometry import Frame
 
-    found = decode(data)
-    if isinstance(found, Frame):
-        mask = found.object_mask() & (found.depth_m > 0)
-        points = found.points()[mask]
-        colours = None if found.rgb is None else found.rgb[mask]
+    decoded = decode(data)
+    if isinstance(decoded, Frame):
+        mask = decoded.object_mask() & (decoded.depth_m > 0)
+        points = decoded.points()[mask]
+        colours = None if decoded.rgb is None else decoded.rgb[mask]
     else:
-        points, colours = found.positions, found.colours
+        points, colours = decoded.positions, decoded.colours
     if colours is None:
         colours = np.full((len(points), 3), _GREY, np.uint8)
     return np.asarray(points, np.float32), np.asarray(colours, np.uint8)

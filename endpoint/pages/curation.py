@@ -26,7 +26,7 @@ from rtask.wire.forms import read_form
 from rtask.wire.message import Answer
 
 _ADDRESS = "/curation"
-MAX_FOUND = 24
+MAX_CANDIDATES = 24
 MAX_LISTED = 50
 _RECENT_COMMITS = 2_000
 
@@ -34,30 +34,30 @@ _RECENT_COMMITS = 2_000
 @page("/object/merge", "merge.html")
 def merge() -> Model:
     """Return candidates for a merge or, with ``into``, both objects side by side."""
-    thing = resolve_object("iri")
+    subject = resolve_object("iri")
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
-        chosen = f"{by_words(words)} {without(thing)}"
-        found = list_objects(MAX_FOUND, chosen=chosen)
-        return {"iri": thing, "object": side(thing), "find": words, "found": found}
+        chosen = f"{by_words(words)} {without(subject)}"
+        candidates = list_objects(MAX_CANDIDATES, chosen=chosen)
+        return {"iri": subject, "object": side(subject), "find": words, "found": candidates}
     into = resolve_object("into")
-    if into == thing:
-        raise RefusedError(422, "usage", f"both names mean {thing}: there is nothing to merge")
-    return {"iri": thing, "object": side(thing), "into": side(into)}
+    if into == subject:
+        raise RefusedError(422, "usage", f"both names mean {subject}: there is nothing to merge")
+    return {"iri": subject, "object": side(subject), "into": side(into)}
 
 
 @page("/object/split", "split.html")
 def split() -> Model:
     """Return the views to choose from, for a split."""
-    thing = resolve_object("iri")
-    return {"iri": thing, "object": side(thing)}
+    subject = resolve_object("iri")
+    return {"iri": subject, "object": side(subject)}
 
 
 @page("/object/forget", "forget.html")
 def forget() -> Model:
     """Return what would be forgotten."""
-    thing = resolve_object("iri")
-    return {"iri": thing, "object": side(thing)}
+    subject = resolve_object("iri")
+    return {"iri": subject, "object": side(subject)}
 
 
 def side(name: str) -> Model:
@@ -79,8 +79,8 @@ def list_changes() -> list[Model]:
     kb = embedded_graph()
     since = max(0, kb.seq - _RECENT_COMMITS)
     entries = [e for e in kb.history(since=since) if (e.note or "").startswith(NOTE)]
-    told = [(entry, (entry.note or "").removeprefix(NOTE)) for entry in entries]
-    back = {note.removeprefix("take back ") for _, note in told if note.startswith("take back ")}
+    changes = [(entry, (entry.note or "").removeprefix(NOTE)) for entry in entries]
+    back = {note.removeprefix("take back ") for _, note in changes if note.startswith("take back ")}
     return [
         {
             "commit": f"c-{entry.seq:05d}",
@@ -91,23 +91,23 @@ def list_changes() -> list[Model]:
             "removed": len(entry.removed),
             "taken_back": f"c-{entry.seq:05d}" in back,
         }
-        for entry, note in reversed(told)
+        for entry, note in reversed(changes)
     ][:MAX_LISTED]
 
 
 @blueprint.route("/object/curate", methods=["POST"])
 def curate() -> WerkzeugResponse:
     """Carry out the change in a form and show the resulting object."""
-    told = read_form(CurateObject, dict(flask.request.form.lists()))
-    answer = carry_out("curate_object", told)
+    fields = read_form(CurateObject, dict(flask.request.form.lists()))
+    answer = carry_out("curate_object", fields)
     shown = answer["object"]
     arguments = {"iri": shown} if shown else {}
-    if told["operation"] != "undo":
+    if fields["operation"] != "undo":
         arguments["done"] = answer["commit"]
-    return back_to("/object" if shown else _ADDRESS, arguments, told)
+    return back_to("/object" if shown else _ADDRESS, arguments, fields)
 
 
-def carry_out(operation: str, told: dict[str, Any]) -> Answer:
+def carry_out(operation: str, fields: dict[str, Any]) -> Answer:
     """Call an operation with the fields of a form, for the person who sent it, and audit that.
 
     Raises
@@ -116,14 +116,14 @@ def carry_out(operation: str, told: dict[str, Any]) -> Answer:
         The form belongs to another page or session, or the caller may not teach.
     """
     caller = require_form("teach")
-    answer = context().engine.call(operation, told, caller.access)
-    what = {"object": told.get("object"), "commit": answer["commit"], "by": caller.name}
-    context().audit.event(told["operation"], **what)
+    answer = context().engine.call(operation, fields, caller.access)
+    what = {"object": fields.get("object"), "commit": answer["commit"], "by": caller.name}
+    context().audit.event(fields["operation"], **what)
     return answer
 
 
-def back_to(address: str, arguments: dict[str, str], told: dict[str, Any]) -> WerkzeugResponse:
+def back_to(address: str, arguments: dict[str, str], fields: dict[str, Any]) -> WerkzeugResponse:
     """Redirect to a page, keeping the name that a person without a token typed."""
-    if "operator" in told:
-        arguments = {**arguments, "by": told["operator"]}
+    if "operator" in fields:
+        arguments = {**arguments, "by": fields["operator"]}
     return flask.redirect(f"{address}?{urlencode(arguments)}" if arguments else address, 303)

@@ -25,7 +25,7 @@ def has_viewer() -> bool:
     return _VIEWER.exists()
 
 
-def clouds_of(thing: NamedNode, views: list[Model]) -> list[dict[str, str]]:
+def clouds_of(model: NamedNode, views: list[Model]) -> list[dict[str, str]]:
     """Return the name and the IRI of each cloud of an object, its model first.
 
     Parameters
@@ -34,12 +34,12 @@ def clouds_of(thing: NamedNode, views: list[Model]) -> list[dict[str, str]]:
         Its views, as the page shows them.
     """
     kb = embedded_graph()
-    models = stored_models(kb, thing)
-    found = [{"name": "model of all views", "cloud": ""}] if models else []
+    models = stored_models(kb, model)
+    clouds = [{"name": "model of all views", "cloud": ""}] if models else []
     for number, view in enumerate(views, 1):
         if view["cloud"] and kb.match(NamedNode(str(view["view"])), RT.viewpoint):
-            found.append({"name": f"view {number}", "cloud": str(view["view"])})
-    return found
+            clouds.append({"name": f"view {number}", "cloud": str(view["view"])})
+    return clouds
 
 
 def gripper_lines(grasp: Model) -> list[list[float]]:
@@ -101,13 +101,13 @@ def belief_over(judged: Sequence[bool]) -> list[dict[str, float]]:
     except ModuleNotFoundError:  # comes with an extra; the page shows the counts without it
         return []
 
-    found, won = [], 0
+    interval, won = [], 0
     for number, held in enumerate(judged, 1):
         won += bool(held)
         alpha, beta = 1 + won, 1 + number - won
         low, high = (float(betaincinv(alpha, beta, share)) for share in (0.05, 0.95))
-        found.append({"mean": alpha / (alpha + beta), "low": low, "high": high})
-    return found
+        interval.append({"mean": alpha / (alpha + beta), "low": low, "high": high})
+    return interval
 
 
 def curve(belief: Sequence[dict[str, float]]) -> dict[str, Any]:
@@ -127,8 +127,8 @@ def curve(belief: Sequence[dict[str, float]]) -> dict[str, Any]:
 
     def points(name: str) -> list[str]:
         return [
-            f"{_LEFT_PX + step * number:.1f},{level(one[name]):.1f}"
-            for number, one in enumerate(belief, 1)
+            f"{_LEFT_PX + step * number:.1f},{level(value[name]):.1f}"
+            for number, value in enumerate(belief, 1)
         ]
 
     mean = points("mean")

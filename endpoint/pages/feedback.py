@@ -86,8 +86,8 @@ def in_order(shots: Iterable[list[str]]) -> list[Model]:
     def place(shot: list[str]) -> tuple[int, int]:
         phase, _, name = shot
         number = re.search(r"\d+$", name)
-        known = phases.index(phase) if phase in PHASES else len(phases)
-        return known, int(number.group()) if number else 0
+        position = phases.index(phase) if phase in PHASES else len(phases)
+        return position, int(number.group()) if number else 0
 
     return [{"phase": phase, "sha": sha} for phase, sha, _ in sorted(shots, key=place)]
 
@@ -131,15 +131,15 @@ def feedback() -> Model:
 def judge() -> WerkzeugResponse:
     """Store a person's verdict and show the list again."""
     caller = require_form("teach")
-    told = read_form(GiveFeedback, dict(flask.request.form.lists()))
-    if told.get("verdict") != "correct":
-        told.pop("held", None)
-        told.pop("reason", None)
-    answer = context().engine.call("give_feedback", told, caller.access)
+    fields = read_form(GiveFeedback, dict(flask.request.form.lists()))
+    if fields.get("verdict") != "correct":
+        fields.pop("held", None)
+        fields.pop("reason", None)
+    answer = context().engine.call("give_feedback", fields, caller.access)
     context().audit.event(
-        "feedback", attempt=answer["attempt"], verdict=told["verdict"], by=caller.name
+        "feedback", attempt=answer["attempt"], verdict=fields["verdict"], by=caller.name
     )
-    by = f"?{urlencode({'by': told['operator']})}" if "operator" in told else ""
+    by = f"?{urlencode({'by': fields['operator']})}" if "operator" in fields else ""
     return flask.redirect(f"{_ADDRESS}{by}#{anchor(answer['attempt'])}", 303)
 
 

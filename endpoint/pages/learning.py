@@ -16,7 +16,7 @@ MAX_ATTEMPTS = 5000
 MAX_GRASPS = 100
 MAX_CURVE = 500
 _QUERY = "learning"
-_KNOWN = {
+_PRIORS = {
     (False, False): "nobody had tried the object",
     (True, False): "only the robot itself had",
     (False, True): "only other robots had",
@@ -52,7 +52,7 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
     [('nobody had tried the object', 1, 0), ('only other robots had', 1, 1)]
     """
     tried: dict[str, Counter[str]] = defaultdict(Counter)
-    known: dict[str, list[bool]] = defaultdict(list)
+    judgements: dict[str, list[bool]] = defaultdict(list)
     counts: dict[str, list[bool]] = defaultdict(list)
     robots: dict[str, list[bool]] = defaultdict(list)
     grasps: dict[tuple[str, str], list[bool]] = defaultdict(list)
@@ -61,10 +61,10 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
     names: dict[str, str] = {}
     total = 0
     for row in attempts:
-        robot, thing, held = str(row["robot"]), str(row["object"]), bool(row["success"])
-        before = tried[thing]
+        robot, subject, held = str(row["robot"]), str(row["object"]), bool(row["success"])
+        before = tried[subject]
         number, own = before.total(), before[robot]
-        known[_KNOWN[own > 0, number > own]].append(held)
+        judgements[_PRIORS[own > 0, number > own]].append(held)
         counts[next(words for most, words in _COUNTS if number <= most)].append(held)
         own_tries[number > own][min(own, _MAX_OWN)].append(held)
         alpha, beta = row.get("alpha"), row.get("beta")
@@ -72,8 +72,8 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
             before_it = float(alpha) / (float(alpha) + float(beta))
             expected[min(int(before_it * _BINS), _BINS - 1)].append((before_it, held))
         robots[robot].append(held)
-        grasps[thing, str(row["grasp"])].append(held)
-        names[robot], names[thing] = row["robot_name"] or "", row["object_name"] or ""
+        grasps[subject, str(row["grasp"])].append(held)
+        names[robot], names[subject] = row["robot_name"] or "", row["object_name"] or ""
         before[robot] += 1
         total += 1
     curves = [
@@ -81,13 +81,15 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
         for robot, judged in sorted(robots.items())
     ]
     beliefs = [
-        {**_share(names[thing], judged), "object": thing, "grasp": grasp}
-        for (thing, grasp), judged in grasps.items()
+        {**_share(names[subject], judged), "object": subject, "grasp": grasp}
+        for (subject, grasp), judged in grasps.items()
     ]
-    beliefs.sort(key=lambda one: (-one["attempts"], -one["mean"], one["grasp"]))
+    beliefs.sort(key=lambda belief: (-belief["attempts"], -belief["mean"], belief["grasp"]))
     return {
         "attempts": total,
-        "known": [_share(name, known[name]) for name in _KNOWN.values() if name in known],
+        "known": [
+            _share(name, judgements[name]) for name in _PRIORS.values() if name in judgements
+        ],
         "counts": [_share(name, counts[name]) for _, name in _COUNTS if name in counts],
         "curves": [_over_tries(name, own_tries[shared]) for shared, name in _CURVES.items()],
         "expected": [_beside_expected(number, expected[number]) for number in sorted(expected)],

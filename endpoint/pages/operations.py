@@ -25,8 +25,8 @@ def operations() -> Model:
     """Return the operations of the engine, each with what it needs."""
     return {
         "operations": [
-            {"name": name, "summary": one.summary, "scope": one.scope}
-            for name, one in context().engine.operations.items()
+            {"name": name, "summary": operation.summary, "scope": operation.scope}
+            for name, operation in context().engine.operations.items()
         ]
     }
 
@@ -34,13 +34,13 @@ def operations() -> Model:
 @blueprint.route(f"{_ADDRESS}/<name>", methods=["GET"])
 def operation_form(name: str) -> str:
     """Show the form of an operation, filled in with what the address gives."""
-    return _shown(name, _found(name), flask.request.args.to_dict())
+    return _shown(name, _operation_named(name), flask.request.args.to_dict())
 
 
 @blueprint.route(f"{_ADDRESS}/<name>", methods=["POST"])
 def operation_sent(name: str) -> str | tuple[str, int]:
     """Carry out what a form asks for, and show the answer or what was wrong below the form."""
-    operation, form = _found(name), flask.request.form
+    operation, form = _operation_named(name), flask.request.form
     caller = require_form()
     given = {key: value for key, value in form.items() if key not in ("secret", "more")}
     if form.get("more"):
@@ -60,17 +60,17 @@ def operation_sent(name: str) -> str | tuple[str, int]:
 def read_request(model: type[Message]) -> dict[str, object]:
     """Return the request that the form of the current page means; not yet checked."""
     form, files = flask.request.form, flask.request.files
-    contents = {name: one.read() for name, one in files.items() if one.filename}
+    contents = {name: file.read() for name, file in files.items() if file.filename}
     return read_form(model, dict(form.lists()), contents)
 
 
-def _found(name: str) -> Operation:
-    known = context().engine.operations
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
+def _operation_named(name: str) -> Operation:
+    operations = context().engine.operations
+    if name not in operations:
+        near = difflib.get_close_matches(name, operations, n=1)
         hint = f"; did you mean {near[0]}?" if near else "; see /operations"
         raise RefusedError(404, "not-found", f"no operation {name}{hint}")
-    return known[name]
+    return operations[name]
 
 
 def _shown(

@@ -143,9 +143,9 @@ def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
 def _without_nan(value: Any) -> Any:
     """Return a model with null for NaN and infinity, which JSON does not have."""
     if isinstance(value, dict):
-        return {name: _without_nan(one) for name, one in value.items()}
+        return {name: _without_nan(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(one) for one in value]
+        return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -51,6 +51,7 @@ _PAGES = (
     ("/curation", "Changes by people", "curation merge split forget undo"),
     ("/openapi", "Interface for programs", "openapi http api"),
     ("/admin/tokens", "Tokens", "operators sign access"),
+    ("/admin/proposals", "Proposals", "operators axioms adopt refuse decide"),
     ("/admin/audit", "Audit trail", "operators history denied"),
 )
 _WORD = re.compile(r"\w+")
@@ -113,9 +114,9 @@ def _read() -> Iterable[Entry]:
         iri = str(row["iri"])
         name = iri.removeprefix(ontology.NS) if iri.startswith(ontology.NS) else ""
         kind = {"classes": "class", "properties": "property"}[str(row["group"])]
-        found = words_of(row["name"], name)
+        words = words_of(row["name"], name)
         address = about(iri, "/classes") if kind == "class" else resource_url(iri)
-        yield Entry(str(row["group"]), str(row["name"]), kind, address, found)
+        yield Entry(str(row["group"]), str(row["name"]), kind, address, words)
     for address, name, more in _PAGES:
         yield Entry("pages", name, "page", address, words_of(name, more))
 
@@ -131,7 +132,7 @@ def words_of(*texts: object) -> tuple[str, ...]:
     return tuple(_WORD.findall(" ".join(str(text) for text in texts if text).casefold()))
 
 
-def rank(wanted: tuple[str, ...], words: tuple[str, ...]) -> int | None:
+def rank(query: tuple[str, ...], words: tuple[str, ...]) -> int | None:
     """Return how well an entry matches, 0 best; none if a wanted word matches nothing.
 
     A whole word is better than the beginning of one, and that is better than one typing error.
@@ -143,12 +144,12 @@ def rank(wanted: tuple[str, ...], words: tuple[str, ...]) -> int | None:
     [0, 1, 2, None]
     """
     worst = 0
-    for one in wanted:
-        if one in words:
+    for prefix in query:
+        if prefix in words:
             continue
-        if any(word.startswith(one) for word in words):
+        if any(word.startswith(prefix) for word in words):
             worst = max(worst, 1)
-        elif any(is_near(one, word) for word in words):
+        elif any(is_near(prefix, word) for word in words):
             worst = 2
         else:
             return None
@@ -181,9 +182,9 @@ def is_near(typed: str, word: str) -> bool:
 
 def _offered() -> Iterable[Entry]:
     """Return the services, and the datasets that the person may read."""
-    for one in context().services.listing():
-        found = words_of(one["name"], one["summary"], " ".join(one["methods"]))
-        yield Entry("services", one["name"], one["summary"], one["href"], found)
+    for service in context().services.listing():
+        words = words_of(service["name"], service["summary"], " ".join(service["methods"]))
+        yield Entry("services", service["name"], service["summary"], service["href"], words)
     for name in readable_datasets():
         yield Entry("datasets", name, "dataset", f"/datasets/{name}", words_of(name))
 
@@ -192,15 +193,15 @@ def _offered() -> Iterable[Entry]:
 def search() -> Model:
     """Return what matches the words in the address, the best first, in groups."""
     query = flask.request.args.get("q", "").strip()[:MAX_QUERY]
-    wanted = words_of(query)
-    found: dict[str, list[tuple[int, Entry]]] = {group: [] for group in GROUPS}
-    if wanted:
+    terms = words_of(query)
+    ranked: dict[str, list[tuple[int, Entry]]] = {group: [] for group in GROUPS}
+    if terms:
         for entry in (*entries(), *_offered()):
-            place = rank(wanted, entry.words)
+            place = rank(terms, entry.words)
             if place is not None:
-                found[entry.group].append((place, entry))
+                ranked[entry.group].append((place, entry))
     groups = []
-    for group, matches in found.items():
+    for group, matches in ranked.items():
         matches.sort(key=lambda match: (match[0], len(match[1].title), match[1].title))
         shown = [
             {"title": e.title, "detail": e.detail, "address": e.address}

@@ -26,54 +26,61 @@ def teach() -> Model:
     """Return the unnamed objects or, with ``iri``, one of them and what it may be."""
     if "iri" not in flask.request.args:
         return {"unnamed": list_objects(chosen=unnamed())}
-    thing = resolve_object("iri")
+    subject = resolve_object("iri")
     name, description = (
         " ".join(flask.request.args.get(field, "").split()) for field in ("name", "description")
     )
-    model: Model = {"iri": thing, "object": side(thing), "name": name, "description": description}
+    model: Model = {
+        "iri": subject,
+        "object": side(subject),
+        "name": name,
+        "description": description,
+    }
     if name or description:
-        return {**model, **_candidates(thing, name, description)}
-    return {**model, "candidates": _alike(thing, "")[0]}
+        return {**model, **_candidates(subject, name, description)}
+    return {**model, "candidates": _alike(subject, "")[0]}
 
 
-def _candidates(thing: str, name: str, description: str) -> Model:
+def _candidates(subject: str, name: str, description: str) -> Model:
     """Return the objects and kinds that match the words, those that look alike first."""
-    alike, suggestions = _alike(thing, description)
-    seen = {one["object"] for one in alike}
+    alike, suggestions = _alike(subject, description)
+    seen = {candidate["object"] for candidate in alike}
     worded = [
-        one
+        candidate
         for words in (name, description)
         if words
-        for one in list_objects(MAX_CANDIDATES, chosen=f"{by_words(words)} {without(thing)}")
+        for candidate in list_objects(
+            MAX_CANDIDATES, chosen=f"{by_words(words)} {without(subject)}"
+        )
     ]
-    for one in worded:
-        if one["object"] not in seen:
-            seen.add(one["object"])
-            alike.append(one)
+    for candidate in worded:
+        if candidate["object"] not in seen:
+            seen.add(candidate["object"])
+            alike.append(candidate)
     kinds = _engine().classes.find(description) if description else []
-    wanted = folded(description)
+    folded_words = folded(description)
     return {
         "candidates": alike[:MAX_CANDIDATES],
         "suggestions": suggestions,
         "kinds": [kind.label for kind in kinds],
-        "is_known_kind": any(wanted in map(folded, kind.names) for kind in kinds),
+        "is_known_kind": any(folded_words in map(folded, kind.names) for kind in kinds),
     }
 
 
-def _alike(thing: str, description: str) -> tuple[list[Model], list[str]]:
+def _alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
     """Return the objects of the described kind that look like one, and suggested words."""
     caller = context().auth.identify(current_request())
-    wanted: dict[str, Any] = {"operation": "search", "object": thing}
+    search_request: dict[str, Any] = {"operation": "search", "object": subject}
     if description:
-        wanted["class_description"] = description
+        search_request["class_description"] = description
     try:
-        answer = context().engine.call("teach_object", wanted, caller.access)
+        answer = context().engine.call("teach_object", search_request, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
         return [], []
-    sure = {one["object"]: one["confidence"] for one in answer["similar_objects"]}
+    sure = {row["object"]: row["confidence"] for row in answer["similar_objects"]}
     rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
-    found = [{**row, "confidence": sure[row["object"]]} for row in rows]
-    return sorted(found, key=lambda one: -one["confidence"]), answer["suggestions"]
+    matches = [{**row, "confidence": sure[row["object"]]} for row in rows]
+    return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 
 def _engine() -> Engine:
@@ -86,7 +93,7 @@ def _engine() -> Engine:
 def name_it() -> WerkzeugResponse:
     """Store a name and a kind, and show the object."""
     given = dict(flask.request.form.lists())
-    told = {**read_form(TeachObject, given), "operation": "teach"}
-    answer = carry_out("teach_object", told)
+    fields = {**read_form(TeachObject, given), "operation": "teach"}
+    answer = carry_out("teach_object", fields)
     done = {"done": answer["commit"]} if answer["commit"] else {}
-    return back_to("/object", {"iri": told.get("object", ""), **done}, told)
+    return back_to("/object", {"iri": fields.get("object", ""), **done}, fields)

@@ -183,7 +183,7 @@ class Actions:
 
     def names(self) -> list[str]:
         """Return the names of all actions, sorted."""
-        return sorted({*self._offered, *(one.name for one in self.providers.listing())})
+        return sorted({*self._offered, *(provider.name for provider in self.providers.listing())})
 
     def send(self, peer: Peer, access: Access, message: JsonObject, name: str) -> None:
         """Accept a goal; errors become its result."""
@@ -196,7 +196,7 @@ class Actions:
             if not isinstance(args, dict):
                 raise UsageError("args: expected an object")
             with self._lock:
-                held = sum(one.peer.number == peer.number for one in self._goals.values())
+                held = sum(goal.peer.number == peer.number for goal in self._goals.values())
                 if held >= MAX_GOALS_PER_SESSION:
                     raise UsageError(f"busy: {MAX_GOALS_PER_SESSION} goals in progress")
                 self._goals[key] = goal
@@ -208,8 +208,8 @@ class Actions:
         provider = self.providers.find(goal.action)
         own = self._offered.get(goal.action)
         if provider is None and own is None:
-            known = ", ".join(self.names()) or "none"
-            raise UnknownTermError(f"Action {goal.action} does not exist; known: {known}")
+            names = ", ".join(self.names()) or "none"
+            raise UnknownTermError(f"Action {goal.action} does not exist; known: {names}")
         require_scope(access, "call" if own is None else own.scope)
         goal.late = self._deadlines.after(
             GOAL_S, lambda: self._stop(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
@@ -258,12 +258,12 @@ class Actions:
     def cancel(self, peer: Peer, name: str, id_: Any = None) -> None:
         """Cancel one goal of a session, or all its goals of an action."""
         with self._lock:
-            found = [
+            goals = [
                 (key, goal)
                 for key, goal in self._goals.items()
                 if goal.peer is peer and goal.action == name and id_ in (None, goal.id)
             ]
-        for key, goal in found:
+        for key, goal in goals:
             if goal.provider is None:
                 self._stop(key, goal, CANCELLED, {})
             else:

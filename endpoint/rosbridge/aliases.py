@@ -66,11 +66,11 @@ def _search(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
         raise UsageError("args: expected the point cloud as base64 text, or an object with `data`")
     require_scope(access, "read")
     try:
-        found = engine.call("search_object", args, access).as_json()
+        hits = engine.call("search_object", args, access).as_json()
     except RtaskError as error:
         raise UsageError(f"args: {error}") from error
     # The thesis's robot expects numbers; an empty list sends it to its learner.
-    similar = [entry for entry in found["similar_objects"] if entry.get("X") is not None]
+    similar = [entry for entry in hits["similar_objects"] if entry.get("X") is not None]
     return {**_frame(message, True), "similar_objects": similar}
 
 

@@ -25,7 +25,7 @@ def hosted_services(host: ServiceHost | None) -> list[Service]:
     """Return one service for each method of each service, of its newest version."""
     if host is None:
         return []
-    return [hosted_service(host, one, method) for one, method in _methods(host)]
+    return [hosted_service(host, definition, method) for definition, method in _methods(host)]
 
 
 def hosted_service(host: ServiceHost, definition: Definition, method: Method) -> Service:

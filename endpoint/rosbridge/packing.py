@@ -48,7 +48,7 @@ class Packing:
     fragment_size: int = 0
 
     @classmethod
-    def wanted(cls, message: dict[str, Any]) -> Packing:
+    def from_message(cls, message: dict[str, Any]) -> Packing:
         """Read the packing that a request asks for.
 
         Raises
@@ -191,25 +191,27 @@ class Fragments:
         """
         now = time.monotonic() if now is None else now
         name, data, num, total = _read_fragment(message)
-        stale = [key for key, one in self._sets.items() if now - one.began > MAX_AGE_S]
+        stale = [
+            key for key, message_set in self._sets.items() if now - message_set.began > MAX_AGE_S
+        ]
         for key in stale:
             del self._sets[key]
         if stale and name in stale:
             raise UsageError(f"fragment {name!r}: not complete within {MAX_AGE_S:g} s; dropped")
         if name not in self._sets and len(self._sets) >= MAX_IDS:
             raise UsageError(f"fragment {name!r}: {MAX_IDS} incomplete messages already")
-        one = self._sets.setdefault(name, _Partial(total, now))
-        if one.total != total:
+        message_set = self._sets.setdefault(name, _Partial(total, now))
+        if message_set.total != total:
             del self._sets[name]
             raise UsageError(f"fragment {name!r}: total changed; dropped")
-        one.put(num, data)
+        message_set.put(num, data)
         if sum(other.size for other in self._sets.values()) > MAX_CHARACTERS:
             del self._sets[name]
             raise UsageError(f"fragment {name!r}: above {MAX_CHARACTERS} characters; dropped")
-        if len(one.parts) < total:
+        if len(message_set.parts) < total:
             return None
         del self._sets[name]
-        return "".join(one.parts[k] for k in range(total))
+        return "".join(message_set.parts[k] for k in range(total))
 
 
 def _read_fragment(message: dict[str, Any]) -> tuple[Any, str, int, int]:

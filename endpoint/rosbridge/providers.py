@@ -97,7 +97,7 @@ class Providers:
             before = self._providers.get(name)
             if before is not None and before.peer.identity != peer.identity:
                 raise ForbiddenError(f"{name} is provided by {before.peer.identity}")
-            held = sum(one.peer.number == peer.number for one in self._providers.values())
+            held = sum(provider.peer.number == peer.number for provider in self._providers.values())
             if held >= MAX_PER_SESSION and before is None:
                 raise UsageError(f"more than {MAX_PER_SESSION} services provided")
             self._providers[name] = Provider(name, type_, peer)
@@ -110,8 +110,8 @@ class Providers:
         Whether it was this session's.
         """
         with self._lock:
-            found = self._providers.get(name)
-            if found is None or found.peer.number != peer.number:
+            provider = self._providers.get(name)
+            if provider is None or provider.peer.number != peer.number:
                 return False
             del self._providers[name]
             waiting = [
@@ -173,7 +173,7 @@ class Providers:
     def leave(self, peer: Peer) -> None:
         """Forget a session, its services, and fail the calls that wait for it."""
         with self._lock:
-            for name in [n for n, one in self._providers.items() if one.peer is peer]:
+            for name in [n for n, provider in self._providers.items() if provider.peer is peer]:
                 del self._providers[name]
             waiting = [c.id for c in self._calls.values() if c.provider.peer is peer]
             for call in [c for c in self._calls.values() if c.caller == peer.number]:
@@ -213,10 +213,10 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
     >>> timeout_of({"timeout": 5}), timeout_of({"timeout": 0}), timeout_of({"timeout": 1e9})
     (5.0, 30.0, 600.0)
     """
-    wanted = message.get("timeout")
-    if isinstance(wanted, bool) or not isinstance(wanted, int | float) or not wanted > 0:
+    timeout = message.get("timeout")
+    if isinstance(timeout, bool) or not isinstance(timeout, int | float) or not timeout > 0:
         return default_s
-    return float(min(wanted, MAX_TIMEOUT_S))
+    return float(min(timeout, MAX_TIMEOUT_S))
 
 
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:

@@ -50,21 +50,23 @@ class Graph:
 
     def nodes(self) -> dict[str, Peer | None]:
         """Return the server and one node for each connected robot."""
-        found: dict[str, Peer | None] = {SERVER_NODE: None}
+        nodes: dict[str, Peer | None] = {SERVER_NODE: None}
         for peer in self.sessions():
             name = f"/{peer.identity}"
-            found[f"{name}_{peer.number}" if name in found else name] = peer
-        return found
+            nodes[f"{name}_{peer.number}" if name in nodes else name] = peer
+        return nodes
 
     def services(self) -> list[tuple[str, str]]:
         """Return names and types of all services, sorted."""
         own = [(service.name, service.type) for service in self.table]
-        return sorted([*own, *((one.name, one.type) for one in self.providers.listing())])
+        return sorted(
+            [*own, *((provider.name, provider.type) for provider in self.providers.listing())]
+        )
 
     def node_of(self, number: int) -> str:
         """Return the node of a session."""
-        found = (n for n, peer in self.nodes().items() if peer and peer.number == number)
-        return next(found, "")
+        names = (n for n, peer in self.nodes().items() if peer and peer.number == number)
+        return next(names, "")
 
     def server_topics(self) -> list[str]:
         """Return the topics that the server itself publishes."""
@@ -98,7 +100,9 @@ def _listings(graph: Graph) -> dict[str, Answer]:
 
     def raw(args: JsonObject) -> JsonObject:
         listed = topics(args)
-        texts = [[full_text(one) for one in message_typedefs(name)] for name in listed["types"]]
+        texts = [
+            [full_text(typedef) for typedef in message_typedefs(name)] for name in listed["types"]
+        ]
         return {**listed, "typedefs_full_text": [text[0] if text else "" for text in texts]}
 
     return {
@@ -124,16 +128,18 @@ def _listings(graph: Graph) -> dict[str, Answer]:
 
 def _nodes(graph: Graph) -> dict[str, Answer]:
     def details(args: JsonObject) -> JsonObject:
-        wanted = _name(args, "node")
+        node = _name(args, "node")
         nodes = graph.nodes()
-        if wanted not in nodes:
+        if node not in nodes:
             return {"subscribing": [], "publishing": [], "services": []}
-        peer = nodes[wanted]
+        peer = nodes[node]
         if peer is None:
             own = [service.name for service in graph.table]
             return {"subscribing": [], "publishing": graph.server_topics(), "services": own}
         publishing, subscribing = graph.topics.of(peer.number)
-        provided = [one.name for one in graph.providers.listing() if one.peer is peer]
+        provided = [
+            provider.name for provider in graph.providers.listing() if provider.peer is peer
+        ]
         return {"subscribing": subscribing, "publishing": publishing, "services": provided}
 
     def publishers(args: JsonObject) -> JsonObject:
@@ -143,8 +149,8 @@ def _nodes(graph: Graph) -> dict[str, Answer]:
         return {"publishers": own + sorted(map(graph.node_of, advertisers))}
 
     def subscribers(args: JsonObject) -> JsonObject:
-        _, found = graph.topics.sessions(_name(args, "topic"))
-        return {"subscribers": sorted(map(graph.node_of, found))}
+        _, numbers = graph.topics.sessions(_name(args, "topic"))
+        return {"subscribers": sorted(map(graph.node_of, numbers))}
 
     def service_node(args: JsonObject) -> JsonObject:
         name = _name(args, "service")
@@ -169,25 +175,27 @@ def _nodes(graph: Graph) -> dict[str, Answer]:
 
 def _types(graph: Graph) -> dict[str, Answer]:
     def service_of(type_: str) -> Service | None:
-        return next((one for one in graph.table if one.type == type_ and one.request), None)
+        return next(
+            (service for service in graph.table if service.type == type_ and service.request), None
+        )
 
     def message_details(args: JsonObject) -> JsonObject:
-        wanted = _text(args, "type")
-        return {"typedefs": message_typedefs(wanted) or [_empty(wanted)]}
+        type_ = _text(args, "type")
+        return {"typedefs": message_typedefs(type_) or [_empty(type_)]}
 
     def request_details(args: JsonObject) -> JsonObject:
-        wanted = _text(args, "type")
-        found = service_of(wanted)
-        if found is None or found.request is None:
-            return {"typedefs": [_empty(f"{wanted}Request")]}
-        return {"typedefs": typedefs_of(f"{wanted}Request", found.request)}
+        type_name = _text(args, "type")
+        service = service_of(type_name)
+        if service is None or service.request is None:
+            return {"typedefs": [_empty(f"{type_name}Request")]}
+        return {"typedefs": typedefs_of(f"{type_name}Request", service.request)}
 
     def response_details(args: JsonObject) -> JsonObject:
-        wanted = _text(args, "type")
-        found = service_of(wanted)
-        if found is None or found.answer is None:
-            return {"typedefs": [_empty(f"{wanted}Response")]}
-        return {"typedefs": typedefs_of(f"{wanted}Response", found.answer)}
+        type_name = _text(args, "type")
+        service = service_of(type_name)
+        if service is None or service.answer is None:
+            return {"typedefs": [_empty(f"{type_name}Response")]}
+        return {"typedefs": typedefs_of(f"{type_name}Response", service.answer)}
 
     return {
         "message_details": message_details,
@@ -202,9 +210,9 @@ def _types(graph: Graph) -> dict[str, Answer]:
 def _parameters(graph: Graph) -> dict[str, Answer]:
     def get(args: JsonObject) -> JsonObject:
         name = _name(args, "name")
-        found = graph.parameters.get(name)
-        if found is not None:
-            return {"value": found, "successful": True, "reason": ""}
+        value = graph.parameters.get(name)
+        if value is not None:
+            return {"value": value, "successful": True, "reason": ""}
         default = args.get("default") or args.get("default_value")
         if isinstance(default, str):
             return {"value": default, "successful": True, "reason": ""}

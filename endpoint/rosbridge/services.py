@@ -139,12 +139,12 @@ class ServiceTable:
         UnknownTermError
             With the nearest name.
         """
-        wanted = "/" + name.lstrip("/")
-        if wanted in self._services:
-            return self._services[wanted]
-        near = difflib.get_close_matches(wanted, [*self._services, *others], n=1)
+        path = "/" + name.lstrip("/")
+        if path in self._services:
+            return self._services[path]
+        near = difflib.get_close_matches(path, [*self._services, *others], n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
-        raise UnknownTermError(f"Service {wanted} does not exist{hint}")
+        raise UnknownTermError(f"Service {path} does not exist{hint}")
 
     def __iter__(self) -> Any:
         return iter(sorted(self._services.values(), key=lambda service: service.name))

@@ -164,7 +164,9 @@ class Session:
 
     def provides(self) -> list[str]:
         """Return the names of the services that the robot offers over this session."""
-        return [one.name for one in self.bridge.providers.listing() if one.peer is self]
+        return [
+            provider.name for provider in self.bridge.providers.listing() if provider.peer is self
+        ]
 
     def feed(self, frame: Frame) -> None:
         """Handle one message; errors are sent as a `status` message, never raised."""
@@ -174,8 +176,8 @@ class Session:
             op = message.get("op")
             handler = self._ops.get(op) if isinstance(op, str) else None
             if handler is None:
-                known = ", ".join(sorted(self._ops))
-                raise UsageError(f"unknown op {op!r}; this server takes {known}")
+                ops = ", ".join(sorted(self._ops))
+                raise UsageError(f"unknown op {op!r}; this server takes {ops}")
             id_ = message.get("id")
             if not isinstance(id_, str | int | float | None) or not is_writable(id_):
                 raise UsageError("id: expected a string or a number")
@@ -240,7 +242,7 @@ class Session:
                 # roslib cancels all goals this way, and logs an error for each answer to it.
                 self.bridge.actions.cancel(self, "/" + name.removesuffix(_CANCEL_ALL).lstrip("/"))
                 return
-            packing = Packing.wanted(message)
+            packing = Packing.from_message(message)
             provider = self.bridge.providers.find("/" + name.lstrip("/"))
             if provider is not None:
                 args = arguments(message.get("args"))
@@ -252,7 +254,7 @@ class Session:
                 )  # fmt: skip
                 return
             service = self.bridge.services.find(
-                name, [one.name for one in self.bridge.providers.listing()]
+                name, [provider.name for provider in self.bridge.providers.listing()]
             )
             args = arguments(message.get("args"), service.parameters)
             require_scope(self.access, service.scope)
@@ -396,8 +398,8 @@ class Session:
 
     def _advertise(self, message: JsonObject) -> None:
         name, type_ = name_of(message, "topic"), text_of(message, "type")
-        found = self.bridge.providers.find(name)
-        if found is not None and found.peer.number == self.number:
+        provider = self.bridge.providers.find(name)
+        if provider is not None and provider.peer.number == self.number:
             raise UsageError(f"{name} is a service of this robot; give the topic another name")
         self.bridge.topics.advertise(self.number, name, type_, latch=message.get("latch") is True)
 
@@ -421,7 +423,7 @@ class Session:
         for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
             if not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
                 raise UsageError(f"{name}: expected a number")
-        name, packing = name_of(message, "topic"), Packing.wanted(message)
+        name, packing = name_of(message, "topic"), Packing.from_message(message)
         packing = self._smallest(name, packing)
         deliver = self._deliver if packing.is_plain else self._packed(packing)
         self.bridge.topics.subscribe(

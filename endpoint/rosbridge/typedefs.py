@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from endpoint.rosbridge.messages import JsonObject
 from rtask.wire.ros import CHANGE, LIST, SCALAR, ros_types
 
-_KNOWN: dict[str, tuple[tuple[str, str, int], ...]] = {
+_STANDARD: dict[str, tuple[tuple[str, str, int], ...]] = {
     "geometry_msgs/Pose": (
         ("position", "geometry_msgs/Point", SCALAR),
         ("orientation", "geometry_msgs/Quaternion", SCALAR),
@@ -31,8 +31,8 @@ def typedefs_of(type_: str, model: type[BaseModel]) -> list[JsonObject]:
     type_
         ROS name of the message, ``rtask/SearchObjectRequest``.
     """
-    found = {name: _typedef(name, members) for name, members in ros_types(type_, model).items()}
-    return _with_held(found)
+    typedefs = {name: _typedef(name, members) for name, members in ros_types(type_, model).items()}
+    return _with_held(typedefs)
 
 
 def message_typedefs(type_: str) -> list[JsonObject]:
@@ -45,21 +45,21 @@ def message_typedefs(type_: str) -> list[JsonObject]:
     >>> [entry["type"] for entry in message_typedefs("geometry_msgs/Pose")]
     ['geometry_msgs/Pose', 'geometry_msgs/Point', 'geometry_msgs/Quaternion']
     """
-    found: dict[str, JsonObject] = {}
-    if type_ in _KNOWN:
-        found[type_] = _typedef(type_, list(_KNOWN[type_]))
-    return _with_held(found)
+    typedefs: dict[str, JsonObject] = {}
+    if type_ in _STANDARD:
+        typedefs[type_] = _typedef(type_, list(_STANDARD[type_]))
+    return _with_held(typedefs)
 
 
-def _with_held(found: dict[str, JsonObject]) -> list[JsonObject]:
+def _with_held(typedefs: dict[str, JsonObject]) -> list[JsonObject]:
     """Return descriptions with those of the known types that they hold."""
-    todo = list(found.values())
+    todo = list(typedefs.values())
     while todo:
         for of in todo.pop()["fieldtypes"]:
-            if of in _KNOWN and of not in found:
-                found[of] = _typedef(of, _KNOWN[of])
-                todo.append(found[of])
-    return list(found.values())
+            if of in _STANDARD and of not in typedefs:
+                typedefs[of] = _typedef(of, _STANDARD[of])
+                todo.append(typedefs[of])
+    return list(typedefs.values())
 
 
 def full_text(typedef: JsonObject) -> str:

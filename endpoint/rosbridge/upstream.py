@@ -57,7 +57,9 @@ class Upstream:
     ) -> None:
         self._following = following
         self._here = {
-            f"rtask/{name}" for name, one in engine.operations.items() if one.effect != "writes"
+            f"rtask/{name}"
+            for name, operation in engine.operations.items()
+            if operation.effect != "writes"
         }
         token = request.headers.get("authorization")
         self._headers = {} if token is None else {"Authorization": token}

@@ -116,8 +116,8 @@ class WorkerSeat:
         self._is_worker = True
         for method in definition.methods.values():
             self._workers.table.add(hosted_service(host, definition, method))
-        said = {"op": "status", "level": "info", "msg": f"serving {definition.exact}"}
-        self._session.emit({**said, "id": message.get("id")})
+        status = {"op": "status", "level": "info", "msg": f"serving {definition.exact}"}
+        self._session.emit({**status, "id": message.get("id")})
         self._workers.look()
 
     def unadvertise(self, name: str) -> bool:

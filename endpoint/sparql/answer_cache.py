@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from endpoint.http.conditional import is_known, is_unsteady
+from endpoint.http.conditional import is_current, is_unsteady
 from endpoint.http.encoding import encode_fields
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan
@@ -22,7 +22,7 @@ from endpoint.served import ServedGraph
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["AnswerCache", "Kept", "key_part"]
+__all__ = ["AnswerCache", "CachedAnswer", "key_part"]
 
 MAX_BYTES = 32 << 20
 MAX_ANSWER_BYTES = 64 << 10
@@ -36,7 +36,7 @@ Version = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Kept:
+class CachedAnswer:
     """One answer, ready to be sent.
 
     Parameters
@@ -75,7 +75,7 @@ class AnswerCache:
         self._metrics = metrics
         self._lock = threading.Lock()
         self._version: Version = (-1, -1)
-        self._kept: OrderedDict[Key, Kept] = OrderedDict()
+        self._entries: OrderedDict[Key, CachedAnswer] = OrderedDict()
         self._asked: OrderedDict[Key, None] = OrderedDict()
         self.bytes = 0
 
@@ -91,27 +91,27 @@ class AnswerCache:
         """Return the plan of a request whose answer is kept for callers of these rights."""
         if self._kb is None or request.method == "HEAD":
             return None
-        kept = self.find_kept(_key(request, access))
-        if kept is None:
+        entry = self.lookup(_key(request, access))
+        if entry is None:
             return None
-        if is_known(request, kept.etag):
-            return Plan.ready(Response(304, headers=(("ETag", kept.etag),)))
-        return kept.plan
+        if is_current(request, entry.etag):
+            return Plan.ready(Response(304, headers=(("ETag", entry.etag),)))
+        return entry.plan
 
-    def find_kept(self, key: Key) -> Kept | None:
+    def lookup(self, key: Key) -> CachedAnswer | None:
         """Return the answer that is kept for requests of a key."""
         kb = self._kb
         if kb is None:
             return None
         with self._lock:
             if self._version != (version := self._current(kb)):
-                self._kept.clear()
+                self._entries.clear()
                 self.bytes = 0
                 self._version = version
-            kept = self._kept.get(key)
-        if kept is not None:
+            entry = self._entries.get(key)
+        if entry is not None:
             self._metrics.count("rtask_answer_cache_total", outcome="hit")
-        return kept
+        return entry
 
     def keeper(
         self, request: Request, access: Access, form: str, text: str, etag: str
@@ -147,22 +147,24 @@ class AnswerCache:
             if len(response.body) <= MAX_ANSWER_BYTES and self._current(kb) == version:
                 plan = Plan(lambda: response, None, "loop", form, text)
                 fields = encode_fields(response.header_list())
-                self._keep(key, version, Kept(plan, response, fields, etag, _size(key, response)))
+                self._keep(
+                    key, version, CachedAnswer(plan, response, fields, etag, _size(key, response))
+                )
 
         return keep
 
-    def _keep(self, key: Key, version: Version, kept: Kept) -> None:
+    def _keep(self, key: Key, version: Version, entry: CachedAnswer) -> None:
         with self._lock:
-            if self._version != version or key in self._kept:
+            if self._version != version or key in self._entries:
                 return
-            self._kept[key] = kept
-            self.bytes += kept.size
+            self._entries[key] = entry
+            self.bytes += entry.size
             while self.bytes > MAX_BYTES:
-                _, oldest = self._kept.popitem(last=False)
+                _, oldest = self._entries.popitem(last=False)
                 self.bytes -= oldest.size
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._entries)
 
 
 def _key(request: Request, access: Access) -> Key:

@@ -50,15 +50,15 @@ def plan_check(kb: ServedGraph, request: Request) -> Plan:
 
 
 def _answer(kb: ServedGraph, text: str, *, is_query: bool) -> Response:
-    found: dict[str, object] = {"ok": True}
+    checks: dict[str, object] = {"ok": True}
     try:
         if is_query:
             check_query(text)
             findings = kb.check(text) if isinstance(kb, KnowledgeBase) else []
             if findings:
-                found["findings"] = [finding.to_dict(text) for finding in findings]
+                checks["findings"] = [finding.to_dict(text) for finding in findings]
         else:
             check_update(read_update(text))
     except DataError as error:
-        found = {"ok": False, "detail": str(error), **error.details}
-    return Response(200, json.dumps(found).encode(), JSON_TYPE)
+        checks = {"ok": False, "detail": str(error), **error.details}
+    return Response(200, json.dumps(checks).encode(), JSON_TYPE)

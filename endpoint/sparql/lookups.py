@@ -24,7 +24,7 @@ from rtask.rdf.xml_text import serialize
 
 BUDGET_S = 0.005
 MAX_BYTES = 64 << 10
-_MAX_KNOWN_SLOW = 1_000
+_MAX_SLOW = 1_000
 _FORMATS = {
     media_type: QueryResultsFormat.from_media_type(media_type)
     for media_type in negotiation.SOLUTION_TYPES
@@ -100,5 +100,5 @@ class Lookups:
 
     def _remember_slow(self, text: str) -> None:
         self._slow[text] = None
-        if len(self._slow) > _MAX_KNOWN_SLOW:
+        if len(self._slow) > _MAX_SLOW:
             self._slow.popitem(last=False)

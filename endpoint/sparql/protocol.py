@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from endpoint.access.auth import Caller
 from endpoint.http.compression import wants_gzip
-from endpoint.http.conditional import Versions, is_known
+from endpoint.http.conditional import Versions, is_current
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.outbound_http import Outgoing
 from endpoint.http.plan import Plan, RunningQuery
@@ -48,7 +48,7 @@ _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAME
 
 
 @lru_cache(maxsize=512)
-def _known_form(masked: str, limits: Limits) -> str:
+def _remembered_form(masked: str, limits: Limits) -> str:
     return checked_form(masked, limits)
 
 
@@ -58,7 +58,7 @@ def _form(text: str, limits: Limits) -> str:
         return checked_form(text, limits)
     masked = shape(text)
     try:
-        return _known_form(masked, limits)
+        return _remembered_form(masked, limits)
     except RtaskError:
         return checked_form(text, limits)  # for the position in the text as sent
 
@@ -107,7 +107,7 @@ def plan_query(
     timeout_s = config.effective_timeout(query.timeout_s, caller.access.role)
     if query.timeout_s is not None and query.timeout_s > timeout_s:
         headers = (*headers, ("RTASK-Timeout", f"{timeout_s:g}"))
-    if is_known(request, etag):
+    if is_current(request, etag):
         return Plan.ready(Response(304, headers=headers))
     if request.method == "HEAD":
         return Plan.ready(Response(200, b"", content_type, headers))
@@ -118,8 +118,8 @@ def plan_query(
     keep = None
     if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
         keep = asked.cache.keeper(request, caller.access, form, query.text, etag)
-    if lookup and asked.lookups.in_memory and (found := planned.look_up()) is not None:
-        return Plan(lambda: found, None, "loop", form, query.text, keep=keep)
+    if lookup and asked.lookups.in_memory and (response := planned.look_up()) is not None:
+        return Plan(lambda: response, None, "loop", form, query.text, keep=keep)
     is_point = lookup or is_quick(query.text)
     return Plan(
         planned.run_point if is_point else planned.run,
@@ -240,8 +240,8 @@ def plan_update(
         without_services(update.text)
 
     def run() -> Response:
-        told = caller.note(request)
-        note = f"{update.note} ({told})" if update.note else told
+        attribution = caller.note(request)
+        note = f"{update.note} ({attribution})" if update.note else attribution
         commit = _commit(kb, update, caller, note, config)
         remark = commit.remark if commit else None
         if not wants_json:

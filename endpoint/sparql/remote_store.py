@@ -22,7 +22,7 @@ from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.request import ReaderLimits
 from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.rdf.terms import NamedNode
-from rtask.remote.endpoints import addresses
+from rtask.remote.discovery import connect
 from rtask.remote.knowledge_base import RemoteKnowledgeBase
 from rtask.sparql.syntax import check_query
 from rtask.wire.message import Answer
@@ -65,7 +65,9 @@ class RemoteStore(RemoteKnowledgeBase):
     plain = True
 
     def __init__(self, address: str, token: str | None = None, timeout_s: float = 30.0) -> None:
-        super().__init__(*addresses(address), token, timeout_s)
+        endpoints = connect(address, token, timeout_s)
+        endpoints.connection.close()
+        super().__init__(endpoints.query_url, endpoints.update_url, token, timeout_s)
         self.epoch = secrets.token_hex(4)
         self.readers = _Readers()
         self._numbers = itertools.count(1)

@@ -147,15 +147,15 @@ def _from_get(request: Request) -> Operation:
 
 def _from_post(request: Request, kinds: tuple[str, ...]) -> Operation:
     media_type, parameters = request.content_type
-    known = [FORM_TYPE]
-    known += [QUERY_TYPE] if QUERY in kinds else []
-    known += [UPDATE_TYPE] if UPDATE in kinds else []
-    if media_type not in known:
+    types = [FORM_TYPE]
+    types += [QUERY_TYPE] if QUERY in kinds else []
+    types += [UPDATE_TYPE] if UPDATE in kinds else []
+    if media_type not in types:
         raise RefusedError(
             415,
             "unsupported-media-type",
-            f"Content-Type {media_type or '(none)'} is not accepted; use {', '.join(known)}",
-            headers=(("Accept-Post", ", ".join(known)),),
+            f"Content-Type {media_type or '(none)'} is not accepted; use {', '.join(types)}",
+            headers=(("Accept-Post", ", ".join(types)),),
         )
     if parameters.get("charset", "utf-8").lower() not in ("utf-8", "utf8"):
         raise RefusedError(415, "unsupported-media-type", "send the text as UTF-8")
@@ -176,9 +176,9 @@ def _from_post(request: Request, kinds: tuple[str, ...]) -> Operation:
 def _from_form(fields: Fields, kinds: tuple[str, ...], request: Request) -> Operation:
     names = [name for name, _ in fields if name in kinds]
     if len(names) != 1:
-        wanted = " or ".join(f"`{kind}`" for kind in kinds)
-        found = ", ".join(names) or "none"
-        raise RefusedError(400, "usage", f"expected exactly one field {wanted}; found {found}")
+        types = " or ".join(f"`{kind}`" for kind in kinds)
+        listed = ", ".join(names) or "none"
+        raise RefusedError(400, "usage", f"expected exactly one field {types}; found {listed}")
     if names == [QUERY]:
         return _query(_single(fields, "query"), fields, request)
     return _update(_single(fields, "update"), fields, request)
@@ -197,16 +197,16 @@ def _single(fields: Fields, name: str) -> str:
     return values[0]
 
 
-def _refuse_unknown(fields: Fields, known: tuple[str, ...]) -> None:
+def _refuse_unknown(fields: Fields, allowed: tuple[str, ...]) -> None:
     """Refuse a parameter without a meaning here: ignored, it would seem to have had its effect."""
     for name, _ in fields:
-        if name not in known and name not in _OF_CLIENTS:
-            near = difflib.get_close_matches(name, known, 1)
+        if name not in allowed and name not in _OF_CLIENTS:
+            near = difflib.get_close_matches(name, allowed, 1)
             hint = f"did you mean `{near[0]}`? " if near else ""
             raise RefusedError(
                 400,
                 "usage",
-                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(known)}",
+                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(allowed)}",
                 parameter=name[:80],
             )
 

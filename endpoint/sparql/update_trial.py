@@ -61,7 +61,7 @@ def _try(
         default = [_iri(operation.with_graph, operation, update)]
     query = f"{operation.prologue}SELECT (COUNT(*) AS ?n) WHERE {where}"
     try:
-        found = kb.query(
+        result = kb.query(
             query,
             default_graphs=default or None,
             named_graphs=named or None,
@@ -77,7 +77,7 @@ def _try(
         ) from None
     except RtaskError:
         return  # what is wrong with it is said where it is carried out
-    count = found[0].value("n") if isinstance(found, Solutions) and len(found) else 0
+    count = result[0].value("n") if isinstance(result, Solutions) and len(result) else 0
     allowed = UpdateLimits(seconds).solutions
     if isinstance(count, int) and count > allowed:
         raise RefusedError(

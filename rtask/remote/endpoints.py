@@ -23,13 +23,29 @@ class Endpoints:
     Parameters
     ----------
     query_url, update_url
-        Addresses; the update endpoint may be the same.
+        Addresses; the update endpoint may be the same, or ``None`` if it is not known.
+    connection
+        To the server.
+    address
+        Both addresses as one text, as for :func:`rtask.open`.
+    is_rtask
+        Whether the server is one of RTASK, which keeps rights and records itself; ``None`` to ask
+        it when that matters.
     """
 
-    def __init__(self, query_url: str, update_url: str, connection: Connection) -> None:
+    def __init__(
+        self,
+        query_url: str,
+        update_url: str | None,
+        connection: Connection,
+        address: str,
+        is_rtask: bool | None = None,
+    ) -> None:
         self.query_url = query_url
         self.update_url = update_url
         self.connection = connection
+        self.address = address
+        self._is_rtask = is_rtask
 
     def query(
         self,
@@ -45,7 +61,18 @@ class Endpoints:
         return answer.content
 
     def update(self, text: str) -> None:
-        """Send an update, at most once."""
+        """Send an update, at most once.
+
+        Raises
+        ------
+        UsageError
+            It is not known where the server takes updates.
+        """
+        if self.update_url is None:
+            raise UsageError(
+                f"{self} takes queries, but no usual place there takes updates; name it, "
+                f"sparql+http://host/?query=/PATH&update=/PATH, or open with mode='r'"
+            )
         self.connection.send(self.update_url, [("update", text)], repeat=False)
 
     def rows(self, text: str) -> list[tuple[Any, ...]]:
@@ -58,8 +85,11 @@ class Endpoints:
 
     def is_rtask(self) -> bool:
         """Whether the server is one of RTASK, which keeps rights and records itself."""
-        answer = self.connection.send(self.query_url, [("query", "ASK {}")], ROWS, repeat=True)
-        return "RTASK-Version" in answer.headers
+        if self._is_rtask is None:
+            ask = [("query", "ASK {}")]
+            answer = self.connection.send(self.query_url, ask, ROWS, repeat=True)
+            self._is_rtask = "RTASK-Version" in answer.headers
+        return self._is_rtask
 
     def __str__(self) -> str:
         return without_password(self.query_url)

@@ -26,7 +26,7 @@ from rtask.rdf.terms import (
     subject_term,
     written,
 )
-from rtask.remote.endpoints import addresses
+from rtask.remote.discovery import connect
 from rtask.remote.transport import Connection, read_whole
 from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.lexer import query_form
@@ -326,12 +326,19 @@ class RemoteTransaction(Changes):
 def open_remote(
     address: str, token: str | None = None, timeout_s: float = 30.0
 ) -> RemoteKnowledgeBase:
-    """Return the knowledge base at an address, without sending anything yet.
+    """Return the bare dataset at an address; nothing is sent if it names both endpoints.
 
     >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
     'http://host:81/u'
+
+    Raises
+    ------
+    AuthenticationError, ForbiddenError, RemoteUnavailableError, CallFailedError
+        As :func:`rtask.remote.discovery.find_places` does.
     """
-    return RemoteKnowledgeBase(*addresses(address), token, timeout_s)
+    endpoints = connect(address, token, timeout_s)
+    endpoints.connection.close()
+    return RemoteKnowledgeBase(endpoints.query_url, endpoints.update_url, token, timeout_s)
 
 
 def _dataset(name: str, graphs: Iterable[NamedNode | str] | None) -> list[tuple[str, str]]:

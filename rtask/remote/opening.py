@@ -23,14 +23,14 @@ from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import Literal
 from rtask.remote.dialect import Abilities, Dialect
-from rtask.remote.endpoints import Endpoints, addresses
+from rtask.remote.endpoints import Endpoints
 from rtask.remote.head import Head, HeadGraph, remove_left_behind
 from rtask.remote.journal import RemoteJournal
 from rtask.remote.probe import probe
 from rtask.remote.store import RemoteStore
-from rtask.remote.transport import Connection, without_password
+from rtask.remote.transport import without_password
 
-__all__ = ["Place", "connect", "default_folder", "open_on_server"]
+__all__ = ["Place", "default_folder", "open_on_server"]
 
 _log = logging.getLogger(__name__)
 _SETTINGS = "<urn:rtask:store:settings>"
@@ -57,12 +57,6 @@ def default_folder(address: str) -> Path:
     home = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
     key = hashlib.sha256(without_password(address).encode()).hexdigest()[:16]
     return Path(home) / "rtask" / "stores" / key
-
-
-def connect(address: str, token: str | None, timeout_s: float) -> Endpoints:
-    """Return the endpoints at an address; nothing is sent yet."""
-    query_url, update_url = addresses(address)
-    return Endpoints(query_url, update_url or query_url, Connection(token, timeout_s))
 
 
 def open_on_server(
@@ -96,8 +90,8 @@ def _open(endpoints: Endpoints, place: Place, mode: str, base: str | None) -> Fi
         raise StoreFormatError(f"{endpoints} is already a knowledge base; open it with mode='rw'")
     elif mode == "rw":
         _require_same_default_graph(endpoints, base_found)
-    folder = place.folder or default_folder(place.address)
-    address = without_password(place.address)
+    folder = place.folder or default_folder(endpoints.address)
+    address = without_password(endpoints.address)
     settings = replace(base_found.settings, store=address)
     settings.require(folder, base, plain=False)
     _note(folder, settings)

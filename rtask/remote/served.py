@@ -25,7 +25,7 @@ from rtask.kb.store.graphs import Graphs
 from rtask.model.backing import Touched, Work
 from rtask.rdf.terms import GraphName, Literal, Term
 from rtask.remote.commits import Commits
-from rtask.remote.endpoints import TRIPLES, addresses
+from rtask.remote.endpoints import TRIPLES, Endpoints
 from rtask.remote.excerpt import Collected, Excerpt
 from rtask.remote.knowledge_base import RemoteKnowledgeBase
 from rtask.remote.transport import read_whole
@@ -220,7 +220,7 @@ def _commit(counts: Mapping[str, Any], record: Mapping[str, Any] | None) -> Comm
 
 
 def open_served(
-    address: str, token: str | None = None, timeout_s: float = 30.0
+    endpoints: Endpoints, token: str | None = None, timeout_s: float = 30.0
 ) -> ServedKnowledgeBase:
-    """Return the knowledge base of the server of RTASK at an address."""
-    return ServedKnowledgeBase(*addresses(address), token, timeout_s)
+    """Return the knowledge base of a server of RTASK."""
+    return ServedKnowledgeBase(endpoints.query_url, endpoints.update_url, token, timeout_s)

@@ -30,7 +30,7 @@ from rtask.errors import (
 from rtask.sparql.results import Solutions, Triples, read_answer
 from rtask.wire.address import authorization
 
-__all__ = ["Connection", "read_whole", "without_password"]
+__all__ = ["Connection", "checked", "read_whole", "without_password"]
 
 _ATTEMPTS = 3
 _PAUSE_S = 0.2
@@ -83,6 +83,7 @@ class Connection:
         repeat: bool,
         timeout_s: float | None = None,
         headers: Mapping[str, str] | None = None,
+        judged: bool = True,
     ) -> httpx.Response:
         """Send a form and return the answer.
 
@@ -98,6 +99,8 @@ class Connection:
             attempt.
         headers
             Further fields of the header.
+        judged
+            Raise what the server refused; otherwise return the refusal like any answer.
 
         Raises
         ------
@@ -134,7 +137,7 @@ class Connection:
             else:
                 again = answer.status_code in (_UNAVAILABLE if repeat else _DID_NOT_RUN)
                 if last or not (again or _was_rolled_back(answer)):
-                    return _checked(answer, where)
+                    return checked(answer, where) if judged else answer
             time.sleep(_PAUSE_S * 2**attempt)
         raise AssertionError("the last attempt returns or raises")
 
@@ -204,7 +207,14 @@ def _was_rolled_back(answer: httpx.Response) -> bool:
     return answer.status_code == 500 and _ROLLED_BACK in answer.text[:200]
 
 
-def _checked(answer: httpx.Response, url: str) -> httpx.Response:
+def checked(answer: httpx.Response, url: str) -> httpx.Response:
+    """Return an answer that is whole and no refusal.
+
+    Raises
+    ------
+    RemoteError, AccessError, DataError
+        What the server says, after the address.
+    """
     if answer.is_success:
         limit = answer.headers.get("X-SPARQL-MaxRows")
         if limit is not None:

@@ -40,7 +40,10 @@ _STATED = {
     ABOVE: "includes everything that is",
 }
 _NAME = re.compile(r"([a-z]\w*:[A-Za-z]\w*)")
-_TOLD = ("http://www.w3.org/2004/02/skos/core#definition", ontology.PREFIXES["rdfs"] + "comment")
+_DEFINITIONS = (
+    "http://www.w3.org/2004/02/skos/core#definition",
+    ontology.PREFIXES["rdfs"] + "comment",
+)
 
 
 @dataclass(frozen=True)
@@ -70,12 +73,12 @@ class ClassTree:
         >>> ClassTree(parents={"urn:mug": ["urn:cup"], "urn:cup": []}).path("urn:mug")
         ['urn:cup']
         """
-        found: list[str] = []
+        classes: list[str] = []
         above = self.parents.get(name)
-        while above and above[0] not in found and above[0] != name:
-            found.append(above[0])
+        while above and above[0] not in classes and above[0] != name:
+            classes.append(above[0])
             above = self.parents.get(above[0])
-        return found[::-1]
+        return classes[::-1]
 
 
 class _Cache:
@@ -107,9 +110,9 @@ def _read_tree() -> ClassTree:
             above.append(str(row["parent"]))
     children: dict[str, list[str]] = defaultdict(list)
     for name, above in parents.items():
-        known = [one for one in above if one in parents]
-        for one in known or [""]:
-            children[one].append(name)
+        parents_of = [parent for parent in above if parent in parents]
+        for parent in parents_of or [""]:
+            children[parent].append(name)
     labels = {str(row["iri"]): str(row["label"] or short(str(row["iri"]))) for row in _terms()}
     for name in parents:
         labels.setdefault(name, short(name))
@@ -152,13 +155,13 @@ def classes() -> Model:
 
 def _branches(tree: ClassTree, name: str, path: tuple[str, ...], level: int = 1) -> list[Model]:
     """Return the classes below one; those that are closed keep only their number."""
-    found = []
+    branches = []
     for child in tree.children.get(name, ()):
         below = tree.children.get(child, [])
         is_open = bool(path) and path[0] == child
         direct, members = tree.counts.get(child, (0, 0))
         shown = level < OPEN_LEVELS or is_open
-        found.append(
+        branches.append(
             {
                 "iri": child,
                 "label": tree.labels[child],
@@ -172,7 +175,7 @@ def _branches(tree: ClassTree, name: str, path: tuple[str, ...], level: int = 1)
                 else [],
             }
         )
-    return found
+    return branches
 
 
 def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
@@ -186,16 +189,17 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
         if axiom.subject == name and axiom.predicate in _STATED
     ]
     kb = knowledge_base()
-    told = [quad.object for p in _TOLD for quad in kb.match(term, iri(p))]
+    definitions = [quad.object for p in _DEFINITIONS for quad in kb.match(term, iri(p))]
     return {
         "iri": name,
         "label": tree.labels[name],
-        "definition": str(python_value(told[0])) if told else "",
+        "definition": str(python_value(definitions[0])) if definitions else "",
         "direct": direct,
         "all": members,
-        "path": [{"iri": one, "label": tree.labels[one]} for one in path],
+        "path": [{"iri": ancestor, "label": tree.labels[ancestor]} for ancestor in path],
         "parents": [
-            {"iri": one, "label": tree.labels.get(one, short(one))} for one in tree.parents[name]
+            {"iri": ancestor, "label": tree.labels.get(ancestor, short(ancestor))}
+            for ancestor in tree.parents[name]
         ],
         "axioms": axioms,
         "neighbours": neighbours,
@@ -206,11 +210,11 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
 def _parts_of(text: str) -> list[dict[str, str]]:
     """Return the pieces of an expression in Manchester syntax: names with their label and IRI."""
     pieces = _NAME.split(text)
-    known = {piece: expand(piece) for piece in pieces[1::2]}
-    names = names_of(embedded_graph(), known.values())
+    terms = {piece: expand(piece) for piece in pieces[1::2]}
+    names = names_of(embedded_graph(), terms.values())
     return [
-        {"text": names.get(known[piece], piece), "iri": known[piece]}
-        if number % 2 and known[piece] != piece
+        {"text": names.get(terms[piece], piece), "iri": terms[piece]}
+        if number % 2 and terms[piece] != piece
         else {"text": piece, "iri": ""}
         for number, piece in enumerate(pieces)
         if piece
@@ -220,21 +224,21 @@ def _parts_of(text: str) -> list[dict[str, str]]:
 def _schema_of(term: NamedNode) -> list[TripleKey]:
     """Return the stated triples about a class, with those about its anonymous parts."""
     kb = embedded_graph()
-    found: list[TripleKey] = []
+    triples: list[TripleKey] = []
     below = [quad.subject for quad in kb.match(None, RDFS.subClassOf, term)]
     waiting: list[NamedNode | BlankNode] = [
-        term, *(one for one in below if isinstance(one, BlankNode))
+        term, *(superclass for superclass in below if isinstance(superclass, BlankNode))
     ]  # fmt: skip
     seen = set(waiting)
-    while waiting and len(found) < MAX_SCHEMA:
+    while waiting and len(triples) < MAX_SCHEMA:
         for quad in kb.match(waiting.pop(), None, None):
             if quad.graph_name == kb.graphs.inferred:
                 continue
-            found.append((quad.subject, quad.predicate, quad.object))
+            triples.append((quad.subject, quad.predicate, quad.object))
             if isinstance(quad.object, BlankNode) and quad.object not in seen:
                 seen.add(quad.object)
                 waiting.append(quad.object)
-    return found
+    return triples
 
 
 @blueprint.route("/terms.json", methods=["GET"])

@@ -27,17 +27,17 @@ def names_of(kb: KnowledgeBase, iris: Iterable[str]) -> dict[str, str]:
     ...     list(names_of(kb, [RT.Mug.value, RDF.type.value, "urn:unknown"]).values())
     ['mug', 'is a']
     """
-    found = {}
+    names = {}
     for iri in list(dict.fromkeys(iris))[:MAX_NAMED]:
-        said = _VERBS.get(iri) or _said(kb, NamedNode(iri))
-        if said:
-            found[iri] = said
-    return found
+        verb = _VERBS.get(iri) or _verb_phrase(kb, NamedNode(iri))
+        if verb:
+            names[iri] = verb
+    return names
 
 
-def _said(kb: KnowledgeBase, thing: NamedNode) -> str:
+def _verb_phrase(kb: KnowledgeBase, term: NamedNode) -> str:
     for predicate in (RT.name, RDFS.label):
-        texts = [quad.object for quad in kb.match(thing, predicate)]
+        texts = [quad.object for quad in kb.match(term, predicate)]
         literals = [text for text in texts if isinstance(text, Literal)]
         if literals:
             english = [text for text in literals if text.language in (None, "", "en")]
@@ -45,13 +45,13 @@ def _said(kb: KnowledgeBase, thing: NamedNode) -> str:
     return ""
 
 
-@blueprint.app_template_filter("thing")
-def thing(iri: str) -> str:
+@blueprint.app_template_filter("resource_name")
+def resource_name(iri: str) -> str:
     """Shorten an IRI for people; what the graph counts is called by kind and number.
 
     Examples
     --------
-    >>> thing("https://w3id.org/rtask-kg/kb/grasp/12"), thing("urn:other")
+    >>> resource_name("https://w3id.org/rtask-kg/kb/grasp/12"), resource_name("urn:other")
     ('grasp 12', 'urn:other')
     """
     text = short(iri)

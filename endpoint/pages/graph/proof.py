@@ -86,19 +86,25 @@ def explain() -> Model:
     kb = embedded_graph()
     triple = _statement()
     terms = [str(term) for term in triple]
-    found = explained(kb, triple, _budget())
-    proof = found.decision
+    explanation = explained(kb, triple, _budget())
+    proof = explanation.decision
     if not isinstance(proof, Proof):
         named = names_of(kb, [term[1:-1] for term in terms if term.startswith("<")])
-        return {"terms": terms, "names": named, "asserted": [], "proof": None, **_why_not(found)}
+        return {
+            "terms": terms,
+            "names": named,
+            "asserted": [],
+            "proof": None,
+            **_why_not(explanation),
+        }
     leaves = {leaf.triple: leaf for leaf in _leaves(proof)}
-    said = _who_said(set(leaves))
-    step = _step(proof, said, _access())
+    assertions = _assertions(set(leaves))
+    step = _step(proof, assertions, _access())
     return {
         "terms": terms,
         "names": names_of(kb, sorted(set(_iris(step)))),
         "holds": True,
-        "asserted": [name.strip("<>") for name in found.asserted_in],
+        "asserted": [name.strip("<>") for name in explanation.asserted_in],
         "proof": step,
     }
 
@@ -125,9 +131,9 @@ def _budget() -> int:
     return min(max(int(given[:9]), 1), MAX_BUDGET) if given.isdecimal() else BUDGET
 
 
-def _why_not(found: Explanation) -> Model:
+def _why_not(explanation: Explanation) -> Model:
     """Return what a statement lacks, or how to ask for more than the budget that did not decide."""
-    decision = found.decision
+    decision = explanation.decision
     if isinstance(decision, Undecided):
         more = min(decision.more, MAX_BUDGET)
         return {
@@ -150,21 +156,21 @@ def _leaves(proof: Any) -> Iterator[Any]:
         yield from _leaves(premise)
 
 
-def _who_said(wanted: set[Any]) -> dict[Any, list[dict[str, str]]]:
+def _assertions(triples: set[Any]) -> dict[Any, list[dict[str, str]]]:
     """Return who added each of some statements, and when, as far as recent commits tell."""
     feed = embedded_graph().feed
     after = max(feed.last_seq - MAX_COMMITS, 0)
-    found: dict[Any, list[dict[str, str]]] = {}
+    assertions: dict[Any, list[dict[str, str]]] = {}
     for change in feed.changes(after, feed.last_seq):
         for quad in change.added:
             triple = (quad.subject, quad.predicate, quad.object)
-            if triple in wanted:
+            if triple in triples:
                 when = change.commit.time.isoformat()
-                found.setdefault(triple, []).append({"by": change.agent or "", "time": when})
-    return found
+                assertions.setdefault(triple, []).append({"by": change.agent or "", "time": when})
+    return assertions
 
 
-def _step(proof: Any, said: dict[Any, list[dict[str, str]]], access: Access) -> Model:
+def _step(proof: Any, assertions: dict[Any, list[dict[str, str]]], access: Access) -> Model:
     """Return one step of a proof, with those that it rests on."""
     kb = embedded_graph()
     graphs = [name.strip("<>") for name in proof.graphs]
@@ -174,7 +180,7 @@ def _step(proof: Any, said: dict[Any, list[dict[str, str]]], access: Access) -> 
         "rule": proof.rule,
         "table": table_of(proof.rule),
         "graphs": graphs,
-        "said": said.get(proof.triple, []),
+        "said": assertions.get(proof.triple, []),
         "may_withdraw": proof.is_asserted
         and any(
             access.may_write(NamedNode(name)) and not kb.catalogue.is_ontology(NamedNode(name))
@@ -182,7 +188,7 @@ def _step(proof: Any, said: dict[Any, list[dict[str, str]]], access: Access) -> 
         ),
         "absent": list(proof.absent),
         "schema": [[str(term) for term in triple] for triple in proof.schema],
-        "premises": [_step(premise, said, access) for premise in proof.premises],
+        "premises": [_step(premise, assertions, access) for premise in proof.premises],
     }
 
 

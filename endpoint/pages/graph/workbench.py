@@ -45,13 +45,13 @@ def _editor() -> dict[str, object]:
 @cache
 def samples() -> list[dict[str, str]]:
     """Return the competency questions of the ontology, each with its query."""
-    found = []
+    examples = []
     for path in ontology.queries():
         lines = path.read_text(encoding="utf-8").splitlines()
         questions = [line[11:].strip() for line in lines if line.startswith("# question:")]
         query = "\n".join(line for line in lines if not line.startswith("# ")).strip()
-        found.append({"question": " ".join(questions) or path.stem, "query": query})
-    return found
+        examples.append({"question": " ".join(questions) or path.stem, "query": query})
+    return examples
 
 
 @blueprint.route("/sparql", methods=["GET"])

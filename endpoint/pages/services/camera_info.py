@@ -81,8 +81,8 @@ def read_camera_info(text: str) -> dict[str, str]:
     return {name: str(value) for name, value in values.items()}
 
 
-def _refusal(said: str) -> UsageError:
-    return UsageError(f"expected a camera_info as YAML or JSON: {said}", field=CAMERA_INFO)
+def _refusal(detail: str) -> UsageError:
+    return UsageError(f"expected a camera_info as YAML or JSON: {detail}", field=CAMERA_INFO)
 
 
 def _first_document(text: str) -> _Values:
@@ -99,17 +99,17 @@ def _fields(info: _Values) -> _Values:
     """Return the fields of a camera by their names."""
     if "camera_matrix" in info:  # a file of camera_calibration
         width, height, frame = info["image_width"], info["image_height"], ""
-        found, name = info["camera_matrix"], str(info.get("camera_name") or "")
-        found = found["data"] if isinstance(found, dict) else found
+        camera_matrix, name = info["camera_matrix"], str(info.get("camera_name") or "")
+        camera_matrix = camera_matrix["data"] if isinstance(camera_matrix, dict) else camera_matrix
     else:
-        width, height, found = info["width"], info["height"], info.get("k") or info["K"]
+        width, height, camera_matrix = info["width"], info["height"], info.get("k") or info["K"]
         header = info.get("header")
         frame = str(header.get("frame_id") or "") if isinstance(header, dict) else ""
         name = frame.rpartition("/")[2]
-    matrix = [float(value) for value in found]
+    matrix = [float(value) for value in camera_matrix]
     if len(matrix) != _MATRIX or not all(map(math.isfinite, matrix)) or matrix[0] <= 0:
         raise ValueError("K: expected nine numbers, the focal length first")
     values: _Values = {"width": int(width), "height": int(height), "fx": matrix[0], "fy": matrix[4],
                        "cx": matrix[2], "cy": matrix[5]}  # fmt: skip
-    said = {"name": name, "frame_id": frame}
-    return {**{key: value for key, value in said.items() if value}, **values}
+    labels = {"name": name, "frame_id": frame}
+    return {**{key: value for key, value in labels.items() if value}, **values}

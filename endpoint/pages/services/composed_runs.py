@@ -17,7 +17,7 @@ from rtask.services.definition import Definition
 from rtask.services.host import MAX_JOB_S
 from rtask.services.jobs import ENDED, Job
 
-__all__ = ["found_run", "results_of", "run_facts", "start_run"]
+__all__ = ["results_of", "run_facts", "run_of", "start_run"]
 
 METHOD = "run"
 AT_ONCE_S = 2.0
@@ -50,7 +50,7 @@ def start_run(definition: Definition, request: Json, caller: Caller) -> Job:
     return job
 
 
-def found_run(job_id: str, composed: Json, caller: Caller) -> Job | None:
+def run_of(job_id: str, composed: Json, caller: Caller) -> Job | None:
     """Return a caller's run of a pipeline; none if it is forgotten or ran another pipeline."""
     try:
         job = context().services.jobs.find(job_id, caller.key)
@@ -78,25 +78,25 @@ def results_of(job: Job, composed: Json, find: Find) -> dict[str, Model]:
     if job.error is not None:
         raise job.error
     ran, inputs = job.task.result(), dict(job.task.request).get("inputs") or {}
-    found: dict[str, Model] = {}
+    shown: dict[str, Model] = {}
     for step in composed["steps"]:
         value, answer = ran["output"][step["id"]], method_of(step, find).answer
         every = value if "each" in step else [value]
         sent = _sent(step["inputs"], inputs)
-        found[step["id"]] = {
+        shown[step["id"]] = {
             "answers": [
-                shown_answer(answer.model_validate(one), sent) for one in every[:_MAX_SHOWN]
+                shown_answer(answer.model_validate(value), sent) for value in every[:_MAX_SHOWN]
             ],
             "count": len(every),
             "took_ms": ran["took_ms"][step["id"]],
             "size": len(json.dumps(value, ensure_ascii=False, separators=(",", ":"))),
         }
-    return found
+    return shown
 
 
 def _sent(given: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
     """Return the inputs of a step, with the values that whoever ran it gave."""
     return {
-        name: inputs.get(one[INPUT]) if is_reference(one) and INPUT in one else one
-        for name, one in given.items()
+        name: inputs.get(value[INPUT]) if is_reference(value) and INPUT in value else value
+        for name, value in given.items()
     }

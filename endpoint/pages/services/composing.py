@@ -71,8 +71,8 @@ def read_pipeline(text: str, find: Find) -> Json:
     if len(given.get("steps", [])) > MAX_STEPS:
         raise UsageError(f"at most {MAX_STEPS} steps", field="json")
     steps: list[Json] = []
-    for one in given.get("steps", []):
-        step = read(Step, one).model_dump(exclude_none=True)
+    for given_step in given.get("steps", []):
+        step = read(Step, given_step).model_dump(exclude_none=True)
         names = method_of(step, find).request.wire_names
         step["inputs"] = {names.get(name, name): value for name, value in step["inputs"].items()}
         steps.append(step)
@@ -124,9 +124,9 @@ def add_step(pipeline: Json, call: str, find: Find) -> Json:
     steps = pipeline["steps"]
     for own, field in method.request.model_fields.items():
         kind = kind_of(field)
-        found = next(iter(fitting(kind, places(steps, find), own)), None)
-        if field.is_required() and found is not None and kind.type in _SURE:
-            step["inputs"][own] = {REF: found}
+        path = next(iter(fitting(kind, places(steps, find), own)), None)
+        if field.is_required() and path is not None and kind.type in _SURE:
+            step["inputs"][own] = {REF: path}
         elif field.is_required() and kind.type is bytes:
             step["inputs"][own] = {INPUT: _free_input(pipeline, name, own)}
     return {**pipeline, "steps": [*steps, step]}
@@ -169,19 +169,19 @@ def rename_step(pipeline: Json, number: int, name: str) -> Json:
 
 def places(steps: Sequence[Json], find: Find) -> list[tuple[str, Kind]]:
     """Return each place in the answers of steps with its kind, the last step's first."""
-    found: list[tuple[str, Kind]] = []
+    sources: list[tuple[str, Kind]] = []
     for step in reversed(steps):
         root = Kind(method_of(step, find).answer, is_list="each" in step)
-        found += list(places_in(root, step["id"]))
-    return found
+        sources += list(places_in(root, step["id"]))
+    return sources
 
 
 def item_kind(step: Json, before: Sequence[Json], find: Find) -> Kind | None:
     """Return the kind of the entries for each of which a step is called; None = unknown."""
     start, _, rest = str(step["each"].get(REF, "")).partition(".")
-    for one in before:
-        if one["id"] == start:
-            root = Kind(method_of(one, find).answer, is_list="each" in one)
+    for earlier in before:
+        if earlier["id"] == start:
+            root = Kind(method_of(earlier, find).answer, is_list="each" in earlier)
             listed = kind_at(root, rest)
             return entry_of(listed) if listed is not None and listed.is_list else None
     return None
@@ -189,8 +189,8 @@ def item_kind(step: Json, before: Sequence[Json], find: Find) -> Kind | None:
 
 def fitting(kind: Kind, offered: Sequence[tuple[str, Kind]], name: str) -> list[str]:
     """Return the places whose values fit a field, those that are called as it first."""
-    found = [path for path, source in offered if not misfit(source, kind)]
-    return sorted(found, key=lambda path: path.rpartition(".")[2] != name)
+    paths = [path for path, source in offered if not misfit(source, kind)]
+    return sorted(paths, key=lambda path: path.rpartition(".")[2] != name)
 
 
 def lists_before(steps: Sequence[Json], find: Find) -> list[str]:
@@ -200,13 +200,13 @@ def lists_before(steps: Sequence[Json], find: Find) -> list[str]:
 
 def asked_of(pipeline: Json, find: Find) -> dict[str, tuple[type[Message], str]]:
     """Return the inputs that a pipeline is run with: the request and the field that take each."""
-    found: dict[str, tuple[type[Message], str]] = {}
+    inputs: dict[str, tuple[type[Message], str]] = {}
     for step in pipeline["steps"]:
         request = method_of(step, find).request
         for field, value in step["inputs"].items():
             if isinstance(value, Mapping) and set(value) == {INPUT} and field in _fields(request):
-                found.setdefault(str(value[INPUT]), (request, field))
-    return found
+                inputs.setdefault(str(value[INPUT]), (request, field))
+    return inputs
 
 
 def _fields(request: type[Message]) -> Mapping[str, Any]:
@@ -214,7 +214,7 @@ def _fields(request: type[Message]) -> Mapping[str, Any]:
 
 
 def _free_input(pipeline: Json, step: str, field: str) -> str:
-    taken = {str(value[INPUT]) for one in pipeline["steps"] for value in one["inputs"].values()
+    taken = {str(value[INPUT]) for other in pipeline["steps"] for value in other["inputs"].values()
              if isinstance(value, Mapping) and INPUT in value}  # fmt: skip
     return field if field not in taken else f"{step}_{field}"
 
@@ -248,7 +248,7 @@ def _renamed(value: Any, old: str, new: str) -> Any:
     if _starts(value, old):
         return {REF: new + value[REF][len(old) :]}
     if isinstance(value, Mapping):
-        return {name: _renamed(one, old, new) for name, one in value.items()}
+        return {name: _renamed(item, old, new) for name, item in value.items()}
     return value
 
 
@@ -263,13 +263,13 @@ def board(composed: Json) -> Json:
     edges: list[tuple[str, str]] = []
     for step in composed["steps"]:
         needs = list(dict.fromkeys(_needed(step, set(rows))))
-        edges += [(one, step["id"]) for one in needs]
-        rows[step["id"]] = max((rows[one] + 1 for one in needs), default=0)
+        edges += [(need, step["id"]) for need in needs]
+        rows[step["id"]] = max((rows[need] + 1 for need in needs), default=0)
     at: dict[str, tuple[int, int]] = {}
     boxes: list[Json] = []
     for number, step in enumerate(composed["steps"]):
         row = rows[step["id"]]
-        column = sum(rows[one] == row for one in at)
+        column = sum(rows[need] == row for need in at)
         x, y = column * (_BOX[0] + _GAP[0]) + 2, row * (_BOX[1] + _GAP[1]) + 2
         at[step["id"]] = x, y
         method = _cut(str(step["call"]).partition("/")[2])
@@ -281,8 +281,8 @@ def board(composed: Json) -> Json:
         [at[a][0] + _BOX[0] // 2, at[a][1] + _BOX[1], at[b][0] + _BOX[0] // 2, at[b][1]]
         for a, b in edges
     ]
-    width = max((one["x"] for one in boxes), default=0) + _BOX[0] + 2
-    height = max((one["y"] for one in boxes), default=0) + _BOX[1] + 2
+    width = max((need["x"] for need in boxes), default=0) + _BOX[0] + 2
+    height = max((need["y"] for need in boxes), default=0) + _BOX[1] + 2
     return {"boxes": boxes, "lines": lines, "size": [width, height], "box": list(_BOX)}
 
 
@@ -291,9 +291,9 @@ def _cut(text: str) -> str:
     return text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 1]}…"
 
 
-def _needed(step: Json, known: set[str]) -> Iterator[str]:
+def _needed(step: Json, available: set[str]) -> Iterator[str]:
     for value in [*step["inputs"].values(), step.get("each")]:
         if isinstance(value, Mapping) and isinstance(value.get(REF), str):
             start = value[REF].partition(".")[0]
-            if start in known:
+            if start in available:
                 yield start

@@ -67,11 +67,11 @@ def dataset_sent(namespace: str, name: str) -> _Page:
     """Do with a dataset what a form asks for, and show what came of it or what was wrong."""
     form, caller = flask.request.form, require_form("write")
     plain = f"{namespace}/{name.partition('@')[0]}"
-    wanted = form.get("do", "")
-    if wanted not in _ACTIONS:
-        raise RefusedError(404, "not-found", f"nothing here does {wanted[:40]!r}")
+    action = form.get("do", "")
+    if action not in _ACTIONS:
+        raise RefusedError(404, "not-found", f"nothing here does {action[:40]!r}")
     try:
-        there = _ACTIONS[wanted](plain, caller)
+        there = _ACTIONS[action](plain, caller)
     except UnknownTermError as error:
         return _shown(plain, {"detail": str(error)}), 404
     except RtaskError as error:
@@ -79,16 +79,16 @@ def dataset_sent(namespace: str, name: str) -> _Page:
         if isinstance(error, ConflictError):
             details["source"] = form.get("source", "")
         return _shown(plain, details), details["status"]
-    context().audit.event(f"{wanted} dataset", by=caller.name, dataset=plain)
+    context().audit.event(f"{action} dataset", by=caller.name, dataset=plain)
     return flask.redirect(f"{ADDRESS}/{there}", 303)
 
 
 def _upload(name: str, caller: Caller) -> str:
-    sent = [one for one in flask.request.files.getlist("files") if one.filename]
+    sent = [file for file in flask.request.files.getlist("files") if file.filename]
     if not sent:
         raise UsageError("files: choose one or more", field="files")
     folder = flask.request.form.get("folder", "").strip().strip("/")
-    contents = {f"{folder}/{one.filename}".lstrip("/"): one.read() for one in sent}
+    contents = {f"{folder}/{file.filename}".lstrip("/"): file.read() for file in sent}
     _datasets().put(name, contents, caller.access)
     return f"{name}@head"
 
@@ -158,10 +158,10 @@ def _shown(name: str, problem: Model) -> str:
     versions = [
         _facts(store.find(f"{version.dataset}@{number}", access).facts()) for number in numbers
     ]
-    before, after = (flask.request.args.get(one, "") for one in ("from", "to"))
+    before, after = (flask.request.args.get(side, "") for side in ("from", "to"))
     diff: dict[str, list[str]] | None = None
     if before and after and not problem:
-        old, new = (f"{version.dataset}@{one}" for one in (before, after))
+        old, new = (f"{version.dataset}@{side}" for side in (before, after))
         try:
             diff = store.difference(old, new, access)
         except UnknownTermError as error:
@@ -173,18 +173,18 @@ def _shown(name: str, problem: Model) -> str:
         versions=versions[::-1],
         diff=diff,
         compared=(before, after),
-        others=[one for one in readable_datasets() if one != version.dataset],
+        others=[side for side in readable_datasets() if side != version.dataset],
         problem=problem,
         given=flask.request.form if problem else {},
     )
 
 
-def _facts(found: Model) -> Model:
+def _facts(dataset: Model) -> Model:
     """Return what a page shows of a version: its time in words, and where its files are."""
-    address = f"{ADDRESS}/{found['name']}"
-    made = datetime.fromtimestamp(found["time"], UTC).isoformat() if found["time"] else ""
+    address = f"{ADDRESS}/{dataset['name']}"
+    made = datetime.fromtimestamp(dataset["time"], UTC).isoformat() if dataset["time"] else ""
     files = {
         path: {"sha256": sha256, "bytes": size, "href": f"{address}/files/{quote(path)}"}
-        for path, (sha256, size) in found["files"].items()
+        for path, (sha256, size) in dataset["files"].items()
     }
-    return {**found, "time": made, "href": address, "files": files}
+    return {**dataset, "time": made, "href": address, "files": files}

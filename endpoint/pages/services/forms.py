@@ -52,7 +52,7 @@ def service(namespace: str, name: str) -> str | WerkzeugResponse:
     """Show the forms of a service; programs get its description as JSON."""
     if not prefers_html(current_request().header("accept")):
         return to_flask(application().handle(current_request()))
-    definition = _found(f"{namespace}/{name}")
+    definition = _definition(f"{namespace}/{name}")
     given = flask.request.args
     chosen = given.get(_METHOD, "")
     if chosen and chosen not in definition.methods:
@@ -66,7 +66,7 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugR
 
     As a job, it is started, and the page of the job is shown.
     """
-    definition, form = _found(f"{namespace}/{name}"), flask.request.form
+    definition, form = _definition(f"{namespace}/{name}"), flask.request.form
     caller = require_form()
     method = definition.methods.get(form.get(_METHOD, ""))
     if method is None:
@@ -102,7 +102,7 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugR
     return _shown(definition, method.name, form, args=args, answer=shown)
 
 
-def _found(name: str) -> Definition:
+def _definition(name: str) -> Definition:
     try:
         return context().services.registry.find(name)
     except UnknownTermError as error:
@@ -137,7 +137,7 @@ def _shown(
         method=method,
         ros=(ros_service(definition.name, method.name), ros_type(definition, method)),
         controls=controls_of(method.request, values, more),
-        resources={n: one for n, one in definition.resources.items() if one.type != "graph"},
+        resources={n: r for n, r in definition.resources.items() if r.type != "graph"},
         given=values,
         answer=answer,
         datasets=readable_datasets(),
@@ -152,5 +152,5 @@ def _sample(method: Method, args: dict[str, Any] | None) -> dict[str, Any]:
     """Return what the code beside the form sends: what was sent, else the required fields."""
     if args:
         return args
-    required = [n for n, one in method.request.model_fields.items() if one.is_required()]
+    required = [n for n, field in method.request.model_fields.items() if field.is_required()]
     return dict.fromkeys(required, "...")

@@ -26,8 +26,8 @@ def jobs() -> str | WerkzeugResponse:
     if not prefers_html(current_request().header("accept")):
         return to_flask(application().handle(current_request()))
     caller = context().auth.identify(current_request())
-    found = [_facts(job) for job in context().services.jobs.of(caller.key)]
-    return flask.render_template("jobs.html", jobs=found)
+    listed = [_facts(job) for job in context().services.jobs.of(caller.key)]
+    return flask.render_template("jobs.html", jobs=listed)
 
 
 @blueprint.route(f"{JOBS}/<job_id>", methods=["GET"])
@@ -35,15 +35,15 @@ def job(job_id: str) -> str | WerkzeugResponse:
     """Show a job with its progress, its log, and its answer or what went wrong."""
     if not prefers_html(current_request().header("accept")):
         return to_flask(application().handle(current_request()))
-    found = _found(job_id)
-    events = [said for _, said in found.events(0) if said.get("message")]
-    error = found.error
+    job_run = _job(job_id)
+    events = [event for _, event in job_run.events(0) if event.get("message")]
+    error = job_run.error
     answer = None
-    if found.state == "succeeded":
-        answer = shown_answer(found.task.done.result(), dict(found.task.request))
+    if job_run.state == "succeeded":
+        answer = shown_answer(job_run.task.done.result(), dict(job_run.task.request))
     return flask.render_template(
         "job.html",
-        job=_facts(found),
+        job=_facts(job_run),
         events=events,
         problem=details_of(error) if error else None,
         answer=answer,
@@ -53,13 +53,13 @@ def job(job_id: str) -> str | WerkzeugResponse:
 @blueprint.route(f"{JOBS}/<job_id>", methods=["POST"])
 def job_cancelled(job_id: str) -> WerkzeugResponse:
     """Cancel a job, and show it."""
-    found = _found(job_id)
+    job = _job(job_id)
     require_form()
-    found.cancel()
-    return flask.redirect(f"{JOBS}/{found.id}", 303)
+    job.cancel()
+    return flask.redirect(f"{JOBS}/{job.id}", 303)
 
 
-def _found(job_id: str) -> Job:
+def _job(job_id: str) -> Job:
     caller = context().auth.identify(current_request())
     try:
         return context().services.jobs.find(job_id, caller.key)
@@ -67,6 +67,6 @@ def _found(job_id: str) -> Job:
         raise RefusedError(404, "not-found", f"{error}; see {JOBS}") from None
 
 
-def _facts(found: Job) -> dict[str, Any]:
-    facts = found.facts()
-    return {**facts, "href": f"{JOBS}/{found.id}", "ended": facts["state"] in ENDED}
+def _facts(job: Job) -> dict[str, Any]:
+    facts = job.facts()
+    return {**facts, "href": f"{JOBS}/{job.id}", "ended": facts["state"] in ENDED}

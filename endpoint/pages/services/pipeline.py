@@ -20,7 +20,7 @@ from endpoint.access.auth import Caller, require_scope
 from endpoint.http.problems import details_of
 from endpoint.pages.render import Model, blueprint, context, current_request, page
 from endpoint.pages.services import composing
-from endpoint.pages.services.composed_runs import found_run, results_of, run_facts, start_run
+from endpoint.pages.services.composed_runs import results_of, run_facts, run_of, start_run
 from endpoint.pages.services.composing import INPUT, ITEM, MAX_STEPS, REF, Json, is_reference
 from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.services.snippets import snippets
@@ -39,7 +39,7 @@ __all__: list[str] = []
 _ADDRESS = "/tools/pipeline"
 _TEMPLATE = "pipeline.html"
 _SERVICE, _RUN, _SAVE, _CANCEL = "rtask/Pipeline", "run", "save", "cancel"
-_VALUE, _KEPT, _ASK = "", "kept", INPUT
+_VALUE, _KEEP, _ASK = "", "kept", INPUT
 _MAX_ADDRESS = 30_000
 _CONTROL = re.compile(r"add$|json$|save$|s\d+\.|in\.")
 """Controls at which the page says what was wrong."""
@@ -53,7 +53,7 @@ def pipeline() -> Model:
     if not given.get("job"):
         return _model(composed)
     caller = context().auth.identify(current_request())
-    return _model_of_run(composed, found_run(given["job"], composed, caller))
+    return _model_of_run(composed, run_of(given["job"], composed, caller))
 
 
 @blueprint.route(_ADDRESS, methods=["POST"])
@@ -68,14 +68,14 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
         if form.get("more"):
             return flask.render_template(_TEMPLATE, **_model(composed, more=form["more"]))
         composed, files = _edited(composed)
-        definition, wanted = service_named(_SERVICE), form.get("do", "")
-        if wanted.startswith(f"{_CANCEL}."):
-            job = found_run(wanted.removeprefix(f"{_CANCEL}."), composed, caller)
+        definition, action = service_named(_SERVICE), form.get("do", "")
+        if action.startswith(f"{_CANCEL}."):
+            job = run_of(action.removeprefix(f"{_CANCEL}."), composed, caller)
             if job is not None:
                 job.cancel()
             return flask.redirect(_address(composed, job), 303)
-        if wanted not in (_RUN, _SAVE):
-            address = _address(_changed(composed, wanted))
+        if action not in (_RUN, _SAVE):
+            address = _address(_changed(composed, action))
             if len(address) > _MAX_ADDRESS:
                 raise UsageError(
                     "too long for an address: let whoever runs it give the long values",
@@ -84,8 +84,8 @@ def pipeline_sent() -> str | tuple[str, int] | WerkzeugResponse:
             return flask.redirect(address, 303)
         if not composed["steps"]:
             raise UsageError("add a step first", field="add")
-        require_scope(caller.access, definition.methods[wanted].scope)
-        if wanted == _SAVE:
+        require_scope(caller.access, definition.methods[action].scope)
+        if action == _SAVE:
             return flask.redirect(f"/services/{_saved(definition, composed, caller)}", 303)
         job = start_run(definition, _run_request(composed, files), caller)
         if job.state not in ENDED:
@@ -125,9 +125,9 @@ def _address(composed: Json, job: Job | None = None) -> str:
     return f"{_ADDRESS}?{urlencode({'pipeline': text, **run})}" if text else _ADDRESS
 
 
-def _changed(composed: Json, wanted: str) -> Json:
+def _changed(composed: Json, action: str) -> Json:
     """Carry out what a button says: add, remove.<number>, json, or nothing but the changes."""
-    what, _, number = wanted.partition(".")
+    what, _, number = action.partition(".")
     form = flask.request.form
     if what == "add":
         return composing.add_step(composed, form.get("add", ""), _find)
@@ -148,7 +148,7 @@ def _edited(composed: Json) -> tuple[Json, dict[str, Any]]:
         name = (form.get(f"s{number}.id") or [step["id"]])[0].strip()
         if name != step["id"]:
             composed = composing.rename_step(composed, number, name)
-    sent = {name: one.read() for name, one in flask.request.files.items() if one.filename}
+    sent = {name: file.read() for name, file in flask.request.files.items() if file.filename}
     inputs, files = dict(composed["inputs"]), {}
     for name, (request, field) in composing.asked_of(composed, _find).items():
         path = f"in.{name}."
@@ -170,11 +170,11 @@ def _step_of_form(composed: Json, number: int, form: Mapping[str, list[str]]) ->
     inputs: Json = {}
     for field in request.model_fields:
         source = (form.get(f"from{number}.{field}") or [_VALUE])[0]
-        if source == _KEPT and field in step["inputs"]:
+        if source == _KEEP and field in step["inputs"]:
             inputs[field] = step["inputs"][field]
         elif source.startswith(f"{_ASK}."):
             inputs[field] = {INPUT: source.partition(".")[2]}
-        elif source not in (_VALUE, _KEPT):
+        elif source not in (_VALUE, _KEEP):
             inputs[field] = {REF: source}
         elif field in typed:
             inputs[field] = typed[field]
@@ -256,8 +256,8 @@ def _model(
     inputs: list[Model] = []
     for name, (request, field) in asked.items():
         inputs += [
-            asdict(one)
-            for one in _controls(request, field, f"in.{name}.", composed["inputs"], more)
+            asdict(result)
+            for result in _controls(request, field, f"in.{name}.", composed["inputs"], more)
         ]
         value = composed["inputs"].get(name)
         given |= filled_form(request, {field: value}, f"in.{name}.")
@@ -277,8 +277,8 @@ def _model(
         "given": given,
         "board": composing.board(composed),
         "results": {
-            k: {n: v for n, v in one.items() if n != "answers"}
-            for k, one in (results or {}).items()
+            k: {n: v for n, v in result.items() if n != "answers"}
+            for k, result in (results or {}).items()
         },
         "methods": _methods(),
         "most": MAX_STEPS,
@@ -306,7 +306,7 @@ def place_words(path: str) -> str:
 def _methods() -> dict[str, list[str]]:
     """Return the names of the methods of each service that a step may call."""
     services = context().services.registry
-    names = [str(one["name"]) for one in context().services.listing()]
+    names = [str(service["name"]) for service in context().services.listing()]
     return {name: list(services.find(name).methods) for name in names if name != _SERVICE}
 
 
@@ -330,7 +330,7 @@ def _step_shown(composed: Json, number: int, more: str) -> tuple[Model, dict[str
             continue
         kind = kind_of(method.request.model_fields[field])
         source = _source(step["inputs"].get(field), kind)
-        known = composing.fitting(kind, offered, field)
+        fitting = composing.fitting(kind, offered, field)
         inputs = [n for n, (request, f) in asked.items()
                   if kind_of(request.model_fields[f]).type == kind.type]  # fmt: skip
         if not source.startswith(_ASK):
@@ -339,8 +339,8 @@ def _step_shown(composed: Json, number: int, more: str) -> tuple[Model, dict[str
             "field": field, "name": f"from{number}.{field}", "source": source,
             "required": control.is_required, "set": field in step["inputs"],
             "words": words_for(kind), "is_file": kind.type is bytes,
-            "offered": known if source in known or not is_reference(step["inputs"].get(field))
-            or source.startswith(_ASK) else [*known, source],
+            "offered": fitting if source in fitting or not is_reference(step["inputs"].get(field))
+            or source.startswith(_ASK) else [*fitting, source],
             "inputs": inputs,
             "controls": [asdict(control)], "meaning": control.meaning, "absent": control.absent,
         })  # fmt: skip
@@ -363,7 +363,7 @@ def _step_shown(composed: Json, number: int, more: str) -> tuple[Model, dict[str
 def _source(value: Any, kind: Kind) -> str:
     """Return from where an input comes, as its control names it."""
     if not is_reference(value):
-        return _KEPT if value is not None and kind.type is bytes else _VALUE
+        return _KEEP if value is not None and kind.type is bytes else _VALUE
     return f"{_ASK}.{value[INPUT]}" if INPUT in value else str(value[REF])
 
 
@@ -374,7 +374,11 @@ def _controls(
     name = path.removeprefix("in.").removesuffix(".")
     given = filled_form(request, {field: inputs.get(name)}, path)
     controls = controls_of(request, given, more, path)
-    return [one for one in controls if one.name.removeprefix(path).partition(".")[0] == field]
+    return [
+        control
+        for control in controls
+        if control.name.removeprefix(path).partition(".")[0] == field
+    ]
 
 
 def _problem_of(step: str, problem: Model | None) -> str:

@@ -52,11 +52,11 @@ class _Shown:
         kind = next((kind for magic, kind in _PICTURES.items() if data.startswith(magic)), "")
         if kind:
             return {"image": f"data:{kind};base64,{base64.b64encode(data).decode()}", "text": name}
-        found = _cloud(data)
-        if found is None:
+        cloud = _cloud(data)
+        if cloud is None:
             return {"text": f"{len(data)} bytes"}
-        self.clouds.append({"name": name, "ply": base64.b64encode(found[0]).decode()})
-        return {"text": f"a cloud of {found[1]} points, drawn below as “{name}”"}
+        self.clouds.append({"name": name, "ply": base64.b64encode(cloud[0]).decode()})
+        return {"text": f"a cloud of {cloud[1]} points, drawn below as “{name}”"}
 
     def table(self, name: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Add a list of messages of the same kind."""
@@ -121,7 +121,7 @@ def _is_list_of_messages(value: Any) -> bool:
     return (
         isinstance(value, list)
         and bool(value)
-        and all(isinstance(one, BaseModel | Mapping) for one in value)
+        and all(isinstance(item, BaseModel | Mapping) for item in value)
         and _pose_message(value[0]) is None
     )
 
@@ -170,7 +170,7 @@ def _words(value: Any) -> str:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list):
-        return ", ".join(_words(one) for one in value) if value else "none"
+        return ", ".join(_words(item) for item in value) if value else "none"
     if isinstance(value, BaseModel):
         value = value.model_dump(by_alias=True, exclude_unset=True)
     if isinstance(value, Mapping):
@@ -198,7 +198,7 @@ def _outline(answer: Answer, request: Mapping[str, Any]) -> str:
     part = request.get("polygon")
     if not isinstance(grasps, list) or part is None:
         return ""
-    rows = [_fields(one) for one in grasps]
+    rows = [_fields(grasp) for grasp in grasps]
     if not rows or not {"contact", "whisker_end", "probability"} <= rows[0].keys():
         return ""
     vertices = np.asarray(part, np.float64)

@@ -136,13 +136,13 @@ def _shown(
     ready: Model | None = None,
 ) -> str:
     values = {key: value for key, value in given.items() if key not in ("secret", "more", "take")}
-    controls = {one.name: one for one in controls_of(RegisterRobot, values, more)}
-    parts = [one for one in controls.values() if one.sort == "group"]
+    controls = {control.name: control for control in controls_of(RegisterRobot, values, more)}
+    parts = [control for control in controls.values() if control.sort == "group"]
     return flask.render_template(
         "setup.html",
-        robot=[one for one in controls.values() if one.sort != "group"],
-        grippers=[one for one in parts if one.name.startswith(_GRIPPER)],
-        cameras=[one for one in parts if one.name.startswith(_CAMERA)],
+        robot=[control for control in controls.values() if control.sort != "group"],
+        grippers=[control for control in parts if control.name.startswith(_GRIPPER)],
+        cameras=[control for control in parts if control.name.startswith(_CAMERA)],
         robots=[name for name in readable_datasets() if name.startswith(ROBOTS)],
         kinematics=KINEMATICS if offers_kinematics() else "",
         given=values,

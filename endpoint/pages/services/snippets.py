@@ -48,13 +48,13 @@ def snippets(
     text = json.dumps(body, ensure_ascii=False)
     address = f"{site}/services/{service}/{method}"
     named = ", ".join(f"{name}={value!r}" for name, value in sent.items())
-    wanted = f", data={dict(data)!r}" if data else ""
+    data_argument = f", data={dict(data)!r}" if data else ""
     host = urlsplit(site)
     return [
         ("curl", f"curl -s {shlex.quote(address)} -H 'Content-Type: application/json' \\\n"
                  f"  -d {shlex.quote(text)}"),
         ("Python", "import rtask\n\n"
-                   f'service = rtask.connect("{site}").service("{service}"{wanted})\n'
+                   f'service = rtask.connect("{site}").service("{service}"{data_argument})\n'
                    f"print(service.{method}({named}))"),
         ("roslibpy", "import roslibpy\n\n"
                      f'ros = roslibpy.Ros("{host.hostname}", {host.port or 80})\n'
@@ -79,9 +79,9 @@ def _sendable(value: Any) -> Any:
     {'views': [{'cloud': 'cGx5'}], 'scan': 'base64 of a file of 10000 bytes'}
     """
     if isinstance(value, Mapping):
-        return {name: _sendable(one) for name, one in value.items()}
+        return {name: _sendable(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_sendable(one) for one in value]
+        return [_sendable(item) for item in value]
     if not isinstance(value, bytes):
         return value
     if len(value) > MAX_FILE_BYTES:

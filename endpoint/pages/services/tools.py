@@ -54,7 +54,7 @@ def grasp_editor() -> Model:
     controls = controls_of(definition.methods["plan"].request)
     return {
         "service": definition.name,
-        "settings": [asdict(one) for one in controls if one.name != "polygon"],
+        "settings": [asdict(control) for control in controls if control.name != "polygon"],
         "parts": {
             group: {name: (stand_in(name) * _PART_UNIT_M).round(6).tolist() for name in names}
             for group, names in groups.items()
@@ -74,7 +74,7 @@ def arm() -> Model:
         "planning": planning.name,
         "robots": sorted(robots, key=lambda name: (name != default, name)),
         "scenes": _SCENES,
-        "settings": [asdict(one) for one in controls if one.name in _SETTINGS],
+        "settings": [asdict(control) for control in controls if control.name in _SETTINGS],
     }
 
 

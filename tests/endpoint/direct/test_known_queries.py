@@ -14,9 +14,9 @@ import pytest
 import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.application import Application, Job
-from endpoint.direct import KnownQueries
-from endpoint.direct.heads import KnownHead, learn
-from endpoint.direct.known import KnownQuery
+from endpoint.direct import HeadQueries
+from endpoint.direct.head_queries import HeadQuery
+from endpoint.direct.heads import RepeatedHead, learn
 from endpoint.http.messages import Request
 from endpoint.point_lines import Instead, PointLines
 from endpoint.rosbridge.services import NoEngine
@@ -28,7 +28,7 @@ from tests.servers import new_application
 
 VALUE = quote("SELECT ?r { <urn:thing> <urn:p> ?o . ?o <urn:q> ?r }", safe="").encode()
 BLOCK = b"host: localhost\r\n\r\n"
-Known = Callable[..., tuple[Application, KnownQueries]]
+Known = Callable[..., tuple[Application, HeadQueries]]
 
 
 class Recorded:
@@ -41,11 +41,11 @@ class Recorded:
         self.sent: list[bytes] = []
         self.resumed: list[Job] = []
 
-    def send(self, query: KnownQuery, data: bytes) -> bool:
+    def send(self, query: HeadQuery, data: bytes) -> bool:
         self.sent.append(data)
         return True
 
-    def resume(self, query: KnownQuery, job: Job, found: Answer | ReaderStream | Instead) -> None:
+    def resume(self, query: HeadQuery, job: Job, found: Answer | ReaderStream | Instead) -> None:
         self.resumed.append(job)
 
 
@@ -65,17 +65,17 @@ def tokens() -> Iterator[TokenStore]:
 def known(kb: KnowledgeBase, tokens: TokenStore) -> Iterator[Known]:
     with ExitStack() as stack:
 
-        def make(**settings: Any) -> tuple[Application, KnownQueries]:
+        def make(**settings: Any) -> tuple[Application, HeadQueries]:
             config = Config(**settings)
             application = new_application(kb, NoEngine(), tokens, config, clock=lambda: 100.0)
             stack.callback(application.close)
             # No readers: a query comes back at once, to be asked in a thread.
-            return application, KnownQueries(application, PointLines(None, lambda: None))
+            return application, HeadQueries(application, PointLines(None, lambda: None))
 
         yield make
 
 
-def head_of(application: Application, token: str, **fields: str) -> KnownHead | None:
+def head_of(application: Application, token: str, **fields: str) -> RepeatedHead | None:
     headers = {"host": "localhost", "authorization": f"Bearer {token}", **fields}
     request = Request("GET", "/query", f"query={VALUE.decode()}", headers, site="http://localhost")
     return learn(BLOCK, request, application)

@@ -129,9 +129,9 @@ def test_half_a_surrogate_pair_does_not_break_cbor() -> None:
 
 
 def test_who_asks_for_nothing_gets_plain_text(connect: Callable[..., Any]) -> None:
-    assert Packing.wanted({}).is_plain
-    assert Packing.wanted({"compression": "cbor-raw"}).is_plain
-    assert Packing.wanted({"compression": ["png"], "fragment_size": None}).is_plain
+    assert Packing.from_message({}).is_plain
+    assert Packing.from_message({"compression": "cbor-raw"}).is_plain
+    assert Packing.from_message({"compression": ["png"], "fragment_size": None}).is_plain
     status = connect().ask({"op": "subscribe", "topic": "/t", "fragment_size": "many"})
     assert "fragment_size" in status["msg"]
 

@@ -20,7 +20,7 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE
 from endpoint.application import Application, Job
 from endpoint.asgi import call_soon
 from endpoint.direct.exchange import Exchange
-from endpoint.direct.heads import KnownHead
+from endpoint.direct.heads import RepeatedHead
 from endpoint.http.conditional import is_unsteady
 from endpoint.http.messages import Response, decoded, new_request_id
 from endpoint.http.plan import RunningQuery
@@ -37,7 +37,7 @@ from rtask.sparql.lexer import guard, names_dataset
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.tokens import shape
 
-__all__ = ["KnownQueries", "KnownQuery"]
+__all__ = ["HeadQueries", "HeadQuery"]
 
 # What clients leave unescaped in a value, and escapes: no `&` (another field), no `#`.
 _SAFE = rb"[A-Za-z0-9\-._~!$'()*,;:@/?+]*"
@@ -53,10 +53,10 @@ class Channel(Protocol):
 
     loop: asyncio.AbstractEventLoop
 
-    def send(self, query: KnownQuery, data: bytes) -> bool:
+    def send(self, query: HeadQuery, data: bytes) -> bool:
         """Send a whole response and end the request; tell whether the client is still there."""
 
-    def resume(self, query: KnownQuery, job: Job, found: Answer | ReaderStream | Instead) -> None:
+    def resume(self, query: HeadQuery, job: Job, outcome: Answer | ReaderStream | Instead) -> None:
         """Go on as with any other request, from what was found."""
 
     @property
@@ -64,7 +64,7 @@ class Channel(Protocol):
         """The header fields that all responses of the server share."""
 
 
-class KnownQuery(Exchange):
+class HeadQuery(Exchange):
     """A query under a known header.
 
     Attributes
@@ -78,7 +78,7 @@ class KnownQuery(Exchange):
     __slots__ = ("asked", "form", "head", "id", "is_steady", "running", "started", "text")
 
     def __init__(
-        self, head: KnownHead, asked: str, text: str, form: str, is_steady: bool, started: float
+        self, head: RepeatedHead, asked: str, text: str, form: str, is_steady: bool, started: float
     ) -> None:
         super().__init__(keep_alive=True)
         self.head = head
@@ -97,7 +97,7 @@ class KnownQuery(Exchange):
             self.running.stop()
 
 
-class KnownQueries:
+class HeadQueries:
     """Admits and answers queries under known headers; its methods are for the event loop's thread.
 
     Parameters
@@ -115,7 +115,7 @@ class KnownQueries:
         self._points = points
         self._forms: OrderedDict[str, tuple[str, bool]] = OrderedDict()
 
-    def admit(self, head: KnownHead, value: bytes) -> KnownQuery | None:
+    def admit(self, head: RepeatedHead, value: bytes) -> HeadQuery | None:
         """Return a query that is to be answered here; none if it needs a closer look.
 
         In the latter case nothing has happened yet.
@@ -136,31 +136,31 @@ class KnownQueries:
             return None
         form, is_steady = self._form(text)
         context = self._context
-        if not form or not head.is_current(context.tokens.standing()):
+        if not form or not head.is_current(context.tokens.revision()):
             return None
         if not context.queries.has_room or not context.limiter.try_admit(head.caller):
             return None
-        return KnownQuery(head, "query=" + value.decode("ascii"), text, form, is_steady, started)
+        return HeadQuery(head, "query=" + value.decode("ascii"), text, form, is_steady, started)
 
     def _form(self, text: str) -> tuple[str, bool]:
         """Return the form of a query that may be answered here; else an empty one."""
         masked = shape(text)
-        found = self._forms.get(masked)
-        if found is None:
+        form = self._forms.get(masked)
+        if form is None:
             limits, here = self._context.config.limits, self._asked.lookups.in_memory
-            found = self._forms[masked] = _judged(masked, limits, here)
+            form = self._forms[masked] = _judged(masked, limits, here)
             if len(self._forms) > _MAX_FORMS:
                 self._forms.popitem(last=False)
-        return found
+        return form
 
-    def answer(self, query: KnownQuery, channel: Channel) -> None:
+    def answer(self, query: HeadQuery, channel: Channel) -> None:
         """Answer a query from the cache, or ask a reader."""
         head, cache = query.head, self._asked.cache
         key = (head.request.raw_path, query.asked, b"", head.part)
-        kept = cache.find_kept(key)
-        if kept is not None:
+        cached = cache.lookup(key)
+        if cached is not None:
             version = self._context.versions.current()
-            self._send(query, channel, kept.fields, kept.response.body, version)
+            self._send(query, channel, cached.fields, cached.response.body, version)
             return
         etag, keep = "", None
         if query.is_steady:
@@ -185,45 +185,45 @@ class KnownQueries:
 
     def _arrive(
         self,
-        query: KnownQuery,
+        query: HeadQuery,
         channel: Channel,
         etag: str,
         version: str,
         keep: Callable[[Response], None] | None,
-        found: Answer | ReaderStream | Instead,
+        outcome: Answer | ReaderStream | Instead,
     ) -> None:
         """Send an answer that has come, if it is small; leave all else to the application."""
         running, head = query.running, query.head
         assert running is not None
         self._context.queries.end(running)
-        if not isinstance(found, Answer) or len(found.body) > UNHURRIED_BYTES:
-            self._leave(query, channel, found)
+        if not isinstance(outcome, Answer) or len(outcome.body) > UNHURRIED_BYTES:
+            self._leave(query, channel, outcome)
             return
         fields = head.content_type
         if etag:
             fields += b"etag: %b\r\n" % etag.encode()
-        if found.gzip:
+        if outcome.gzip:
             fields += _GZIP
         if keep is not None:
-            keep(_response(head, etag, found))
-        self._send(query, channel, fields, found.body, version)
+            keep(_response(head, etag, outcome))
+        self._send(query, channel, fields, outcome.body, version)
 
     def _leave(
-        self, query: KnownQuery, channel: Channel, found: Answer | ReaderStream | Instead
+        self, query: HeadQuery, channel: Channel, outcome: Answer | ReaderStream | Instead
     ) -> None:
         request = replace(query.head.request, query_string=query.asked)
         caller = query.head.caller
-        job = self._application.admit_known(
+        job = self._application.admit_identified(
             request, caller, lambda: self._context.limiter.leave(caller)
         )
         job.started = query.started
         query.job = job
         if job.plan.running is not None and query.running is not None and query.running.stopped:
             job.plan.running.stop()
-        channel.resume(query, job, found)
+        channel.resume(query, job, outcome)
 
     def _send(
-        self, query: KnownQuery, channel: Channel, fields: bytes, body: bytes, version: str
+        self, query: HeadQuery, channel: Channel, fields: bytes, body: bytes, version: str
     ) -> None:
         head = query.head
         end = b"\r\n" if query.keep_alive else b"connection: close\r\n\r\n"
@@ -268,7 +268,7 @@ def _judged(masked: str, limits: Limits, has_lookups: bool) -> tuple[str, bool]:
     return (form, not is_unsteady(masked)) if is_plain and is_point else ("", False)
 
 
-def _response(head: KnownHead, etag: str, answer: Answer) -> Response:
+def _response(head: RepeatedHead, etag: str, answer: Answer) -> Response:
     headers: tuple[tuple[str, str], ...] = (("ETag", etag),) if etag else ()
     if answer.gzip:
         headers = (*headers, ("Content-Encoding", "gzip"))
