@@ -698,6 +698,7 @@ class ReportedOutcome(TypedDict):
     statistics: GraspStatistics
     grasp: str
     thing: NotRequired[str]
+    message: NotRequired[str]
 
 
 class ReportedRefusal(TypedDict):
@@ -813,6 +814,7 @@ class Calls(ABC):
         end_effectors: Sequence[EndEffector | Mapping[str, Any]],
         cameras: Sequence[Camera | Mapping[str, Any]] | None = None,
         frames: Sequence[str] | None = None,
+        replace: bool | None = None,
     ) -> RegisteredRobot:
         """Register a robot with its grippers, cameras and frames.
 
@@ -830,6 +832,9 @@ class Calls(ABC):
             its cameras
         frames
             names of its frames, the base frame first
+        replace
+            whether the body has changed since the last registration; default: another one is
+            refused; default: False
         """
         answer: RegisteredRobot = self._operate("register_robot", locals())
         return answer

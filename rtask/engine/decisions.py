@@ -99,6 +99,8 @@ class Decision:
         Offered grasps by id.
     times
         Durations of the steps, s.
+    asked_by
+        Name of the robot whose task it is; empty if it is not known.
     """
 
     object: str
@@ -106,6 +108,7 @@ class Decision:
     options: Mapping[str, Option] = field(default_factory=dict)
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    asked_by: str = ""
     exemplar: str = ""
 
 

@@ -158,8 +158,9 @@ class DecisionRecord:
         """Remember it, unless the decision itself was made here."""
         if context.decisions.get(self.task) is None:
             made = Decision(
-                self.object, None, times=dict(self.times), seed=self.seed, exemplar=self.exemplar
-            )
+                self.object, None, times=dict(self.times), seed=self.seed,
+                asked_by=author.agent or "", exemplar=self.exemplar,
+            )  # fmt: skip
             context.decisions.put(self.task, made)
 
 

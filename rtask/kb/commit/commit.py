@@ -43,6 +43,7 @@ from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_wr
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
+from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
 from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
@@ -211,15 +212,7 @@ class Committer:
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
-        if self.interrupted:
-            raise StoreError("a write was interrupted; open the knowledge base again")
-        if self.store.is_stuck:
-            self.store.reopen()
-        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
-        self._check_version(request)
-        self._check_rights(change, request)
-        if not (request.trusted or self.plain):
-            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+        is_empty = self._check(change, request)
         if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
@@ -238,6 +231,30 @@ class Committer:
                 staged.discard()
             raise
 
+    def rehearse(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None]:
+        """Return what would follow from a change, for the caller to discard; store nothing."""
+        if self._check(change, request):
+            return Derived(), None
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged, _ = self._derive(change, request)
+        return derived, staged
+
+    def _check(self, change: Overlay, request: Request) -> bool:
+        """Refuse what may not be written now; return whether the change is empty."""
+        if self.interrupted:
+            raise StoreError("a write was interrupted; open the knowledge base again")
+        if self.store.is_stuck:
+            self.store.reopen()
+        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
+        self._check_version(request)
+        self._check_rights(change, request)
+        if not (request.trusted or self.plain):
+            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+        if not request.trusted:
+            self._check_literals(change)
+        return is_empty
+
     def _check_version(self, request: Request) -> None:
         if request.if_version is not None and request.if_version != self.last_seq:
             raise VersionConflictError(
@@ -247,11 +264,18 @@ class Committer:
                 found=self.last_seq,
             )
 
+    def is_used(self, graph: GraphName) -> bool:
+        """Whether a graph has statements."""
+        return self.catalogue.triple_count(graph) > 0
+
     def _check_rights(self, change: Overlay, request: Request) -> None:
         if request.trusted:
             return
         for graph in sorted(change.touched_graphs(), key=str):
             request.access.require_write(graph, "write")
+        if request.access.role == "robot" and not self.plain:
+            for quad in change.added:
+                request.access.require_own_identity(quad, self.graphs, self.is_used)
         removed, emptied = len(change.removed), 0
         if removed > request.max_quads:
             by_graph = Counter(quad.graph_name for quad in change.removed)
@@ -276,6 +300,15 @@ class Committer:
                     value=size,
                     allowed=allowed,
                 )
+
+    def _check_literals(self, change: Overlay) -> None:
+        """Refuse literals that are too long, unless the store has them already."""
+        for quad in change.added:
+            if characters(quad.object) <= MAX_LITERAL:
+                continue
+            stored = self.store.quads_for_pattern(None, None, quad.object, None)
+            if next(iter(stored), None) is None:
+                refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
 
     def _check_blobs(self, change: Overlay) -> None:
         for quad in change.added:
