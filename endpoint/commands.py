@@ -56,6 +56,7 @@ def serve(
     from endpoint import server
     from endpoint.access.tokens import TokenStore
     from endpoint.context import ServerContext
+    from endpoint.follow.asked_records import store_waiting
     from endpoint.follow.follower import Follower
     from endpoint.monitoring.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
@@ -112,6 +113,8 @@ def serve(
             if made is not None:
                 made.context.be_copy(follower.record)
             follower.start()
+        elif made is not None:
+            store_waiting(made, tokens)
         ended = server.serve(context, listener, ready)
         writer.close()
     if not ended:
