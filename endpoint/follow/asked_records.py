@@ -1,8 +1,8 @@
 """The writer's side of records that followers pass on: ``POST /replicate/asked``.
 
-What a follower still had when it was promoted is stored here as well. A follower answers robots from its copy and sends what is to be stored of that, with the name and
-role of each robot, whose token it has checked. A record of a robot whose tokens were revoked
-meanwhile is refused.
+What a follower still had when it was promoted is stored here as well. A follower answers robots
+from its copy and sends what is to be stored of that, with the name and role of each robot, whose
+token it has checked. A record of a robot whose tokens were revoked meanwhile is refused.
 """
 
 from __future__ import annotations
