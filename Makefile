@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-.PHONY: help setup system pages demo test test-quick test-deep check conformance bench docs site clean
+.PHONY: help setup system pages demo test test-quick test-deep check conformance bench site dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -84,8 +84,8 @@ bench: $(READY)  ## every benchmark, both sides and the ratio
 site: $(READY)  ## build the documentation as a site with search, in site/
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-docs: $(READY)  ## renew the pages that are written from the code
-	@$(BIN)/python -m tests.docs.command_reference > docs/cli.md
+dist: $(READY)  ## build sdist and wheel in dist/, the wheel from the sdist, and check both
+	@$(BIN)/python -m tests.packaging.distributions dist
 
 clean:  ## remove everything that the targets made
 	rm -rf $(VENV) dist build rtask-demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -15,6 +15,7 @@ from endpoint.api.listing import plan_listing
 from endpoint.api.openapi import plan_openapi
 from endpoint.api.operations import ADDRESS as ENGINE
 from endpoint.api.operations import plan_operation
+from endpoint.api.proposals import plan_proposals
 from endpoint.api.reasoner import plan_reasoner
 from endpoint.api.services import ADDRESS as SERVICES
 from endpoint.api.services import plan_service
@@ -103,6 +104,9 @@ class Router:
             "reasoner": lambda request, caller, address: plan_reasoner(
                 embedded(kb, "the reasoner"), auth, request, caller
             ),
+            "proposals": lambda request, caller, address: plan_proposals(
+                embedded(kb, "proposals"), auth, context.audit, request, caller, address
+            ),
             "asked_records": lambda request, caller, address: plan_asked_records(
                 engine, context.tokens, request, caller
             ),
@@ -165,12 +169,14 @@ class Router:
         """Return whether a follower passes a request on.
 
         These are all that write, and what needs something that only the writer has: a reasoner,
-        datasets, workers of services, services that are not offered here.
+        proposals, datasets, workers of services, services that are not offered here.
         """
         if self.effect(request, address) == "writes":
             return True
         match: Match = find(address)
         handler = match.routes[0].handler if match.routes else ""
+        if handler == "proposals":
+            return True
         if handler == "reasoner":
             return not getattr(self._context.kb, "reasons", False)
         if handler != "service" or request.method != "POST":

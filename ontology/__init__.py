@@ -74,6 +74,7 @@ _MODULES: Final = (
     "rtask/learning.ttl",
     "rtask/service.ttl",
     "rtask/graph.ttl",
+    "rtask/world.ttl",
     "rtask/rules.ttl",
     "rtask.ttl",
 )

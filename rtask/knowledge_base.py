@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rtask.loader.load import LoadReport
     from rtask.model.dynamic import Vocabulary
     from rtask.model.session import Session
+    from rtask.world import World
 
 __all__ = ["KnowledgeBase"]
 
@@ -65,6 +66,13 @@ class KnowledgeBase(GraphCore):
         from rtask.loader.export import dump
 
         return dump(self, path, format, graphs, inferred)
+
+    @property
+    def world(self) -> World:
+        """What is where, since when, and how sure; see :class:`rtask.world.World`."""
+        from rtask.world import world_of
+
+        return world_of(self)
 
     def session(self, agent: str | None = None, **options: Any) -> Session:
         """Return a unit of work over Python objects; see :class:`rtask.model.Session`."""

@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from endpoint.api.openapi_page import page
 from endpoint.api.openapi_parts import JsonObject, get, parameter, problems
+from endpoint.api.openapi_proposals import proposal_paths
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_services import service_paths
@@ -182,6 +183,7 @@ def _fixed_paths() -> JsonObject:
             )
         },
         **reasoner_paths(),
+        **proposal_paths(),
         "/changes": {"get": _changes(text)},
         "/tokens/ticket": {"post": _ticket()},
         "/health": {"get": _health("Whether the server is healthy")},

@@ -1,23 +1,35 @@
-"""Pages for operators: tokens, running queries, audit trail. They require a token of role admin.
+"""Pages for operators: tokens, proposals, running queries, audit trail.
 
+They require a token of role admin.
 The first token is created on the command line by the owner of the data folder.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import cast
 
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import Caller, require_scope
 from endpoint.access.tokens import ROLES, parse_lifetime
+from endpoint.api.proposals import Decision, decide, visible
 from endpoint.http.messages import RefusedError
-from endpoint.pages.render import Model, blueprint, context, current_request, page
+from endpoint.pages.render import (
+    Model,
+    blueprint,
+    context,
+    current_request,
+    embedded_graph,
+    page,
+)
 from endpoint.pages.signin import require_form
 from rtask.errors import AuthenticationError, UsageError
 
 _EVENTS = 200
+_DECIDED = 100
+"""Decided proposals on the page; the address for programs lists all."""
 
 
 def _operator() -> Caller:
@@ -54,6 +66,17 @@ def audit() -> Model:
     """Return the last events of the audit trail."""
     _operator()
     return {"events": context().audit.recent(_EVENTS)}
+
+
+@page("/admin/proposals", "proposals.html")
+def proposals() -> Model:
+    """Return the proposals, those to decide first."""
+    caller = _operator()
+    found = visible(embedded_graph(), caller)
+    return {
+        "open": [one for one in found if one.is_open],
+        "decided": [one for one in reversed(found) if not one.is_open][:_DECIDED],
+    }
 
 
 @page("/admin/queries", "queries.html")
@@ -98,6 +121,18 @@ def change_token(token_id: str, action: str) -> WerkzeugResponse:
         raise RefusedError(404, "not-found", f"no token {token_id} to {action}")
     server.audit.event(f"token-{action}", token=token_id, by=_named(by))
     return flask.redirect("/admin/tokens", 303)
+
+
+@blueprint.route("/admin/proposals/<int:number>/<action>", methods=["POST"])
+def decide_proposal(number: int, action: str) -> WerkzeugResponse:
+    """Adopt or refuse a proposal."""
+    by = _operator()
+    require_form()
+    if action not in ("adopt", "refuse"):
+        raise UsageError("expected adopt or refuse")
+    remark = flask.request.form.get("remark", "")
+    decide(embedded_graph(), context().audit, by, number, cast("Decision", action), remark)
+    return flask.redirect("/admin/proposals", 303)
 
 
 @blueprint.route("/admin/queries/<query_id>/stop", methods=["POST"])

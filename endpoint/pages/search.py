@@ -51,6 +51,7 @@ _PAGES = (
     ("/curation", "Changes by people", "curation merge split forget undo"),
     ("/openapi", "Interface for programs", "openapi http api"),
     ("/admin/tokens", "Tokens", "operators sign access"),
+    ("/admin/proposals", "Proposals", "operators axioms adopt refuse decide"),
     ("/admin/audit", "Audit trail", "operators history denied"),
 )
 _WORD = re.compile(r"\w+")

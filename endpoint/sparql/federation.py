@@ -24,6 +24,7 @@ from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.transaction import Transaction
 from rtask.kb.readers.updating import needs_reader
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.formats import read_document
 from rtask.sparql.lexer import body_start, find_block_end, tokenise
 from rtask.sparql.templates import resolve
 from rtask.sparql.tokens import Token
@@ -208,7 +209,7 @@ def _steps(text: str) -> list[tuple[Operation, str]]:
     ]
 
 
-Document = tuple[str, bytes, str] | None
+Document = list[ox.Quad] | None
 
 
 def _document(operation: Operation, outgoing: Outgoing, deadline: float, base: str) -> Document:
@@ -221,13 +222,13 @@ def _document(operation: Operation, outgoing: Outgoing, deadline: float, base: s
         name = format_.file_extension if format_ else _by_suffix(url)
         if not name:
             raise RemoteUnavailableError(f"{url} is not RDF: {response.media_type or 'no type'}")
+        return read_document(response.body, name, url)
     except ForbiddenError:
         raise
     except RtaskError as error:
         if operation.silent:
             return None
         raise RefusedError(502, "load-failed", f"LOAD {url}: {error}") from None
-    return url, response.body, name
 
 
 def _by_suffix(url: str) -> str:
@@ -238,21 +239,15 @@ def _as_data(operation: Operation, document: Document, base: str) -> str:
     """Return an INSERT DATA equivalent to a LOAD."""
     if document is None:
         return "INSERT DATA {}"
-    url, body, name = document
     into = ""
     target = operation.target
     if target is not None and target.scope == "GRAPH":
         into = str(resolve(target.name, operation.prologue, base or None))
     blocks: dict[str, list[ox.Triple]] = {}
-    try:
-        for quad in ox.parse(body, format=ox.RdfFormat.from_extension(name), base_iri=url):
-            named = isinstance(quad.graph_name, ox.NamedNode)
-            graph = str(quad.graph_name) if named else into
-            blocks.setdefault(graph, []).append(quad.triple)
-    except (SyntaxError, ValueError) as error:
-        if operation.silent:
-            return "INSERT DATA {}"
-        raise RefusedError(502, "load-failed", f"LOAD {url}: {error}") from None
+    for quad in document:
+        named = isinstance(quad.graph_name, ox.NamedNode)
+        graph = str(quad.graph_name) if named else into
+        blocks.setdefault(graph, []).append(quad.triple)
     texts = []
     for graph, triples in blocks.items():
         data = (ox.serialize(triples, format=ox.RdfFormat.N_TRIPLES) or b"").decode()
@@ -263,13 +258,8 @@ def _as_data(operation: Operation, document: Document, base: str) -> str:
 def _store(tx: Transaction, operation: Operation, document: Document, base: str) -> None:
     if document is None:
         return
-    url, body, name = document
     target = operation.target
     graph = None
     if target is not None and target.scope == "GRAPH":
         graph = resolve(target.name, operation.prologue, base or None)
-    try:
-        tx.load(body, name, graph=graph, base=url)
-    except RtaskError as error:
-        if not operation.silent:
-            raise RefusedError(502, "load-failed", f"LOAD {url}: {error}") from None
+    tx.add_quads(document, graph)

@@ -11,7 +11,7 @@ import uuid
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
+from pyoxigraph import DefaultGraph, NamedNode, Quad, RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.http.compression import wants_gzip
@@ -31,8 +31,8 @@ from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
 from endpoint.sparql.readable import require_read
 from endpoint.sparql.request import QueryRequest, absolute_iri
 from rtask.errors import VersionConflictError
-from rtask.kb.commit.transaction import Transaction
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.formats import read_document
 from rtask.rdf.terms import GraphName
 
 ADDRESS = "/store"
@@ -192,6 +192,7 @@ class GraphStore:
         """Replace a graph, or every graph the caller may write (GSP, 5.3)."""
         existed = graph is None or self._exists(graph)
         version = self._check_preconditions(request, graph, existed)
+        quads = self._read(request, graph, parts)
         note = f"graph store PUT, {caller.note(request)}"
         with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
             if graph is None:
@@ -200,7 +201,7 @@ class GraphStore:
                 tx.update(f"CLEAR SILENT {_reference(graph)}")
             if isinstance(graph, NamedNode):
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
-            self._load(tx, request, graph, parts)
+            tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
         return Response(204 if existed else 201)
 
     def _post(
@@ -213,24 +214,26 @@ class GraphStore:
             headers = (("Location", graph.value),)
         existed = graph is None or self._exists(graph)
         version = self._check_preconditions(request, graph, existed)
+        quads = self._read(request, graph, parts)
         note = f"graph store POST, {caller.note(request)}"
         with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
             if isinstance(graph, NamedNode) and not existed:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
-            self._load(tx, request, graph, parts)
+            tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
         return Response(204 if existed else 201, headers=headers)
 
-    def _load(
-        self, tx: Transaction, request: Request, graph: GraphName | None, parts: list[Part]
-    ) -> None:
-        where = graph if isinstance(graph, NamedNode) else None
-        base = where.value if where else request.url
+    @staticmethod
+    def _read(request: Request, graph: GraphName | None, parts: list[Part]) -> list[Quad]:
+        """Parse the documents, which may take long, before the writers' lock is taken."""
+        base = graph.value if isinstance(graph, NamedNode) else request.url
+        quads: list[Quad] = []
         for part in parts:
             if graph is not None and part.format in _QUADS:
                 raise RefusedError(
                     400, "usage", "a document with graphs of its own; send it to /store itself"
                 )
-            tx.load(part.data, part.format, graph=where, base=base)
+            quads += read_document(part.data, part.format, base)
+        return quads
 
     def _delete(self, request: Request, caller: Caller, graph: GraphName | None) -> Response:
         """Delete a graph (GSP, 5.4); the default graph is emptied instead."""

@@ -35,7 +35,7 @@ _BUILT_IN = {
     "explain": "rtask.cli.reasoning:explain",
     "export": "rtask.cli.contents:export",
     "feedback": "rtask.cli.people:feedback",
-    "grasp": "rtask.cli.grasping.plan_on_plane:grasp",
+    "grasp": "rtask.cli.grasping.group:grasp",
     "history": "rtask.cli.contents:history",
     "learn": "rtask.cli.grasping.learning:learn",
     "load": "rtask.cli.load:load",

@@ -66,7 +66,9 @@ def agent_option(help: str) -> Callable[..., Any]:
 
 def limit_option(default: int, help: str) -> Callable[..., Any]:
     """Return the option ``--limit``, which bounds the length of a listing."""
-    return click.option("--limit", "-n", default=default, show_default=True, help=help)
+    return click.option(
+        "--limit", "-n", type=click.IntRange(min=1), default=default, show_default=True, help=help
+    )
 
 
 def exit_undecided(answer: object) -> None:
@@ -80,7 +82,7 @@ def exit_if_empty(results: object, message: str | None = None) -> None:
 
     Parameters
     ----------
-    said
+    message
         What is then printed to standard error.
     """
     if results:

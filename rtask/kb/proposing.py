@@ -9,6 +9,7 @@ from pyoxigraph import Quad
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit
+from rtask.kb.commit.transaction import Transaction
 from rtask.kb.proposals.proposal import Proposal
 from rtask.kb.writing import Writing
 
@@ -68,13 +69,22 @@ class Proposing(Writing):
             As :meth:`update`; the proposal stays open.
         """
         rights = self.access(access=access)
-        if rights.role != "admin" and "schema" not in rights.rights:
+        if not rights.may_decide:
             raise ForbiddenError(
                 "adopting a proposal needs the right schema, which an admin has", right="schema"
             )
-        found = self.proposals.require_open(number)
-        added, removed = found.quads()
-        note = f"proposal {number} of {found.author or 'a caller without a name'}"
+        proposals = self.proposals
+        with proposals.deciding:
+            found = proposals.require_open(number)
+            tx = self._carry_out(found, rights)
+            proposals.adopted(number, rights.agent or rights.role, tx.commit.seq)
+        return tx.commit
+
+    def _carry_out(self, proposal: Proposal, rights: Access) -> Transaction:
+        """Commit what a proposal adds and removes, if all that it removes is there."""
+        added, removed = proposal.quads()
+        number, author = proposal.number, proposal.author or "a caller without a name"
+        note = f"proposal {number} of {author}"
         with self.transaction(note=note, access=rights) as tx:
             for quad in removed:
                 if not tx.holds(quad):
@@ -83,5 +93,4 @@ class Proposing(Writing):
                     )
             tx.remove_quads(removed)
             tx.add_quads(added)
-        self.proposals.adopted(number, rights.agent or rights.role, tx.commit.seq)
-        return tx.commit
+        return tx

@@ -10,7 +10,7 @@ from pyoxigraph import Quad
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.commit.delta import UpdateDataset, run_update
+from rtask.kb.commit.delta import UpdateDataset, prepare, run_update
 from rtask.kb.commit.transaction import Transaction
 from rtask.kb.commit.untouched import why_untouched
 from rtask.kb.commit.update_limits import UpdateLimits
@@ -92,9 +92,10 @@ class Writing(Searching):
             )
             done = commit_update(order, request, self.readers, self._writer, lambda: self.seq)
             return self._with_remark(done, text, request.access, base)
+        prepared = prepare(text, dataset)
         overlay = self._writer.begin()
         try:
-            run_update(overlay, text, request.access, dataset)
+            run_update(overlay, prepared, request.access, limits)
         except BaseException:
             self._writer.cancel()
             raise

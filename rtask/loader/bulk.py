@@ -14,6 +14,7 @@ from rtask.errors import ParseError
 from rtask.kb.commit.bulk import TripleText
 from rtask.kb.commit.commit import Request
 from rtask.kb.core import GraphCore
+from rtask.rdf.bounds import MAX_LITERAL
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, explain
 from rtask.rdf.terms import GraphName
@@ -24,26 +25,31 @@ TEXT_BYTES = 16 << 20
 _CHUNK = 4 << 20
 _MARKS = {
     RdfFormat.N_TRIPLES: (b"_:", b"<<", b"owl#Ontology>"),
-    RdfFormat.TURTLE: (b"_:", b"<<", b"[", b"(", b"Ontology"),
+    RdfFormat.TURTLE: (b"_:", b"<<", b"[", b"(", b"Ontology", b'"""', b"'''"),
 }
 
 
 def readable_by_the_store(document: Document, form: Format) -> bool:
-    """Whether a document is large and contains only data without blank nodes.
+    """Whether a document is large and contains only data without blank nodes and long literals.
 
     The store then parses it itself, which is faster. Text that merely looks like a blank node makes
-    this ``False``, and the document is loaded the slower way.
+    this ``False``, and the document is loaded the slower way. So does a line that is long enough
+    for a literal beyond the bound.
     """
     marks = _MARKS.get(form.rdf) if form.rdf is not None else None
     if marks is None or document.size < TEXT_BYTES:
         return False
-    rest = b""
+    rest, line = b"", 0
     with document.open() as stream:
         while chunk := stream.read(_CHUNK):
             seen = rest + chunk
             if any(mark in seen for mark in marks):
                 return False
-            rest = chunk[-16:]
+            lengths = [len(part) for part in chunk.split(b"\n")]
+            lengths[0] += line
+            if max(lengths) > MAX_LITERAL:
+                return False
+            rest, line = chunk[-16:], lengths[-1]
     return True
 
 

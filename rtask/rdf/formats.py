@@ -16,7 +16,7 @@ from rtask.rdf.documents import Document
 from rtask.rdf.guards import (
     check_json_depth,
     check_json_iris,
-    check_triple_term_depth,
+    check_nesting,
     check_xml,
 )
 
@@ -61,6 +61,8 @@ _BY_NAME = {form.name: form for form in FORMATS} | {
     extension: form for form in FORMATS for extension in form.extensions
 }
 _SCANNED_BYTES = 64 << 20
+_LINES = (RdfFormat.N_TRIPLES, RdfFormat.N_QUADS)
+"""Nothing in them nests but triple terms, which few large files have."""
 _QUOTED = re.compile(r"'(?P<text>[^']+)'|prefix (?P<prefix>\S+:)")
 _OWL_LINE_AND_COLUMN = re.compile(r"line_col: Pos\(\((\d+), (\d+)\)\)")
 _OWL_BYTES = re.compile(r"BytePosition\((\d+)\)")
@@ -159,6 +161,11 @@ def statements(document: Document, form: Format, base: str | None = None) -> Ite
 def _readable(document: Document, form: Format) -> IO[bytes]:
     """Return the document in a form that is safe for the store's parser."""
     if form.owl:
+        with document.open() as stream:
+            if form.owl == "owx":
+                check_xml(stream, document.name)
+            else:
+                check_nesting(stream.read(), document.name)
         return io.BytesIO(_owl_to_rdf_xml(document.text(), form.owl, document.name))
     if form.rdf == RdfFormat.RDF_XML:
         with document.open() as stream:
@@ -170,12 +177,12 @@ def _readable(document: Document, form: Format) -> IO[bytes]:
         check_json_depth(data, document.name)
         check_json_iris(data, document.name)
         return io.BytesIO(data)
-    if b"<<" in document.head() or document.size < _SCANNED_BYTES:
-        with document.open() as stream:
-            data = stream.read()
-        check_triple_term_depth(data, document.name)
-        return io.BytesIO(data)
-    return document.open()
+    if form.rdf in _LINES and document.size >= _SCANNED_BYTES:
+        return document.open()
+    with document.open() as stream:
+        data = stream.read()
+    check_nesting(data, document.name)
+    return io.BytesIO(data)
 
 
 def _owl_to_rdf_xml(text: str, syntax: Literal["owx", "ofn", "omn"], name: str) -> bytes:

@@ -1,7 +1,7 @@
 """Checks of documents before they reach the store's parsers.
 
-The parsers recurse on JSON-LD and on triple terms, expand XML entities without bound, and silently
-drop the JSON-LD statements about an invalid IRI.
+The parsers recurse on JSON-LD, on triple terms and on syntaxes of OWL, expand XML entities without
+bound, and silently drop the JSON-LD statements about an invalid IRI.
 """
 
 from __future__ import annotations
@@ -14,35 +14,41 @@ from typing import IO, Any
 from xml.parsers import expat
 
 from rtask.errors import ParseError, TooLargeError
+from rtask.rdf.bounds import MAX_NESTING
 
 __all__ = [
     "check_json_depth",
     "check_json_iris",
-    "check_triple_term_depth",
+    "check_nesting",
     "check_xml",
     "undefined_json_terms",
 ]
 
-MAX_DEPTH = 256
 _JSON = re.compile(rb'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.S)
 _STRING = rb'"((?:[^"\\]|\\.)*)"'
 _ALIAS = re.compile(_STRING + rb'\s*:\s*"@id"')
 _COERCED = re.compile(_STRING + rb'\s*:\s*\{[^{}]*"@type"\s*:\s*"@id"[^{}]*\}')
 _NO_IRI = re.compile(r'[\x00-\x20<>"{}|\\^`]')
-_TURTLE = re.compile(
-    rb'"""(?:[^"\\]|\\.|"(?!""))*"""|"(?:[^"\\\n]|\\.)*"|<[^<>\s]*>|\#[^\n]*|<<\(?|\)?>>', re.S
+_OPAQUE = re.compile(
+    rb'"""[^"\\]*(?:(?:\\.|"(?!""))[^"\\]*)*"""|"[^"\\\n]*(?:\\.[^"\\\n]*)*"'
+    rb"|'''[^'\\]*(?:(?:\\.|'(?!''))[^'\\]*)*'''|'[^'\\\n]*(?:\\.[^'\\\n]*)*'"
+    rb"|<(?!=)[^<>\s]*>|\#[^\n]*|\\.",
+    re.S,
 )
+"""Strings, IRIs, comments and escaped signs; N3 has an arrow ``<=``."""
+_NO_BRACKETS = bytes(set(range(256)) - set(b"()[]{}"))
+_CHUNK = 1 << 20
 
 
 def check_json_depth(data: bytes, name: str) -> None:
-    """Refuse JSON nested deeper than 256.
+    """Refuse JSON nested deeper than :data:`MAX_NESTING`.
 
     Raises
     ------
     TooLargeError
         The document is nested more deeply; the error gives the limit.
     """
-    if data.count(b"{") + data.count(b"[") > MAX_DEPTH:
+    if data.count(b"{") + data.count(b"[") > MAX_NESTING:
         _check_depth((m[0] for m in _JSON.finditer(data)), b"{[", b"}]", name)
 
 
@@ -146,11 +152,34 @@ def _find_undefined(value: Any, context: _Context, undefined: set[str]) -> None:
             _find_undefined(inner, context, undefined)
 
 
-def check_triple_term_depth(data: bytes, name: str) -> None:
-    """Refuse triple terms nested deeper than 256."""
-    if data.count(b"<<") > MAX_DEPTH:
-        tokens = (m[0] for m in _TURTLE.finditer(data))
-        _check_depth((t for t in tokens if b"<<" in t[:2] or b">>" in t[-2:]), b"<", b">)", name)
+def check_nesting(data: bytes, name: str) -> None:
+    """Refuse Turtle, TriG, N3 or a syntax of OWL nested deeper than :data:`MAX_NESTING`.
+
+    Counts lists, blank nodes, graphs, formulas and triple terms, outside of strings, IRIs and
+    comments.
+
+    Raises
+    ------
+    TooLargeError
+        The document is nested more deeply; the error gives the limit.
+    """
+    if sum(map(data.count, (b"[", b"(", b"{", b"<<"))) <= MAX_NESTING:
+        return
+    import numpy as np
+
+    steps = np.zeros(256, np.int8)
+    steps[list(b"[({")], steps[list(b"])}")] = 1, -1
+    text = _OPAQUE.sub(b"", data)
+    for mark, bracket in ((b"<<(", b"{"), (b")>>", b"}"), (b"<<", b"{"), (b">>", b"}")):
+        text = text.replace(mark, bracket)
+    brackets = text.translate(None, _NO_BRACKETS)
+    depth = 0
+    for start in range(0, len(brackets), _CHUNK):
+        signs = np.frombuffer(brackets, np.uint8, min(_CHUNK, len(brackets) - start), start)
+        depths = np.cumsum(steps[signs], dtype=np.int32) + depth
+        if depths.max() > MAX_NESTING:
+            raise TooLargeError(f"{name}: nested deeper than {MAX_NESTING}", limit="nesting")
+        depth = int(depths[-1])
 
 
 def _check_depth(tokens: Iterator[bytes], openers: bytes, closers: bytes, name: str) -> None:
@@ -160,8 +189,8 @@ def _check_depth(tokens: Iterator[bytes], openers: bytes, closers: bytes, name: 
             depth += 1
         elif token[0] in closers:
             depth -= 1
-        if depth > MAX_DEPTH:
-            raise TooLargeError(f"{name}: nested deeper than {MAX_DEPTH}", limit="nesting")
+        if depth > MAX_NESTING:
+            raise TooLargeError(f"{name}: nested deeper than {MAX_NESTING}", limit="nesting")
 
 
 def check_xml(stream: IO[bytes], name: str) -> None:
@@ -173,7 +202,7 @@ def check_xml(stream: IO[bytes], name: str) -> None:
         The document is malformed or in an encoding that cannot be read, or an entity refers to
         another entity or to an external file.
     TooLargeError
-        Nested deeper than 256.
+        Nested deeper than :data:`MAX_NESTING`.
     """
     parser = expat.ParserCreate()
     depth = 0
@@ -185,8 +214,8 @@ def check_xml(stream: IO[bytes], name: str) -> None:
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > MAX_DEPTH:
-            raise TooLargeError(f"{name}: nested deeper than {MAX_DEPTH}", limit="nesting")
+        if depth > MAX_NESTING:
+            raise TooLargeError(f"{name}: nested deeper than {MAX_NESTING}", limit="nesting")
 
     def end(tag: str) -> None:
         nonlocal depth

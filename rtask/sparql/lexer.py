@@ -6,9 +6,11 @@ knowledge base therefore reads tokens itself, in linear time and without recursi
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 from rtask.errors import QuerySyntaxError
+from rtask.rdf.bounds import MAX_LITERAL, MAX_NESTING
 from rtask.sparql.complexity import check_complexity, limit
 from rtask.sparql.tokens import Token, scan, shape
 
@@ -18,9 +20,9 @@ _OPENERS = {"{", "(", "[", "<<", "<<(", "{|"}
 _CLOSERS = {"}", ")", "]", ">>", ")>>", "|}"}
 _OPERATORS = {"+", "-", "*", "/", "&&", "||", "=", "!=", "<", ">", "<=", ">=", "|", "^"}
 _SEPARATORS = {"{", "}", ".", ";", ","}
-_MAX_NESTING = 128
 _MAX_OPERATORS = 1_000
 _MAX_NEGATIONS = 64
+_ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|.)", re.S)
 _HARMLESS = 64
 _LONG = 1_000
 _CACHED = 16_000
@@ -50,6 +52,8 @@ def _check_limits(tokens: list[Token]) -> None:
     for kind, text, _, _ in tokens:
         if kind != "mark":
             negations = 0
+            if kind == "string" and len(text) > MAX_LITERAL:
+                limit("characters in one literal", _characters(text), MAX_LITERAL)
             continue
         negations = negations + 1 if text == "!" else 0
         if text in _OPENERS:
@@ -60,10 +64,16 @@ def _check_limits(tokens: list[Token]) -> None:
             operators = 0
         elif text in _OPERATORS:
             operators += 1
-        limit("nesting", depth, _MAX_NESTING)
+        limit("nesting", depth, MAX_NESTING)
         limit("operators in one expression", operators, _MAX_OPERATORS)
         limit("negations in a row", negations, _MAX_NEGATIONS)
     check_complexity(tokens)
+
+
+def _characters(string: str) -> int:
+    """Return the length of the literal that a token stands for."""
+    quotes = 6 if string[:3] in ('"""', "'''") else 2
+    return len(string) - quotes - sum(len(escape) - 1 for escape in _ESCAPE.findall(string))
 
 
 def guard(text: str) -> None:
@@ -84,7 +94,7 @@ def _guard(text: str) -> None:
     brackets = text.count("{") + text.count("(") + text.count("[") + text.count("<<")
     operators = sum(text.count(mark) for mark in "+-*/!=|&^<")
     separators = text.count(".") + text.count(";") + text.count(",")
-    many = max(brackets, separators) > _MAX_NESTING or operators > _MAX_NEGATIONS
+    many = max(brackets, separators) > MAX_NESTING or operators > _MAX_NEGATIONS
     if many or len(text) > _LONG:
         tokenise(text)
 

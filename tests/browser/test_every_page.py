@@ -28,7 +28,8 @@ PATHS = (
     "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",
     f"/explain?s={OBJECT}&p=rdf:type&o=rt:Mug", "/search?q=mug", "/operations",
-    "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries", "/openapi",
+    "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
+    "/admin/proposals", "/openapi",
 )  # fmt: skip
 MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3."""

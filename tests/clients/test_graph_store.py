@@ -96,6 +96,22 @@ def test_a_malformed_body_changes_nothing_and_says_where(
     assert len(Graph().parse(data=client.get(address).text, format="turtle")) == 1
 
 
+@pytest.mark.parametrize(
+    ("kind", "body", "limit"),
+    [
+        ("text/turtle", "<urn:a> <urn:p> " + "[ <urn:p> " * 20_000 + "]" * 20_000, "nesting"),
+        ("text/n3", "<urn:a> <urn:p> " + "( " * 20_000 + ")" * 20_000, "nesting"),
+        ("application/n-triples", f'<urn:a> <urn:p> "{"x" * (2 << 20)}" .', "literal"),
+    ],
+)
+def test_a_document_beyond_the_bounds_is_refused_and_says_which(
+    client: httpx.Client, address: str, kind: str, body: str, limit: str
+) -> None:
+    answer = client.put(address, content=body, headers={"Content-Type": kind})
+    assert (answer.status_code, answer.json()["limit"]) == (413, limit)
+    assert client.get(address).status_code == 404
+
+
 def test_multipart_is_one_commit_each_part_by_its_own_type(
     client: httpx.Client, address: str
 ) -> None:

@@ -1,7 +1,4 @@
-"""The reference page of the command line, generated from the help of the commands.
-
-``make docs`` updates the page.
-"""
+"""The reference page of the command line, written from the help of the commands for the site."""
 
 from __future__ import annotations
 
@@ -58,7 +55,3 @@ def _sections(command: click.Command, name: str, parent: click.Context | None) -
             child = command.get_command(context, child_name)
             if child is not None and not child.hidden:
                 yield from _sections(child, f"{name} {child_name}", context)
-
-
-if __name__ == "__main__":
-    click.echo(reference(), nl=False)

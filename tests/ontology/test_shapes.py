@@ -99,6 +99,14 @@ def add(turtle: str) -> str:
 
 POSE = ":p0 rt:"
 WAYPOINTS = ":g1 rt:graspPosture :tr . :tr rt:hasWaypoint :w0, :w1 . :w0 rt:waypointIndex 0 . "
+PLACED = ":w a rt:Placement ; rt:placementOf :th ; time:hasBeginning :i1e . "
+PLACEMENT_FAULTS = [
+    ":w time:hasEnd :i1b",
+    ":w time:hasBeginning :i1b",
+    ":w rt:placementOf :mug",
+    ":w rt:placementPose :p0, :p1",
+    ":w rt:placementConfidence 1.5e0",
+]
 FAULTS = [
     ("mug", "Object", drop(":mug rt:objectId")),
     ("mug", "Object", add(':mug rt:objectId "lab/mug-9"')),
@@ -197,6 +205,10 @@ FAULTS = [
     ("f4", "HumanFeedback", drop(":f4 rt:verdict")),
     ("f4", "HumanFeedback", put(":f4 prov:wasAttributedTo", ":pr2")),
     ("t1", "Task", drop(":t1 rt:assignedTo")),
+    *(("w", "Placement", add(PLACED + fault)) for fault in PLACEMENT_FAULTS),
+    ("w", "Placement", add(":w a rt:Placement ; rt:placementOf :th")),
+    ("w", "Placement", add(":w a rt:Placement ; time:hasBeginning :i1b")),
+    ("th", "OnePlace", add(PLACED + ":th a rt:Exemplar . :w2 rt:placementOf :th")),
     ("i1", "Interval", drop(":i1 time:hasBeginning")),
     ("i1", "Interval", drop(":i1 time:hasEnd")),
     ("i1", "Interval", put(":i1 time:hasEnd", ":i1b")),

@@ -62,13 +62,6 @@ class Installation:
         )
 
 
-def build_wheel(folder: Path) -> Path:
-    """Build the wheel of the checkout."""
-    _pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT)
-    (wheel,) = folder.glob("*.whl")
-    return wheel
-
-
 def install(wheel: Path, folder: Path, *extras: str) -> Installation:
     """Install a wheel with extras into a new environment.
 

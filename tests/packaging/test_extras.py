@@ -92,7 +92,7 @@ def test_every_extra_that_a_message_names_is_there() -> None:
     ("arguments", "extra"),
     [
         (["segment", "x.png"], "perception"),
-        (["grasp", "plan", "x.dxf"], "perception"),
+        (["grasp", "push", "x.dxf"], "perception"),
         (["learn", "benchmark"], "perception"),
         (["demo"], "simulate"),
         (["simulate", "--robots", "1"], "simulate"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -13,18 +13,21 @@ import pytest
 
 from tests.architecture.imports import PACKAGES, ROOT
 from tests.packaging.crawling import crawl
-from tests.packaging.installation import Installation, build_wheel, install
+from tests.packaging.distributions import Distributions, build_distributions, faults
+from tests.packaging.installation import Installation, install
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
 
 
-VENDOR = "endpoint/pages/static/vendor"
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
+    return build_distributions(tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_wheel(tmp_path_factory.mktemp("wheel"))
+def wheel(built: Distributions) -> Path:
+    return built.wheel
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +41,26 @@ def _readme_examples() -> str:
     return "\n".join(re.findall(r"```python\n(.*?)```", text, re.S))
 
 
-def test_the_wheel_holds_every_file_of_the_packages(wheel: Path) -> None:
-    listed = subprocess.run(
-        ["git", "ls-files", *PACKAGES], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    with zipfile.ZipFile(wheel) as archive:
-        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
-    tracked = {name for name in listed if (ROOT / name).exists()}
-    assert not sorted(tracked - packed)
-    # Built by `make pages` where npm is installed; the wheel carries them, git does not.
-    bundled = {str(path.relative_to(ROOT)) for path in (ROOT / VENDOR).glob("*.js")}
-    assert sorted(packed - tracked) == sorted(bundled)
+def test_sdist_and_wheel_are_complete_and_an_index_would_take_them(built: Distributions) -> None:
+    assert faults(built) == []
+
+
+def test_a_release_without_a_page_or_with_wrong_metadata_is_refused(
+    built: Distributions, tmp_path: Path
+) -> None:
+    page = "endpoint/pages/static/style.css"
+    broken = tmp_path / built.wheel.name
+    with zipfile.ZipFile(built.wheel) as whole, zipfile.ZipFile(broken, "w") as rest:
+        for name in whole.namelist():
+            content = whole.read(name)
+            if name.endswith("/METADATA"):
+                content = content.replace(b"Requires-Python: ", b"Requires-Python: about ")
+            if name != page:
+                rest.writestr(name, content)
+    said = faults(replace(built, wheel=broken))
+    assert said[0] == f"the wheel lacks {page}"
+    assert "'about >=3.11' is invalid for 'requires-python'" in said[1]
+    assert len(said) == 2
 
 
 def test_every_package_comes_from_the_installation(base: Installation, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 
-__all__ = ["MESH_ENDINGS", "has_faces", "mesh_from_bytes", "mesh_from_ply", "read_mesh"]
+__all__ = ["MESH_ENDINGS", "has_faces", "is_mesh", "mesh_from_bytes", "mesh_from_ply", "read_mesh"]
 
 MESH_ENDINGS = (".stl", ".obj", ".ply")
 
@@ -76,6 +76,14 @@ def mesh_from_ply(data: bytes) -> Mesh:
         return as_mesh(*_surface(data, "ply"))
     except (ArithmeticError, IndexError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"these bytes are no PLY mesh: {error}") from error
+
+
+def is_mesh(path: Path) -> bool:
+    """Return whether a file is a triangle mesh, by its name; for PLY files, by their contents."""
+    ending = path.suffix.lower()
+    if ending not in MESH_ENDINGS or not path.is_file():
+        return False
+    return ending != ".ply" or has_faces(path)
 
 
 def has_faces(path: Path) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.grasping.executors import executor_options, open_named
+from rtask.cli.grasping.spatial import pose_noise, pose_options
 from rtask.cli.options import json_option, limit_option, print_json
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import RtaskError, UsageError
@@ -33,16 +33,7 @@ __all__ = ["batch"]
 @click.option("--mass", type=float, help="Mass of each object, kg.  [default: not known]")
 @click.option("--scale", default=1.0, show_default=True, help="m per unit of the files.")
 @click.option("--floating", is_flag=True, help="There is no table under the objects.")
-@click.option("--samples", default=100, show_default=True, help="Perturbed poses of each grasp.")
-@click.option("--seed", default=0, show_default=True, help="Random seed of the perturbations.")
-@click.option(
-    "--position-std", type=float, help="Standard deviation of the position, m.  [default: 0.004]"
-)
-@click.option(
-    "--rotation-std-deg",
-    type=float,
-    help="Standard deviation of the rotation, degrees.  [default: 5.73]",
-)
+@pose_options
 @executor_options("the plans")
 @click.option(
     "--deadline",
@@ -63,8 +54,6 @@ def batch(meshes: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     Each object is planned by itself, and its line is printed as soon as it is done; results are the
     same wherever they run. Exit code 1 if an object was not planned or has no grasp.
     """
-    if options["limit"] < 1:
-        raise UsageError(f"--limit {options['limit']}: must be at least 1")
     try:
         task = _task(meshes, options)
         files = _files(meshes, options["save_grasps"])
@@ -93,19 +82,13 @@ def _task(meshes: tuple[Path, ...], options: dict[str, Any]) -> BatchPlan:
     from grasp.batch import BatchPlan, MeshFile
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.gripper_files import gripper_named
-    from grasp.spatial.scoring.confidence import PoseNoise
 
     if len(set(meshes)) < len(meshes):
         raise UsageError("a mesh is named twice")
-    usual = PoseNoise()
-    position, rotation = options["position_std"], options["rotation_std_deg"]
-    noise = PoseNoise(
-        usual.position_std if position is None else position,
-        usual.rotation_std if rotation is None else math.radians(rotation),
-    )
     spatial = SpatialOptions(
-        noise=noise, samples=options["samples"], mass=options["mass"], seed=options["seed"],
-        most=max(options["limit"], 50),
+        noise=pose_noise(options["position_std"], options["rotation_std_deg"]),
+        samples=options["samples"], mass=options["mass"],
+        seed=options["seed"], most=max(options["limit"], 50),
     )  # fmt: skip
     return BatchPlan(
         tuple(MeshFile.read(mesh) for mesh in meshes), gripper_named(options["gripper"]), spatial,
@@ -133,7 +116,8 @@ def _planned(
     began = time.monotonic()
     planned: dict[str, Planned] = {}
     ranges = [(i, 1) for i in range(len(task.meshes))]
-    with open_named(options) as executor, Working("planning") as working:
+    where = options["executor"], options["server"], options["cluster"], options["workers"]
+    with open_named(*where) as executor, Working("planning") as working:
         for _, (plan,) in executor.finished(task, ranges):
             planned[plan.name] = plan
             if plan.name in files and plan.found:

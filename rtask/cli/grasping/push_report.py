@@ -1,4 +1,4 @@
-"""Reports of ``rtask grasp plan`` on push grasps: a table for people, JSON for programs."""
+"""Reports of ``rtask grasp push``: a table for people, JSON for programs."""
 
 from __future__ import annotations
 

@@ -97,6 +97,11 @@ class Access:
         """Whether this caller may state axioms about any term."""
         return self.role not in ("robot", "teacher") or "schema" in self.rights or self.plain
 
+    @property
+    def may_decide(self) -> bool:
+        """Whether this caller may adopt and refuse proposals."""
+        return self.role in ("admin", "anonymous") or "schema" in self.rights
+
     def bind(
         self,
         graphs: Graphs,

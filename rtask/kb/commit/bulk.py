@@ -28,6 +28,7 @@ from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.quads import InGraph
+from rtask.rdf.bounds import refuse_long_literal
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
 __all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
@@ -137,6 +138,7 @@ def _add_quads(
     def with_union() -> Iterator[Quad]:
         for quad in quads:
             name = quad.graph_name
+            refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
             if right is not None and right.is_foreign(quad):
                 raise axiom_refused(quad, access, committer.graphs)
             if name not in joined:

@@ -43,6 +43,7 @@ from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_wr
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
+from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
 from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
@@ -220,6 +221,8 @@ class Committer:
         self._check_rights(change, request)
         if not (request.trusted or self.plain):
             require_schema(change, request.access, self.graphs, self.graphs.is_input)
+        if not request.trusted:
+            self._check_literals(change)
         if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
@@ -276,6 +279,15 @@ class Committer:
                     value=size,
                     allowed=allowed,
                 )
+
+    def _check_literals(self, change: Overlay) -> None:
+        """Refuse literals that are too long, unless the store has them already."""
+        for quad in change.added:
+            if characters(quad.object) <= MAX_LITERAL:
+                continue
+            stored = self.store.quads_for_pattern(None, None, quad.object, None)
+            if next(iter(stored), None) is None:
+                refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
 
     def _check_blobs(self, change: Overlay) -> None:
         for quad in change.added:

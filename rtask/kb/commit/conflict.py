@@ -5,22 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from pyoxigraph import Quad
+
 from rtask.errors import InconsistentError
-from rtask.rdf.terms import Term, TripleKey
+from rtask.kb.commit.schema_right import is_axiom
+from rtask.rdf.terms import DEFAULT, Term, TripleKey
 
 __all__ = ["cause_of", "describe_cause", "inconsistent"]
 
 Name = Callable[[Term], str]
 GraphsOf = Callable[[TripleKey], list[str]]
+OwnerOf = Callable[[str], str | None]
 _LISTED = 6
 _SHOWN = 4
 _LISTED_STATEMENTS = 12
 
 
 def inconsistent(
-    contradictions: Sequence[Any], causes: Sequence[Any], name: Name, graphs_of: GraphsOf
+    contradictions: Sequence[Any],
+    causes: Sequence[Any],
+    name: Name,
+    graphs_of: GraphsOf,
+    owner_of: OwnerOf = lambda _: None,
 ) -> InconsistentError:
     """Return the error that lists contradictions and their causes.
+
+    A contradiction that rests on an axiom which only robots or people state is charged to them,
+    and not to the author of the data that it refuses.
 
     Parameters
     ----------
@@ -32,6 +43,8 @@ def inconsistent(
         Returns the short name of a term.
     graphs_of
         Returns the names of the graphs that assert a statement.
+    owner_of
+        Returns the robot or person whose graph has a name, or ``None``.
     """
     message = contradictions[0].message
     more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
@@ -39,11 +52,33 @@ def inconsistent(
     if "XMLSchema#decimal" in message:
         hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
     because = _because(causes, name)
+    charged = _charged(contradictions, causes, graphs_of, owner_of)
+    if charged:
+        hint += f"; charged to {', '.join(charged)}, who stated the axiom"
     return InconsistentError(
         f"contradicts the ontology: {message}{more}{hint}{because}; nothing was stored",
+        charged_to=charged,
         contradictions=[_describe(contradiction, graphs_of) for contradiction in contradictions],
         causes=[describe_cause(cause, name, graphs_of) for cause in causes],
     )
+
+
+def _charged(
+    contradictions: Sequence[Any], causes: Sequence[Any], graphs_of: GraphsOf, owner_of: OwnerOf
+) -> list[str]:
+    """Return the robots and people without whose axioms nothing would clash."""
+    forbidding = [axiom for contradiction in contradictions for axiom in contradiction.axioms]
+    behind = [triple for cause in causes for triple in (*cause.statements, *cause.known)]
+    charged: set[str] = set()
+    for axiom in (*forbidding, *filter(_is_axiom, behind)):
+        owners = [owner_of(graph) for graph in graphs_of(axiom)]
+        if None not in owners:
+            charged.update(owner for owner in owners if owner)
+    return sorted(charged)
+
+
+def _is_axiom(triple: TripleKey) -> bool:
+    return is_axiom(Quad(*triple, DEFAULT))
 
 
 def _because(causes: Sequence[Any], name: Name) -> str:

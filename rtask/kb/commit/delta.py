@@ -29,9 +29,9 @@ from rtask.rdf.terms import DEFAULT, GraphName, Term, stored_quad
 from rtask.sparql import templates
 from rtask.sparql.service import without_services
 from rtask.sparql.syntax import check_update, syntax_error
-from rtask.sparql.update_outline import Operation, Target, Update, read_update
+from rtask.sparql.update_outline import Block, Operation, Target, Update, read_update
 
-__all__ = ["UpdateDataset", "evaluate_update", "run_update"]
+__all__ = ["PreparedUpdate", "UpdateDataset", "evaluate_update", "prepare", "run_update"]
 
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
 # random names, so that no update text can call these functions
@@ -56,6 +56,50 @@ class UpdateDataset:
     using: tuple[NamedNode, ...] = ()
     using_named: tuple[NamedNode, ...] = ()
     base: str | None = None
+
+
+@dataclass(frozen=True)
+class PreparedUpdate:
+    """An update that was parsed and checked, which needs no lock.
+
+    Parameters
+    ----------
+    templates
+        Quads of the templates and DATA blocks that have been read.
+    """
+
+    update: Update
+    dataset: UpdateDataset
+    templates: dict[Block, list[Quad]] = field(default_factory=dict)
+
+    def template(self, operation: Operation, block: Block) -> list[Quad]:
+        """Return the quads of a block, which are read once."""
+        quads = self.templates.get(block)
+        if quads is None:
+            base = self.dataset.base
+            quads = templates.read_template(self.update, block, operation.prologue, base)
+            self.templates[block] = quads
+        return quads
+
+
+def prepare(text: str, dataset: UpdateDataset | None = None) -> PreparedUpdate:
+    """Parse and check an update, its templates and its data, before the writers' lock is taken.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    TooLargeError
+        The text is nested too deeply, or a literal is too long.
+    DataError
+        Both the text and the protocol name a dataset.
+    """
+    prepared = _checked(text, dataset or UpdateDataset())
+    for operation in prepared.update.operations:
+        for block in (operation.delete, operation.insert):
+            if block is not None:
+                prepared.template(operation, block)
+    return prepared
 
 
 def evaluate_update(
@@ -85,11 +129,11 @@ def evaluate_update(
     RtaskError
         As :func:`run_update`.
     """
-    update = _checked(text, dataset)
+    prepared = _checked(text, dataset)
     meter = Meter(limits)
-    for operation in update.operations:
+    for operation in prepared.update.operations:
         overlay = Overlay(store)
-        _Runner(overlay, update, access, dataset, meter).run(operation)
+        _Runner(overlay, prepared, access, meter).run(operation)
         union = Overlay(store)
         if not (access.plain or store.is_view):
             union = union_change(store, overlay.removed, overlay.added)
@@ -99,18 +143,18 @@ def evaluate_update(
             apply_change(store, change)
 
 
-def _checked(text: str, dataset: UpdateDataset) -> Update:
+def _checked(text: str, dataset: UpdateDataset) -> PreparedUpdate:
     update = read_update(without_services(text))
     check_update(update, dataset.base)
     _refuse_two_datasets(update, dataset)
-    return update
+    return PreparedUpdate(update, dataset)
 
 
 def run_update(
     overlay: Overlay,
-    text: str,
+    prepared: PreparedUpdate,
     access: Access,
-    dataset: UpdateDataset | None = None,
+    limits: UpdateLimits | None = None,
 ) -> None:
     """Add the change that an update makes to an overlay.
 
@@ -123,17 +167,15 @@ def run_update(
 
     Raises
     ------
-    QuerySyntaxError
-        With line and column.
+    QueryTooExpensive
+        A limit is exceeded; the error names it.
     ForbiddenError
         If the text names a graph that the caller may not write, or uses SERVICE.
     DataError
         If CREATE names an existing graph, or another operation a missing one.
     """
-    dataset = dataset or UpdateDataset()
-    update = _checked(text, dataset)
-    runner = _Runner(overlay, update, access, dataset, Meter())
-    for operation in update.operations:
+    runner = _Runner(overlay, prepared, access, Meter(limits))
+    for operation in prepared.update.operations:
         runner.run(operation)
 
 
@@ -150,14 +192,16 @@ def _refuse_two_datasets(update: Update, dataset: UpdateDataset) -> None:
 @dataclass
 class _Runner:
     overlay: Overlay
-    update: Update
+    prepared: PreparedUpdate
     access: Access
-    dataset: UpdateDataset
     meter: Meter
     home: GraphName = field(init=False)
+    update: Update = field(init=False)
+    dataset: UpdateDataset = field(init=False)
 
     def __post_init__(self) -> None:
         self.home = self.access.home()
+        self.update, self.dataset = self.prepared.update, self.prepared.dataset
 
     def run(self, operation: Operation) -> None:
         if operation.kind in ("INSERT DATA", "DELETE DATA"):
@@ -185,9 +229,7 @@ class _Runner:
     def _template(self, operation: Operation, block: Any, home: GraphName) -> list[Quad]:
         if block is None:
             return []
-        template = templates.read_template(
-            self.update, block, operation.prologue, self.dataset.base
-        )
+        template = self.prepared.template(operation, block)
         for graph in templates.constant_graphs(template, home):
             self.access.require_write(graph, operation.kind)
         return template

@@ -253,7 +253,10 @@ class Inference:
         self, contradictions: Sequence[Any], causes: Sequence[Any] = ()
     ) -> InconsistentError:
         """Return the error that lists the contradictions and their causes."""
-        return inconsistent(contradictions, causes, self.names(), self.graphs_of)
+        return inconsistent(contradictions, causes, self.names(), self.graphs_of, self._owner_of)
+
+    def _owner_of(self, graph: str) -> str | None:
+        return self._graphs.owner(NamedNode(graph))
 
     def explain(self, triple: TripleKey, budget: int) -> Decision:
         """Return whether a triple holds; see :meth:`reasoner.Closure.explain`."""

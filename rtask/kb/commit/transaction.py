@@ -16,7 +16,7 @@ from pyoxigraph import NamedNode, Quad, RdfFormat
 
 from rtask.errors import ClosedError, UsageError
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.commit.delta import UpdateDataset, run_update
+from rtask.kb.commit.delta import UpdateDataset, prepare, run_update
 from rtask.kb.commit.statements import notes, reification, reifier_of
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import BlobStore
@@ -201,7 +201,7 @@ class Transaction:
         Statements that the reasoner will derive from pending changes are not visible yet.
         """
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
-        run_update(self._pending(), text, self._request.access, dataset)
+        run_update(self._pending(), prepare(text, dataset), self._request.access)
 
     def load(
         self,

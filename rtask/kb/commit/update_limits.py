@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from pyoxigraph import Literal, Quad, Triple
+from pyoxigraph import Quad
 
 from rtask.errors import QueryTooExpensive
 from rtask.kb.commit.budget import ReasoningLimits
-from rtask.rdf.terms import Term
+from rtask.rdf.bounds import MAX_LITERAL, characters
 
 __all__ = ["Meter", "UpdateLimits"]
 
@@ -39,7 +39,7 @@ class UpdateLimits:
 
     seconds: float
     memory_bytes: int = 512 << 20
-    literal_bytes: int = 1 << 20
+    literal_bytes: int = MAX_LITERAL
     statements: int = 200_000
     delta_bytes: int = 64 << 20
     solutions: int = 1_000_000
@@ -76,7 +76,7 @@ class Meter:
             yield from quads
             return
         for quad in quads:
-            size = _characters(quad.object)
+            size = characters(quad.object)
             if size > limits.literal_bytes and not stored:
                 raise _beyond("literal", limits.literal_bytes, "characters in one literal")
             self._statements += 1
@@ -86,14 +86,6 @@ class Meter:
             if self._bytes > limits.delta_bytes:
                 raise _beyond("bytes", limits.delta_bytes, "bytes of statements")
             yield quad
-
-
-def _characters(term: Term) -> int:
-    if isinstance(term, Literal):
-        return len(term.value)
-    if isinstance(term, Triple):
-        return _characters(term.object)
-    return 0
 
 
 def _beyond(limit: str, allowed: int, what: str) -> QueryTooExpensive:

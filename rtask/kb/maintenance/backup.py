@@ -26,6 +26,7 @@ from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings, write_durably
+from rtask.kb.proposals.register import Proposals
 from rtask.kb.store.embedded import embedded_store
 
 __all__ = ["backup", "restore"]
@@ -91,6 +92,7 @@ def _copy(
     for blob in sorted((folder / "blobs").glob("??/??/*")) if folder is not None else ():
         copy_blob(blob, target / "blobs" / blob.relative_to(blob.parents[2]))
     (target / "blobs" / "tmp").mkdir(parents=True, exist_ok=True)
+    Proposals(files.folder).copy_to(target)
     files.settings.save(target)
     sealed = seal(JournalFile(target / "journal"))
     Checkpoint(seq, True, boot_id(), journal=sealed).save(target)

@@ -9,7 +9,8 @@ Everybody who has a change that must not take effect by itself proposes it: robo
     kb.proposals.refuse(proposal.number, "ann", "too general")
 
 A proposal changes nothing that queries see. It is kept in ``proposals.sqlite`` in the data folder,
-or in memory for a graph that has none. After 30 days without a decision it expires.
+or in memory for a graph that has none; backups hold a copy of the file, followers ask the server
+that they follow. After 30 days without a decision a proposal expires.
 """
 
 from __future__ import annotations
@@ -18,12 +19,21 @@ import datetime as dt
 import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from pyoxigraph import DefaultGraph, Quad
 
-from rtask.errors import ConflictError, QueueFullError, TooLargeError, UnknownTermError, UsageError
+from rtask.errors import (
+    ConflictError,
+    QueueFullError,
+    StorageFullError,
+    StoreError,
+    TooLargeError,
+    UnknownTermError,
+    UsageError,
+)
+from rtask.kb.durability.disk_space import means_full
 from rtask.kb.proposals.proposal import STATES, Proposal, State
 
 __all__ = ["FILE_NAME", "LIFETIME", "MAX_OPEN", "Proposals"]
@@ -69,6 +79,11 @@ class Proposals:
     clock
         Returns the present time in UTC.
 
+    Attributes
+    ----------
+    deciding
+        Held while a proposal is carried out, so that it is carried out once.
+
     Examples
     --------
     >>> from pyoxigraph import NamedNode as N
@@ -85,6 +100,7 @@ class Proposals:
         self._clock = clock
         self._lock = threading.Lock()
         self._memory: sqlite3.Connection | None = None
+        self.deciding = threading.Lock()
 
     def add(
         self,
@@ -198,7 +214,7 @@ class Proposals:
         Raises
         ------
         UnknownTermError, ConflictError
-            As :meth:`refuse`.
+            As :meth:`refuse`; the commit stays.
         """
         return self._decide(number, "adopted", by, "", commit)
 
@@ -220,14 +236,19 @@ class Proposals:
     ) -> Proposal:
         self.require_open(number)
         with self._database() as database:
-            database.execute(
+            changed = database.execute(
                 "UPDATE proposals SET state = ?, decided = ?, decided_by = ?, remark = ?, seq = ? "
                 "WHERE number = ? AND state = 'proposed'",
                 (state, self._clock().isoformat(), by, remark[:2_000], commit, number),
-            )
-        return self.get(number)
+            ).rowcount
+        found = self.get(number)
+        if not changed:
+            raise ConflictError(f"proposal {number} is {found.state} already")
+        return found
 
     def _select(self, where: str, values: tuple[object, ...]) -> list[Proposal]:
+        if self._path is not None and not self._path.exists():
+            return []
         with self._database() as database:
             self._expire(database)
             rows = database.execute(
@@ -247,20 +268,43 @@ class Proposals:
 
     @contextmanager
     def _database(self) -> Iterator[sqlite3.Connection]:
-        """Open the database for one transaction."""
-        with self._lock:
+        """Open the database for one transaction.
+
+        Raises
+        ------
+        StorageFullError, StoreError
+            The file cannot be read or written; names it.
+        """
+        try:
+            with self._lock, self._transaction() as database:
+                yield database
+        except sqlite3.Error as error:
+            where = str(self._path or "the proposals in memory")
+            if means_full(error) or "disk is full" in str(error):
+                raise StorageFullError(f"no room for {where}; nothing was kept") from error
+            raise StoreError(f"{where} cannot be used: {error}") from error
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        if self._path is not None:
+            database = sqlite3.connect(self._path, timeout=10)
+        else:
+            database = self._memory or sqlite3.connect(":memory:", check_same_thread=False)
+            self._memory = database
+        try:
+            with database:
+                database.execute(_SCHEMA)
+                yield database
+        finally:
             if self._path is not None:
-                database = sqlite3.connect(self._path, timeout=10)
-            else:
-                database = self._memory or sqlite3.connect(":memory:", check_same_thread=False)
-                self._memory = database
-            try:
-                with database:
-                    database.execute(_SCHEMA)
-                    yield database
-            finally:
-                if self._path is not None:
-                    database.close()
+                database.close()
+
+    def copy_to(self, folder: Path) -> None:
+        """Copy the proposals to another folder, e.g. for a backup; nothing if there are none."""
+        if self._path is None or not self._path.exists():
+            return
+        with self._database() as database, closing(sqlite3.connect(folder / FILE_NAME)) as copy:
+            database.backup(copy)
 
     def close(self) -> None:
         """Release the database."""

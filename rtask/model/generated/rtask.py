@@ -53,8 +53,11 @@ class Thing(Model):
         The number of a commit; on a graph: of the last commit that changed it. [NUM]
     confidence
         The confidence in a statement, on its RDF 1.2 reifier, in [0, 1]. [UNITLESS]
+    current_placement
+        The placement of the thing that has not ended (rule R9).
     current_pose
-        The latest pose by rt:atTime (rule R5).
+        The pose of the current placement; without placements, the latest pose by rt:atTime
+        unless its estimate has ended (rule R5).
     disputed
         As many people say that it held as say that it did not: judged neither way, counted
         nowhere (rule R8).
@@ -159,6 +162,7 @@ class Thing(Model):
     centre_of_mass_sigma: One[float] = One(_RT + "centreOfMassSigma", _XSD + "double", unit="M")
     commit_number: One[int] = One(_RT + "commitNumber", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     confidence: Many[float] = Many(_RT + "confidence", _XSD + "double", unit="UNITLESS")
+    current_placement: Links[Thing] = Links(_RT + "currentPlacement", _OWL + "Thing")
     current_pose: Links[Thing] = Links(_RT + "currentPose", _OWL + "Thing")
     disputed: Many[bool] = Many(_RT + "disputed", _XSD + "boolean")
     effective_grasp_width: One[float] = One(_RT + "effectiveGraspWidth", _XSD + "double", unit="M")
@@ -566,6 +570,8 @@ class Process(Physical):
         Brings the other process about.
     executed_in
         The interval in which the process took place.
+    handles_exemplar
+        The exemplar that an attempt was made on; the task names its product by rt:handles.
     patient
         What a process acts on.
     result
@@ -577,6 +583,7 @@ class Process(Physical):
     agent: Links[Agent] = Links(_SUMO + "agent", _SUMO + "Agent")
     causes: Links[Process] = Links(_SUMO + "causes", _SUMO + "Process")
     executed_in: Link[Interval] = Link(_RT + "executedIn", _RT + "Interval", functional=True)
+    handles_exemplar: Links[Exemplar] = Links(_RT + "handlesExemplar", _RT + "Exemplar")
     patient: Links[Entity] = Links(_SUMO + "patient", _SUMO + "Entity")
     result: Links[Entity] = Links(_SUMO + "result", _SUMO + "Entity")
 
@@ -1522,6 +1529,42 @@ class PipelineStep(InformationEntity):
 
     feeds: Links[PipelineStep] = Links(_RT + "feeds", _RT + "PipelineStep")
     step_method: Link[ServiceMethod] = Link(_RT + "stepMethod", _RT + "ServiceMethod", functional=True)
+
+
+class Placement(InformationEntity, ProperInterval):
+    """The interval in which a thing, or a frame, was at one place; it lasts until it has an end.
+
+    ``rt:Placement``
+
+    Attributes
+    ----------
+    confirmed_at
+        A later time at which the thing was seen at the same place; the last one counts.
+    held_by
+        The end effector that held the thing during the interval.
+    placed_in
+        The container that held the thing during the interval.
+    placed_on
+        The support on which the thing stood during the interval.
+    placement_confidence
+        The confidence, when the interval began, that the thing was there, in [0, 1].
+        [UNITLESS]
+    placement_of
+        The exemplar that was there, or the frame that had this pose in another.
+    placement_pose
+        The pose during the interval, in the frame in which it was measured.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Placement"
+    __required__: ClassVar[tuple[str, ...]] = ("has_beginning", "placement_of",)
+
+    confirmed_at: Many[datetime.datetime] = Many(_RT + "confirmedAt", _XSD + "dateTimeStamp")
+    held_by: Links[Object] = Links(_RT + "heldBy", _SUMO + "Object")
+    placed_in: Links[Object] = Links(_RT + "placedIn", _SUMO + "Object")
+    placed_on: Links[Object] = Links(_RT + "placedOn", _SUMO + "Object")
+    placement_confidence: One[float] = One(_RT + "placementConfidence", _XSD + "double", unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    placement_of: Link[Thing] = Link(_RT + "placementOf", _OWL + "Thing")
+    placement_pose: Link[Pose] = Link(_RT + "placementPose", _RT + "Pose")
 
 
 class PoseEstimate(InformationEntity):
@@ -2794,6 +2837,27 @@ class Direction(FramedMeasure):
     dir_z: One[float] = One(_RT + "dirZ", _XSD + "double", functional=True, unit="UNITLESS")
 
 
+class Exemplar(CorpuscularObject):
+    """One physical thing, such as the carton on this table, of which the product is rt:exemplarOf;
+    it has no objectId of its own.
+
+    ``rt:Exemplar``
+
+    Attributes
+    ----------
+    distinct_from
+        Turned out to be another thing than this one, which it might have been.
+    possibly_identical_to
+        May be this earlier thing, seen again: rt:confidence on the reifier is the chance.
+        rt:mergedInto or rt:distinctFrom settle it.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Exemplar"
+
+    distinct_from: Links[Exemplar] = Links(_RT + "distinctFrom", _RT + "Exemplar")
+    possibly_identical_to: Links[Exemplar] = Links(_RT + "possiblyIdenticalTo", _RT + "Exemplar")
+
+
 class FPFHFeatureSet(DescriptorSet):
     """Fast point feature histograms, 33 numbers a point (Rusu et al. 2009).
 
@@ -2873,7 +2937,6 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     """
 
     __iri__: ClassVar[str] = _RT + "ManipulableObject"
-    __required__: ClassVar[tuple[str, ...]] = ("object_id",)
 
     centre_of_mass: Links[Position] = Links(_RT + "centreOfMass", _RT + "Position")
     exemplar_of: Links[ManipulableObject] = Links(_RT + "exemplarOf", _RT + "ManipulableObject")

@@ -118,9 +118,9 @@ class SpacePlans(Service):
         gripper
             As a gripper file has it; default: that of the Panda.
         position_std
-            Standard deviation of the object's position; default: that of `rtask grasp plan`.
+            Standard deviation of the object's position; default: that of `rtask grasp space`.
         rotation_std
-            Standard deviation of its rotation; default: that of `rtask grasp plan`.
+            Standard deviation of its rotation; default: that of `rtask grasp space`.
         samples
             Perturbed poses for each candidate.
         mass

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
+import pyoxigraph
 import pytest
 from flask.testing import FlaskClient
 
@@ -204,3 +205,30 @@ def test_a_page_that_needs_a_token_offers_to_sign_in() -> None:
         application.close()
     assert answer.status_code == 401
     assert 'href="/login?next=%2Fadmin%2Ftokens%3Fx%3D1"' in answer.text
+
+
+def test_an_operator_adopts_and_refuses_proposals_on_a_page(site: Site) -> None:
+    quads = [
+        pyoxigraph.Quad(*map(pyoxigraph.NamedNode, (f"urn:{name}", "urn:p", "urn:o", "urn:g")))
+        for name in ("first", "second")
+    ]
+    for quad in quads:
+        site.kb.propose([quad], author="nao-1", reason="<i>why</i>")
+    robot = site.signed_in(site.robot)
+    assert robot.get("/admin/proposals", base_url=ELSEWHERE).status_code == 403
+    browser = site.signed_in(site.admin)
+    shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
+    assert "Proposal 2 of nao-1" in shown
+    assert "&lt;i&gt;why" in shown
+    form = {"secret": secret_of(shown), "remark": "too general"}
+    for address in ("1/adopt", "2/refuse"):
+        refused = browser.post(f"/admin/proposals/{address}", data={}, base_url=ELSEWHERE)
+        assert refused.status_code == 403
+        done = browser.post(
+            f"/admin/proposals/{address}", data=form, base_url=ELSEWHERE, headers=OWN
+        )
+        assert (done.status_code, done.location) == (303, "/admin/proposals")
+    assert [quad in site.kb.store for quad in quads] == [True, False]
+    shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
+    assert "Nothing waits for a decision" in shown
+    assert "too general" in shown

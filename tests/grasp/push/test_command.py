@@ -1,4 +1,4 @@
-"""`rtask grasp plan`: parts, clouds, and objects of the graph; what is stored is recalled."""
+"""`rtask grasp push`: parts, clouds, and objects of the graph; what is stored is recalled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rtask.engine.engine import Engine
 
 
 def _run(*args: str) -> Result:
-    return CliRunner().invoke(cli, ["grasp", "plan", *args])
+    return CliRunner().invoke(cli, ["grasp", "push", *args])
 
 
 @pytest.fixture
@@ -103,7 +103,8 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / "box.npy"
     np.save(path, rng.uniform(0, 1, (4000, 3)) * (0.08, 0.04, 0.05))
-    done = _run(str(path), "--samples", "10", "--save-plots", str(tmp_path / "d"), "--json")
+    called = ["grasp", "space", str(path), "--samples", "10", "--json", "--save-plots"]
+    done = CliRunner().invoke(cli, [*called, str(tmp_path / "d")])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "d" / "candidates_3d.svg").exists()
 
@@ -122,14 +123,15 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--samples", "1000000", "--density", "60"], "500000000 evaluations"),
         (["--samples", "10000000000", "--eliminate", "5,0.9"], "at most 1000000 samples"),
         (["--part", "2"], "part 2: a file .json holds one part"),
-        (["--workers", "-1"], "--workers -1: must be 0 or more"),
+        (["--workers", "-1"], "-1 is not in the range x>=0"),
+        (["--gripper", "nao"], "'--gripper'. It is an option of rtask grasp space"),
         (["--save-plots", "/proc/none/here"], "--save-plots /proc/none/here: No such file"),
     ],
 )
 def test_bad_calls_are_one_line(part: Path, args: list[str], words: str) -> None:
     done = _run(str(part), *args)
     assert done.exit_code != 0
-    assert words in str(done.exception)
+    assert words in done.output + str(done.exception)
 
 
 def test_a_plan_without_a_grasp_fails(tmp_path: Path) -> None:
@@ -148,8 +150,9 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "null.json"
     path.write_text("null")
     assert "a part in JSON is" in str(_run(str(path)).exception)
-    for mode in ("push", "space"):
-        done = _run(str(tmp_path), "--mode", mode, "-d", str(tmp_path / "none"))
+    for command in ("push", "space"):
+        given = ["grasp", command, str(tmp_path), "-d", str(tmp_path / "none")]
+        done = CliRunner().invoke(cli, given)
         assert str(done.exception) == f"{tmp_path} is a folder; give a file in it"
     path.write_bytes(b"{\xff")
     assert str(_run(str(path)).exception) == f"{path}: no JSON: byte 1 is no UTF-8 text"

@@ -231,26 +231,29 @@ def test_the_command_plans_for_a_cup_and_says_what_it_cannot_do(tmp_path: Path) 
     GraspObject("box", (BOX.vertices,), 0.2).write(tmp_path)
     (tmp_path / "part-0.obj").rename(mesh)
     run = CliRunner().invoke
-    done = run(cli, ["grasp", "plan", str(mesh), "--gripper", "suction:0.015", "--limit", "2",
+    done = run(cli, ["grasp", "space", str(mesh), "--gripper", "suction:0.015", "--limit", "2",
                       "--save-plots", str(tmp_path)])  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "lip 30 mm wide, vacuum 42 N" in done.output
     assert (tmp_path / "candidates_3d.svg").exists()
-    wide = run(cli, ["grasp", "plan", str(mesh), "--gripper", "suction:0.05"])
+    wide = run(cli, ["grasp", "space", str(mesh), "--gripper", "suction:0.05"])
     assert wide.exit_code == 1
     assert "seals nowhere" in wide.output
     cloud = str(tmp_path / "cloud.npy")
     np.save(cloud, view_of(BOX) + np.array([0, 0, 0.02]))
-    done = run(cli, ["grasp", "plan", cloud, "--mode", "space", "--viewpoint", "0.4", "0", "0.5",
+    done = run(cli, ["grasp", "space", cloud, "--viewpoint", "0.4", "0", "0.5",
                      "--gripper", "suction:0.015", "--json"])  # fmt: skip
     assert done.exit_code == 0, done.output
     assert json.loads(done.output)["grasps"]
     for more, words in (
-        ([str(mesh), "--save-grasps", str(tmp_path / "g.h5")], "--save-grasps is for grippers"),
-        ([str(mesh), "--mode", "scene"], "needs the cloud of a table"),
-        ([cloud, "--mode", "scene"], "needs one --viewpoint"),
+        (
+            ["space", str(mesh), "--save-grasps", str(tmp_path / "g.h5")],
+            "--save-grasps is for grippers",
+        ),
+        (["space", cloud, "--classifier", "shipped"], "--classifier is for grippers"),
+        (["scene", str(mesh), "--viewpoint", "0", "0", "1"], "a scene is the cloud of a table"),
     ):
-        refused = run(cli, ["grasp", "plan", "--gripper", "suction:0.015", *more])
+        refused = run(cli, ["grasp", *more, "--gripper", "suction:0.015"])
         assert refused.exit_code != 0
         assert words in refused.output + str(refused.exception)
 

@@ -1,4 +1,4 @@
-"""`rtask grasp plan` in space: meshes, clouds, objects of the graph; what is stored is recalled."""
+"""`rtask grasp space` and `scene`: of meshes, clouds and objects; what is stored is recalled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ from rtask.engine.engine import Engine
 
 
 def _run(*args: str) -> Result:
-    return CliRunner().invoke(cli, ["grasp", "plan", *args])
+    return CliRunner().invoke(cli, ["grasp", "space", *args])
+
+
+def _scene(*args: str) -> Result:
+    return CliRunner().invoke(cli, ["grasp", "scene", *args])
 
 
 def _box(path: Path, size: tuple[float, float, float]) -> Path:
@@ -76,8 +80,8 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
     [
         (["--gripper", "hook"], "suction:RADIUS or three:OPENING"),
         (["--gripper", "jaw:"], "expected a stroke"),
-        (["--part", "2"], "--part has no effect here"),
-        (["--workers", "2"], "--workers has no effect here"),
+        (["--part", "2"], "'--part'. It is an option of rtask grasp push"),
+        (["--workers", "2"], "an option of rtask grasp push, rtask grasp batch"),
         (["--gripper", "jaw:0"], "stroke"),
         (["--scale", "0"], "scale"),
         (["--store"], "object of the graph"),
@@ -87,7 +91,7 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--mass", "nan"], "mass"),
         (["--friction", "nan"], "friction"),
         (["--gripper", "jaw:nan"], "stroke"),
-        (["--limit", "-1"], "at least 1"),
+        (["--limit", "-1"], "-1 is not in the range x>=1"),
         (["--min-confidence", "nan"], "0 to 1"),
         (["--min-confidence", "1.5"], "0 to 1"),
     ],
@@ -95,16 +99,27 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
 def test_bad_calls_are_one_line(tmp_path: Path, args: list[str], words: str) -> None:
     done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
     assert done.exit_code != 0
-    assert words in str(done.exception)
+    assert words in done.output + str(done.exception)
 
 
-def test_options_of_grasps_in_space_are_refused_on_a_plane(tmp_path: Path) -> None:
-    part = tmp_path / "part.json"
-    part.write_text("[[0, 0], [2, 0], [2, 1], [0, 1]]")
-    for option, value in (("--gripper", "nao"), ("--min-confidence", "0.2"), ("--mass", "1")):
-        done = _run(str(part), option, value)
-        assert f"{option} has no effect here" in str(done.exception)
-    assert _run(str(part), "--friction", "0.6", "--samples", "10").exit_code == 0
+def test_a_source_of_another_command_is_refused_with_its_name(tmp_path: Path) -> None:
+    mesh = str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08)))
+    pushed = CliRunner().invoke(cli, ["grasp", "push", mesh])
+    assert str(pushed.exception) == f"{mesh} is a mesh: `rtask grasp space` plans grasps of it"
+    shown = _scene(mesh, "--viewpoint", "0", "0", "1")
+    assert str(shown.exception) == f"{mesh} is a mesh; a scene is the cloud of a table"
+    np.save(tmp_path / "cloud.npy", np.eye(3))
+    table = str(tmp_path / "cloud.npy")
+    heavy = _scene(table, "--viewpoint", "0", "0", "1", "--mass", "1")
+    assert "--mass has no effect on the grasps of two jaws" in str(heavy.exception)
+    ranked = _run(table, "--grasps", mesh)
+    assert "--grasps needs the mesh that they are grasps of" in str(ranked.exception)
+
+
+def test_the_former_command_names_those_that_took_its_place() -> None:
+    gone = CliRunner().invoke(cli, ["grasp", "plan", "part.json"])
+    assert gone.exit_code == 2
+    assert "`push` plans on a plane, `space` in space" in gone.output
 
 
 @pytest.mark.parametrize(
@@ -118,7 +133,7 @@ def test_what_is_no_cloud_is_told_so_in_one_line(
     tmp_path: Path, name: str, words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / name).write_bytes(b"\x89PNG\r\n")
-    done = _run(str(tmp_path / name), "--mode", "scene", "--viewpoint", "0", "0", "1")
+    done = _scene(str(tmp_path / name), "--viewpoint", "0", "0", "1")
     assert done.exit_code != 0
     assert words in str(done.exception)
     assert "WARNING" not in capfd.readouterr().out
@@ -127,7 +142,7 @@ def test_what_is_no_cloud_is_told_so_in_one_line(
 def test_a_reader_that_goes_away_is_no_error_of_the_file(tmp_path: Path) -> None:
     part = tmp_path / "part.json"
     part.write_text("[[0, 0], [4, 0], [4, 2], [0, 2]]")
-    command = [sys.executable, "-m", "rtask", "grasp", "plan", str(part), "--samples", "10"]
+    command = [sys.executable, "-m", "rtask", "grasp", "push", str(part), "--samples", "10"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -151,7 +166,7 @@ def test_a_cloud_without_a_shape_is_told_why(
     tmp_path: Path, points: np.ndarray, words: str
 ) -> None:
     np.save(tmp_path / "cloud.npy", points)
-    done = _run(str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "5")
+    done = _run(str(tmp_path / "cloud.npy"), "--samples", "5")
     assert done.exit_code == 1
     assert isinstance(done.exception, SystemExit)
     assert "no grasp found: " in done.output
@@ -205,7 +220,7 @@ def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
     with rtask.open(data) as kb, Engine(kb) as engine:
         stored = engine.call("insert_object", {"objects": [seen]})
         thing = stored["objects"][0]["object"]
-    done = _run(thing, "-d", str(data), "--mode", "space", "--samples", "40", "--store", "--limit",
+    done = _run(thing, "-d", str(data), "--samples", "40", "--store", "--limit",
                 "12", "--json")  # fmt: skip
     assert done.exit_code == 0, (done.output, done.exception)
     found = json.loads(done.output)
@@ -244,14 +259,14 @@ def test_the_cloud_of_a_table_gives_grasps_of_each_thing(tmp_path: Path) -> None
         points += np.array([0.0, place, 0.03])
         things.append(points[np.einsum("ij,ij->i", box.normals[face], eye - points) > 0])
     np.save(tmp_path / "table.npy", np.vstack([table, *things]))
-    given = (str(tmp_path / "table.npy"), "--mode", "scene", "--samples", "10")
-    done = _run(*given, "--viewpoint", "0.1", "0", "0.5", "--json")
+    given = (str(tmp_path / "table.npy"), "--samples", "10")
+    done = _scene(*given, "--viewpoint", "0.1", "0", "0.5", "--json")
     told = json.loads(done.stdout)
     assert {row["segment"] for row in told["grasps"]} == {1, 2}
-    assert "2 things on a table" in told["notes"][1]
-    blind = _run(*given)
-    assert blind.exit_code != 0
-    assert "--viewpoint" in str(blind.exception)
+    assert "2 objects on a table" in told["notes"][1]
+    blind = _scene(*given)
+    assert blind.exit_code == 2
+    assert "Missing option '--viewpoint'" in blind.output
 
 
 def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
@@ -274,7 +289,6 @@ def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--workers", "-1"], "--workers -1: must be 0 or more"),
         (["--viewpoint", "nan", "0", "0"], "--viewpoint nan 0.0 0.0: expected numbers, m"),
         (["--viewpoint", "1", "0", "0"], "--viewpoint is about clouds"),
         (["--classifier", "shipped"], "--classifier is about clouds"),
@@ -297,7 +311,7 @@ def test_what_is_quoted_from_a_file_does_not_steer_the_terminal(
     path = tmp_path / "junk.dxf"
     path.write_bytes(b"\x1b[2J\x07\n0\n")
     with pytest.raises(SystemExit) as stopped:
-        main(["grasp", "plan", str(path)])
+        main(["grasp", "push", str(path)])
     assert stopped.value.code == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1

@@ -28,7 +28,7 @@ _GRAPH = "urn:lab/graph/agent/nao-1"
 Run = Callable[..., tuple[int, str, str]]
 _USED_IN_TWO_WAYS = {
     "--limit": "serve: of a rate",
-    "--store": "serve: where statements are; grasp plan: whether to store",
+    "--store": "serve: where statements are; grasp push, space: whether to store",
     "--count": "ros zenoh save: -n is a topic's number there",
 }
 _FORMER = {"--url", "--by", "--operator", "--processes", "--view", "--output", "--endpoint"}
@@ -40,6 +40,7 @@ _OF_FILES = {
     "episodes export": "reads pictures and clouds of the folder",
     "episodes list": "as export",
     "episodes import": "writes pictures and clouds into the folder",
+    "grasp space": "a server plans by its operation plan_in_space",
     "history": "reads the journal, whose statements no address gives",
     "objects twins": "reads the views of the folder",
     "load": "loads files of this machine; a server takes them by the graph store protocol",

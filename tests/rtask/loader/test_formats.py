@@ -16,6 +16,7 @@ import rtask
 from rtask.errors import DataError, ParseError, TooLargeError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf import documents
+from rtask.rdf.bounds import MAX_LITERAL
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, find_format, read_document
 
@@ -214,6 +215,31 @@ def test_a_file_opened_as_text_is_refused(tmp_path: Path) -> None:
         Document.of(file)  # type: ignore[arg-type] # what callers without types do
 
 
+def test_brackets_that_nest_nothing_are_no_depth(tmp_path: Path) -> None:
+    text = """<urn:a> <urn:p> ( [ <urn:(((> "(([[" ] '[[[' ) . # (((
+@prefix e: <urn:e#> . e:a\\(b <urn:p> '''( ' [ ''', (), [] .
+"""
+    assert len(read_document(_file(tmp_path, "a.ttl", text * 100))) == 900
+
+
+def test_a_literal_beyond_the_bound_is_refused_on_every_way_in(tmp_path: Path) -> None:
+    long = "x" * (MAX_LITERAL + 1)
+    text = f"<urn:a> <urn:p> '{long}' ."
+    with rtask.open(tmp_path / "kb") as kb:
+        for write in (
+            lambda: kb.update(f"INSERT DATA {{ {text} }}"),
+            lambda: kb.load(text.encode(), format="turtle"),
+            lambda: kb.load(_file(tmp_path, "a.nt", (text.replace("'", '"') + "\n") * 17)),
+        ):
+            with pytest.raises(TooLargeError, match=f"literal.*{MAX_LITERAL}"):
+                write()
+        with kb.transaction() as tx:
+            tx.add("urn:a", "urn:p", long[1:])
+        escaped = "\\u0078" * 300_000
+        assert kb.update(f"INSERT DATA {{ <urn:b> <urn:p> '{escaped}' }}").added == 1
+        assert kb.update("INSERT { <urn:c> ?p ?o } WHERE { <urn:a> ?p ?o }").added == 1
+
+
 def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(documents, "MAX_UNPACKED", 10_000)
     for name, pack in (("bomb.ttl.gz", gzip.compress), ("bomb.ttl.zst", zstandard.compress)):
@@ -225,9 +251,15 @@ def test_a_bomb_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ("name", "text", "error", "message"),
     [
-        ("a.jsonld", '{"urn:p":' * 5_000, TooLargeError, "nested deeper than 256"),
+        ("a.jsonld", '{"urn:p":' * 5_000, TooLargeError, "nested deeper than 128"),
+        ("a.ttl", "<urn:a> <urn:p> " + "[ <urn:p> " * 9_000, TooLargeError, "deeper than 128"),
+        ("a.ttl", "<urn:a> <urn:p> " + "( " * 129 + ") " * 129, TooLargeError, "deeper than 128"),
+        ("a.trig", "<urn:g> { <urn:a> <urn:p> " + "( " * 129, TooLargeError, "deeper than 128"),
+        ("a.n3", "<urn:a> <= " + "{ <urn:a> <= " * 129, TooLargeError, "deeper than 128"),
+        ("a.ttl", "<urn:a> <urn:p> '\"', " + "( " * 129 + "'\"'", TooLargeError, "than 128"),
+        ("a.ofn", "Ontology(" + "ObjectComplementOf(" * 9_000, TooLargeError, "than 128"),
         ("a.ttl", "<urn:a> <urn:p> " + "<<( <urn:a> <urn:p> " * 9_000, TooLargeError, "nested"),
-        ("a.rdf", "<a>" * 300, TooLargeError, "nested deeper than 256"),
+        ("a.rdf", "<a>" * 300, TooLargeError, "nested deeper than 128"),
         (
             "a.rdf",
             '<!DOCTYPE x [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><x>&b;</x>',

@@ -138,7 +138,7 @@ def test_a_shard_whose_answer_does_not_come_is_sent_once_more(monkeypatch: pytes
 def test_the_command_plans_on_a_server_as_it_does_alone(server, tmp_path: Path):
     part = tmp_path / "part.json"
     part.write_text(json.dumps([[0, 0], [0.1, 0], [0.12, 0.05], [0, 0.04]]))
-    command = [sys.executable, "-m", "rtask", "grasp", "plan", str(part), "--json"]
+    command = [sys.executable, "-m", "rtask", "grasp", "push", str(part), "--json"]
     more = ["--executor", "server", "--server", server.url]
     alone, shared = (
         json.loads(subprocess.run([*command, *one], capture_output=True, check=True).stdout)
@@ -175,7 +175,7 @@ def test_a_plan_tells_how_far_it_is_and_ends_when_nobody_waits_any_more():
 def test_the_command_ranks_by_what_was_judged_in_time(tmp_path: Path):
     part = tmp_path / "part.json"
     part.write_text(json.dumps(_ELL))
-    command = ["grasp", "plan", str(part), "--samples", "20000"]
+    command = ["grasp", "push", str(part), "--samples", "20000"]
     cut = json.loads(CliRunner().invoke(cli, [*command, "--json", "--deadline", "1e-9"]).stdout)
     assert (cut["samples"], cut["is_cut"]) == (2500, True)
     less = [*command[:-1], "2500"]

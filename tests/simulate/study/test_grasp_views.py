@@ -138,7 +138,7 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
 def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
     from rtask.cli.grasping.learning import train
-    from rtask.cli.grasping.plan_on_plane import plan
+    from rtask.cli.grasping.space import space
 
     views, model = tmp_path / "views.npz", tmp_path / "model.npz"
     made = CliRunner().invoke(study, ["grasp-views", str(views), "--shapes", "1"])
@@ -152,45 +152,45 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     assert "expected rtask-grasp-samples-2" in str(wrong.exception)
     view = depth_view(sample_shape("can", 3), CAMERA, SensorNoise(), 0)
     np.save(tmp_path / "cloud.npy", view.points[view.points[:, 2] > 0.008])
-    asked = [str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "20", "--json"]
+    asked = [str(tmp_path / "cloud.npy"), "--samples", "20", "--json"]
     asked += ["--viewpoint", *(str(x) for x in CAMERA), "--classifier", str(model)]
-    planned = CliRunner().invoke(plan, asked)
+    planned = CliRunner().invoke(space, asked)
     assert planned.exit_code == 0, planned.output
     best = json.loads(planned.output)["grasps"][0]
     assert best["completed"]
     assert 0 <= best["classifier"] <= 1
-    refused = CliRunner().invoke(plan, [*asked, "--gripper", "nao"])
+    refused = CliRunner().invoke(space, [*asked, "--gripper", "nao"])
     assert "trained for 'panda_hand 80', not for 'nao_hand 50'" in str(refused.exception)
 
 
 def test_the_filters_that_come_with_the_package_are_asked_for_by_name(tmp_path: Path) -> None:
-    from rtask.cli.grasping.plan_on_plane import plan
+    from rtask.cli.grasping.space import space
 
     view = depth_view(sample_shape("can", 3), CAMERA, SensorNoise(), 0)
     np.save(tmp_path / "cloud.npy", view.points[view.points[:, 2] > 0.008])
-    asked = [str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "20", "--json"]
+    asked = [str(tmp_path / "cloud.npy"), "--samples", "20", "--json"]
     asked += ["--viewpoint", *(str(x) for x in CAMERA), "--classifier"]
-    planned = CliRunner().invoke(plan, [*asked, "shipped"])
+    planned = CliRunner().invoke(space, [*asked, "shipped"])
     assert planned.exit_code == 0, planned.output
     assert 0 <= json.loads(planned.output)["grasps"][0]["classifier"] <= 1
-    other = CliRunner().invoke(plan, [*asked, "shipped", "--gripper", "jaw:0.06"])
+    other = CliRunner().invoke(space, [*asked, "shipped", "--gripper", "jaw:0.06"])
     assert "no filter comes with rtask for 'parallel_jaw 60'" in str(other.exception)
-    missing = CliRunner().invoke(plan, [*asked, str(tmp_path / "none.npz")])
+    missing = CliRunner().invoke(space, [*asked, str(tmp_path / "none.npz")])
     assert "none.npz: no file of grasp samples or models" in str(missing.exception)
 
 
 def test_a_plan_takes_the_place_of_the_camera_of_each_view(tmp_path: Path) -> None:
-    from rtask.cli.grasping.plan_on_plane import plan
+    from rtask.cli.grasping.space import space
 
     can, opposite = sample_shape("can", 3), CAMERA * (-1.0, -1.0, 1.0)
-    asked = ["--mode", "space", "--samples", "20", "--json"]
+    asked = ["--samples", "20", "--json"]
     seen, completed = [], []
     for number, eye in enumerate((CAMERA, opposite)):
         points = depth_view(can, eye, SensorNoise(), number).points
         seen.append(points[points[:, 2] > 0.008])
         asked += ["--viewpoint", *(str(x) for x in eye)]
         np.save(tmp_path / "cloud.npy", np.vstack(seen))
-        planned = CliRunner().invoke(plan, [str(tmp_path / "cloud.npy"), *asked])
+        planned = CliRunner().invoke(space, [str(tmp_path / "cloud.npy"), *asked])
         assert planned.exit_code == 0, planned.output
         completed.append([one["completed"] for one in json.loads(planned.output)["grasps"]])
     assert all(completed[0][:3])

@@ -154,15 +154,12 @@ def test_the_command_line_takes_a_hand(tmp_path: Path) -> None:
     lines = ["v {:.6f} {:.6f} {:.6f}".format(*v) for v in BALL.vertices]
     lines += ["f {} {} {}".format(*(face + 1)) for face in BALL.faces]
     path.write_text("\n".join(lines))
-    call = ["grasp", "plan", str(path), "--gripper", "three:0.1", "--samples", "20"]
+    call = ["grasp", "space", str(path), "--gripper", "three:0.1", "--samples", "20"]
     done = CliRunner().invoke(cli, [*call, "--json", "--save-plots", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["grasps"][0]["width"] == pytest.approx(0.06, abs=2e-3)
-    for more, words in (
-        (["--mode", "scene"], "--mode scene"),
-        (["--store"], "object of the graph"),
-    ):
-        assert words in str(CliRunner().invoke(cli, [*call, *more]).exception)
+    stored = CliRunner().invoke(cli, [*call, "--store"])
+    assert "object of the graph" in str(stored.exception)
 
 
 @pytest.mark.parametrize(("mass", "held"), [(0.3, True), (6.0, False)])

@@ -10,10 +10,19 @@ import pytest
 from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 
 import rtask
-from rtask.errors import ConflictError, ForbiddenError, QueueFullError, UnknownTermError, UsageError
+from rtask.errors import (
+    ConflictError,
+    ForbiddenError,
+    InconsistentError,
+    QueueFullError,
+    StoreError,
+    UnknownTermError,
+    UsageError,
+)
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Request
 from rtask.kb.commit.schema_right import stored_axioms
+from rtask.kb.maintenance.backup import restore
 from rtask.kb.proposals.register import LIFETIME, MAX_OPEN, Proposals
 from rtask.knowledge_base import KnowledgeBase
 
@@ -145,6 +154,20 @@ def test_a_robot_with_the_right_and_an_operator_state_axioms(kb: KnowledgeBase) 
     ] == ["<urn:robot>"]
 
 
+@pytest.mark.parametrize(
+    "axiom", ["rt:Mug owl:disjointWith <urn:Vase>", "<urn:Vase> rdfs:subClassOf owl:Nothing"]
+)
+def test_a_contradiction_is_charged_to_the_author_of_the_axiom(axiom: str) -> None:
+    with rtask.open(":memory:", base=BASE) as kb:
+        insert(kb, axiom, access=Access("nao-3", "robot", frozenset(("schema",))))
+        with pytest.raises(InconsistentError, match="charged to nao-3") as refused:
+            insert(kb, "<urn:v> a rt:Mug, <urn:Vase>")
+        assert refused.value.details["charged_to"] == ["nao-3"]
+        with pytest.raises(InconsistentError) as refused:
+            insert(kb, "<urn:v> a owl:Thing ; rt:mass 'heavy'")
+        assert refused.value.details["charged_to"] == []
+
+
 def test_many_hostile_axioms_hinder_and_reclassify_nobody(kb: KnowledgeBase) -> None:
     for number in range(200):
         with pytest.raises(ForbiddenError):
@@ -174,8 +197,27 @@ def test_a_refused_change_is_kept_as_a_proposal_where_that_is_set(tmp_path: Path
         assert (kb.proposals.get(1).state, kb.proposals.get(1).commit) == ("adopted", commit.seq)
         with pytest.raises(ConflictError, match="adopted already"):
             kb.adopt(1)
+        insert_refused(kb, "rt:Pen rdfs:subClassOf <urn:Tool>")
+        kb.backup(tmp_path / "backup")
     with rtask.open(tmp_path / "kb", mode="r") as kb:
         assert [one.number for one in kb.proposals.find("adopted")] == [1]
+    restore(tmp_path / "backup", tmp_path / "restored")
+    with rtask.open(tmp_path / "restored") as kb:
+        assert [one.state for one in kb.proposals.find()] == ["adopted", "proposed"]
+        assert kb.adopt(2).added == 1
+
+
+def insert_refused(kb: KnowledgeBase, statements: str) -> None:
+    with pytest.raises(ForbiddenError):
+        insert(kb, statements)
+
+
+def test_reading_proposals_makes_no_file_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    assert Proposals(tmp_path).find() == []
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "proposals.sqlite").write_bytes(b"no database, but text " * 100)
+    with pytest.raises(StoreError, match=r"proposals\.sqlite cannot be used"):
+        Proposals(tmp_path).find()
 
 
 def test_a_proposal_that_the_present_state_contradicts_stays_open(kb: KnowledgeBase) -> None:

@@ -1,0 +1,44 @@
+"""Options and errors that all commands share which plan grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from rtask.errors import RtaskError, UsageError
+
+__all__ = ["errors_name", "make_plot_folder", "seed_option"]
+
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Random seed of the perturbations.",
+)
+
+
+def make_plot_folder(folder: Path) -> None:
+    """Create the folder for drawings before anything is planned."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--save-plots {folder}: {error.strerror}") from error
+
+
+@contextmanager
+def errors_name(source: str) -> Iterator[None]:
+    """Turn errors of a planner into one line that names the source."""
+    try:
+        yield
+    except ValueError as error:
+        if isinstance(error, RtaskError):
+            raise
+        raise UsageError(f"{source}: {error}") from error
+    except BrokenPipeError:  # of the reader of what is printed
+        raise
+    except OSError as error:
+        raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error

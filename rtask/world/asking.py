@@ -1,0 +1,134 @@
+"""Answers to where something is: by name, kind or IRI, at a time, near a place."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, iri
+from rtask.world.estimates import estimated_placement
+from rtask.world.names import find_exemplars, find_frame, find_marks, is_exemplar, label_of
+from rtask.world.placement import Placement
+from rtask.world.whereabouts import Question, Whereabouts, Whereis
+from rtask.world.wording import answer_text, sentence
+
+if TYPE_CHECKING:
+    from rtask.world.state import WorldState
+
+__all__ = ["answer"]
+
+_CHANCE = 0.9
+_UNKNOWN = "unknown"
+
+
+def answer(world: WorldState, question: Question) -> Whereis:
+    """Return where the things are that a question is about.
+
+    Raises
+    ------
+    UnknownTermError
+        A frame or place of the question is not in the graph.
+    UsageError
+        Several frames have the name.
+    """
+    time_s = time.time() if question.at is None else question.at
+    frame = None if question.frame is None else find_frame(world, question.frame)
+    asked = _Asked(world, time_s, frame)
+    places = [
+        asked.where(exemplar, product) for exemplar, product in find_exemplars(world, question.name)
+    ]
+    is_called = bool(places)
+    if question.near is not None:
+        marks = find_marks(world, question.near)
+        places = [p for p in places if asked.is_near(p, marks, question.radius_m)]
+    places.sort(key=lambda p: (not p.is_known, -p.still_there, -(p.seen_s or 0.0), p.exemplar))
+    return Whereis(time_s, tuple(places), answer_text(question, places, is_called))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The time and the frame of a question."""
+
+    world: WorldState
+    time_s: float
+    frame: str | None
+
+    def where(self, exemplar: str, product: str) -> Whereabouts:
+        """Return the whereabouts of a thing, or of a product that has no things."""
+        world, time_s = self.world, self.time_s
+        last = self._last(exemplar, product)
+        doubts = tuple(world.doubts(exemplar)) if exemplar else ()
+        whereabouts = Whereabouts(
+            exemplar, product, label_of(world, exemplar or product), _UNKNOWN, doubts=doubts
+        )
+        if last is not None:
+            whereabouts = replace(
+                whereabouts, since_s=last.begin, seen_s=min(last.confirmed, time_s),
+                until_s=last.end, place=last.place, place_label=label_of(world, last.place),
+                agent=label_of(world, last.agent),
+            )  # fmt: skip
+        if last is not None and last.holds_at(time_s):
+            whereabouts = self._placed(whereabouts, last)
+        return replace(whereabouts, text=sentence(whereabouts, time_s))
+
+    def is_near(self, place: Whereabouts, marks: Sequence[str], radius_m: float) -> bool:
+        """Whether a thing is in, on or near one of the places, robots, frames and things."""
+        if place.place in marks:
+            return True
+        if place.frame_from_exemplar is None:
+            return False
+        return any(
+            np.linalg.norm(spot - place.frame_from_exemplar[:3, 3]) <= radius_m
+            for mark in marks
+            for spot in self._spots(mark, place.frame)
+        )
+
+    def _last(self, exemplar: str, product: str) -> Placement | None:
+        if exemplar:
+            return self.world.last_placement(exemplar, self.time_s)
+        return estimated_placement(self.world.kb, product, self.time_s)
+
+    def _placed(self, whereabouts: Whereabouts, last: Placement) -> Whereabouts:
+        world, time_s = self.world, self.time_s
+        seen = replace(last, confirmed=min(last.confirmed, time_s))
+        spread = world.spread(seen, time_s)
+        whereabouts = replace(
+            whereabouts, relation=last.relation, still_there=spread.still_there * last.confidence
+        )
+        if last.frame_from_subject is None:
+            return whereabouts
+        frame, pose, variance = last.frame, last.frame_from_subject, 0.0
+        resolved = None if self.frame is None else world.pose_in(seen, self.frame, time_s)
+        if resolved is not None and self.frame is not None:
+            frame, (pose, variance) = self.frame, resolved
+        spread = replace(spread, sigma_m=float(np.sqrt(spread.sigma_m**2 + variance)))
+        return replace(
+            whereabouts, frame=frame, frame_id=world.frames.name_of(frame),
+            frame_from_exemplar=pose, radius90_m=spread.radius(_CHANCE),
+        )  # fmt: skip
+
+    def _spots(self, mark: str, frame: str) -> list[NDArray[np.float64]]:
+        """Return where a robot, frame or thing is in a frame, (3,), m."""
+        frames = [
+            quad.object.value
+            for quad in self.world.kb.match(iri(mark), RT.bodyFrame)
+            if isinstance(quad.object, NamedNode)
+        ]
+        spots = []
+        for source in (*frames, mark):
+            way = self.world.frames.target_from_source(frame, source, self.time_s, self.time_s)
+            if way is not None:
+                spots.append(way[0][:3, 3])
+        exemplars = [mark] if is_exemplar(self.world, mark) else self.world.exemplars_of(mark)
+        for exemplar in exemplars:
+            placement = self.world.placement_at(exemplar, self.time_s)
+            there = None if placement is None else self.world.pose_in(placement, frame, self.time_s)
+            if there is not None:
+                spots.append(there[0][:3, 3])
+        return spots

@@ -1,0 +1,307 @@
+"""Changes of the world in one commit: seen, held, put somewhere, lost.
+
+Closing an interval and opening the next are statements of the same commit, so that no reader sees a
+thing at two places or, on its way, at none. An end is added to a placement rather than taken from
+it: a robot cannot write into the graph of another one, whose thing it moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.rdf.namespaces import RT, mint
+from rtask.rdf.terms import Literal, NamedNode, iri
+from rtask.world.identity import Candidate, identify
+from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
+from rtask.world.state import WorldState
+from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
+from rtask.world.uncertainty import Spread, spread_of
+
+__all__ = ["MOVED_M", "MOVED_RAD", "Seen", "WorldEdit"]
+
+MOVED_M = 0.02
+"""Distance from which a thing has moved, m."""
+
+MOVED_RAD = float(np.deg2rad(15.0))
+"""Angle from which a thing has turned, rad."""
+
+_CONFIRM_S = 60.0
+_NOWHERE = Spread(0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A thing of a product as seen by a robot.
+
+    Parameters
+    ----------
+    product
+        IRI of the product.
+    frame, frame_from_exemplar
+        IRI of the frame, and the pose (4, 4) in it, m.
+    time_s
+        When it was seen, Unix time.
+    sigma_m
+        Standard deviation of the position per axis, m.
+    confidence
+        In what it is and where, 0..1.
+    min_extent_m
+        The product's smaller horizontal extent, m; 0 if it is not known.
+    is_round
+        A turn about the z axis is no motion.
+    robot
+        IRI of the robot; what lies in its places or hands has an IRI below it.
+    hands
+        IRIs of the robot's end effectors.
+    agent, source
+        IRIs of the author and of the observation; or empty.
+    exemplar
+        IRI of the thing, if the robot says which it means; or empty.
+    """
+
+    product: str
+    frame: str
+    frame_from_exemplar: NDArray[np.float64]
+    time_s: float
+    sigma_m: float = DEFAULT_SIGMA_M
+    confidence: float = 1.0
+    min_extent_m: float = 0.0
+    is_round: bool = False
+    robot: str = ""
+    hands: Collection[str] = ()
+    agent: str = ""
+    source: str = ""
+    exemplar: str = ""
+
+
+@dataclass
+class WorldEdit:
+    """The statements of one commit about things and their places.
+
+    Parameters
+    ----------
+    world
+        The world before the commit.
+    graph
+        Graph of the author, from which alone something can be withdrawn.
+    new_exemplar
+        IRI for the next thing that turns out to be new; None to make one up.
+
+    Attributes
+    ----------
+    statements, withdrawn
+        To be added to, and removed from, the author's graph.
+    """
+
+    world: WorldState
+    graph: NamedNode
+    new_exemplar: str | None = None
+    statements: list[Statement] = field(default_factory=list)
+    withdrawn: list[Statement] = field(default_factory=list)
+    _last: dict[str, Placement] = field(default_factory=dict)
+    _made: dict[str, list[str]] = field(default_factory=dict)
+
+    def see(self, seen: Seen) -> str:
+        """State that a thing was seen; return its IRI, a new one if it is none of those known."""
+        exemplar = seen.exemplar
+        doubts: tuple[tuple[str, float], ...] = ()
+        if not exemplar:
+            candidates = [
+                self._candidate(candidate, seen) for candidate in self._exemplars(seen.product)
+            ]
+            identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
+            exemplar, doubts = identity.exemplar, identity.doubts
+        if not exemplar:
+            exemplar = self.make_exemplar(seen.product)
+        for other, chance in doubts:
+            if not self._is_in_doubt(exemplar, other):
+                self.statements += doubted(self.world.kb.base, exemplar, other, chance)
+        last = self.last(exemplar)
+        if last is not None and seen.time_s < last.begin:
+            return exemplar
+        if last is not None and last.is_current and self._is_there(last, seen):
+            self._confirm(last, seen.time_s)
+            self._settle(last, seen.time_s)
+            return exemplar
+        self._close(last, seen.time_s)
+        self._open(
+            Placement(
+                self._node(), exemplar, seen.time_s, None, seen.time_s, "at", "", seen.frame,
+                seen.frame_from_exemplar, seen.sigma_m, seen.confidence, seen.agent,
+                seen.source,
+            )
+        )  # fmt: skip
+        return exemplar
+
+    def put(
+        self,
+        exemplar: str,
+        relation: Relation,
+        place: str,
+        time_s: float,
+        agent: str = "",
+        source: str = "",
+        confidence: float = 1.0,
+    ) -> None:
+        """State that a thing is on, in or held by something, from a time on."""
+        last = self.last(exemplar)
+        if last is not None and time_s < last.begin:
+            return
+        is_same = last is not None and (last.relation, last.place) == (relation, place)
+        if last is not None and last.is_current and is_same:
+            self._confirm(last, time_s)
+            return
+        self._close(last, time_s)
+        self._open(
+            Placement(
+                self._node(), exemplar, time_s, None, time_s, relation, place,
+                confidence=confidence, agent=agent, source=source,
+            )
+        )  # fmt: skip
+
+    def lose(self, exemplar: str, time_s: float) -> None:
+        """State that a thing is no longer where it was, and nobody knows where."""
+        last = self.last(exemplar)
+        if last is None or time_s >= last.begin:
+            self._close(last, time_s)
+
+    def stand(
+        self,
+        frame: str,
+        parent: str,
+        parent_from_frame: NDArray[np.float64],
+        time_s: float,
+        sigma_m: float = 0.0,
+        agent: str = "",
+    ) -> None:
+        """State that a frame stands in another one, from a time on.
+
+        Parameters
+        ----------
+        frame, parent
+            IRIs of the frame and of the one above it.
+        parent_from_frame : (4, 4), m
+        sigma_m
+            Standard deviation of the position per axis, m.
+        """
+        last = self.last(frame)
+        if last is not None and time_s < last.begin:
+            return
+        self._close(last, time_s)
+        self._open(
+            Placement(
+                self._node(), frame, time_s, None, time_s, "at", "", parent, parent_from_frame,
+                sigma_m, agent=agent,
+            )
+        )  # fmt: skip
+
+    def exemplar_of(self, product: str, robot: str, hands: Collection[str]) -> str:
+        """Return the thing that a robot handled which did not say which one; "" if none is known.
+
+        The one in its hand; else the one that it, then anybody, saw or moved last in its frames.
+        """
+        ranked: list[tuple[bool, bool, float, str]] = []
+        for exemplar in self._exemplars(product):
+            last = self.last(exemplar)
+            if last is not None:
+                is_held = last.is_current and last.place in hands
+                is_near = last.frame.startswith(f"{robot}/") or last.place.startswith(f"{robot}/")
+                if is_held or is_near:
+                    ranked.append((is_held, last.is_current, last.confirmed, exemplar))
+        return max(ranked)[-1] if ranked else ""
+
+    def make_exemplar(self, product: str) -> str:
+        """State a new exemplar of a product; return its IRI."""
+        exemplar, self.new_exemplar = self.new_exemplar or mint(self.world.kb.base, "thing"), None
+        self.statements += new_exemplar(exemplar, product)
+        self._made.setdefault(product, []).append(exemplar)
+        return exemplar
+
+    def last(self, exemplar: str) -> Placement | None:
+        """Return the last placement of a thing, with what this commit changes."""
+        return self._last.get(exemplar) or self.world.last_placement(exemplar)
+
+    def _exemplars(self, product: str) -> list[str]:
+        return [*self.world.exemplars_of(product), *self._made.get(product, ())]
+
+    def _candidate(self, exemplar: str, seen: Seen) -> Candidate:
+        last = self.last(exemplar)
+        if last is None:
+            return Candidate(exemplar, None, _NOWHERE, is_current=False, is_reachable=False)
+        pending = exemplar in self._last
+        spread = spread_of(last, seen.time_s) if pending else self.world.spread(last, seen.time_s)
+        there = self.world.pose_in(last, seen.frame, seen.time_s)
+        is_own = last.place.startswith(f"{seen.robot}/") or last.place in seen.hands
+        return Candidate(
+            exemplar,
+            None if there is None else _distance(there[0], seen.frame_from_exemplar),
+            spread,
+            last.is_current,
+            last.is_current and last.place in seen.hands,
+            there is not None or is_own,
+            seen.time_s - last.confirmed,
+        )
+
+    def _is_there(self, last: Placement, seen: Seen) -> bool:
+        there = self.world.pose_in(last, seen.frame, seen.time_s)
+        if there is None:
+            return False
+        pose, moved_m = there[0], MOVED_M + (0.0 if last.frame == seen.frame else seen.sigma_m)
+        if float(np.linalg.norm(pose[:3, 3] - seen.frame_from_exemplar[:3, 3])) > moved_m:
+            return False
+        if seen.is_round:
+            cosine = pose[:3, 2] @ seen.frame_from_exemplar[:3, 2]
+        else:
+            cosine = (np.trace(pose[:3, :3].T @ seen.frame_from_exemplar[:3, :3]) - 1.0) / 2.0
+        return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) <= MOVED_RAD)
+
+    def _open(self, placement: Placement) -> None:
+        self.statements += placed(placement)
+        self._last[placement.subject] = placement
+
+    def _close(self, last: Placement | None, time_s: float) -> None:
+        if last is None or not last.is_current:
+            return
+        self.statements += ended(last.iri, time_s)
+        self._last[last.subject] = replace(last, end=time_s, confirmed=min(last.confirmed, time_s))
+
+    def _node(self) -> str:
+        return mint(self.world.kb.base, "placement")
+
+    def _confirm(self, last: Placement, time_s: float) -> None:
+        """State that a placement still lasts, unless that was stated within a minute."""
+        if time_s - last.confirmed < _CONFIRM_S:
+            return
+        node = iri(last.iri)
+        for quad in self.world.kb.match(node, RT.confirmedAt, None, self.graph):
+            if isinstance(quad.object, Literal):
+                self.withdrawn.append((node, RT.confirmedAt, quad.object))
+        self.statements.append(confirmed(last.iri, time_s))
+
+    def _settle(self, last: Placement, time_s: float) -> None:
+        """State that a thing which is still there is not another one that was seen meanwhile."""
+        for other in self._doubts_about(last.subject):
+            place = self.last(other)
+            if place is None or not place.is_current or not last.begin < place.begin < time_s:
+                continue
+            first, second = NamedNode(other), NamedNode(last.subject)
+            if not self.world.kb.match(first, RT.distinctFrom, second):
+                self.statements.append((first, RT.distinctFrom, second))
+
+    def _doubts_about(self, exemplar: str) -> list[str]:
+        return sorted(
+            quad.subject.value
+            for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(exemplar))
+            if isinstance(quad.subject, NamedNode)
+        )
+
+    def _is_in_doubt(self, exemplar: str, other: str) -> bool:
+        return bool(self.world.kb.match(iri(exemplar), RT.possiblyIdenticalTo, iri(other)))
+
+
+def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(first[:3, 3] - second[:3, 3]))

@@ -1,0 +1,238 @@
+"""Index of placements: which one a thing had at an instant, and what came or went near a place.
+
+It holds subject, begin, end and position of each placement in sorted arrays, is rebuilt from the
+graph, and follows its commits. Placements since the last sorting lie in a short tail.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import NamedNode
+from rtask.world.placement import TIME, Placement, read_placement, seconds
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.commit import Change
+    from rtask.kb.core import GraphCore
+
+__all__ = ["PlacementIndex"]
+
+_MAX_TAIL = 1024
+_NEVER = float("inf")
+_WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd})
+_ALL = """
+SELECT ?placement ?subject ?begin (MIN(?ended) AS ?end) (SAMPLE(?in) AS ?frame)
+  (SAMPLE(?px) AS ?x) (SAMPLE(?py) AS ?y) (SAMPLE(?pz) AS ?z)
+WHERE {
+  ?placement rt:placementOf ?subject ; time:hasBeginning/time:inXSDDateTimeStamp ?begin
+  OPTIONAL { ?placement time:hasEnd/time:inXSDDateTimeStamp ?ended }
+  OPTIONAL {
+    ?placement rt:placementPose ?pose .
+    ?pose rt:inFrame ?in ; rt:x ?px ; rt:y ?py ; rt:z ?pz
+  }
+} GROUP BY ?placement ?subject ?begin"""
+
+
+class _Entry(NamedTuple):
+    """A placement in the index; frame -1 stands for no pose."""
+
+    subject: int
+    begin: float
+    node: str
+    end: float
+    frame: int
+    x: float
+    y: float
+    z: float
+
+
+class PlacementIndex:
+    """Placements of one knowledge base, by thing and time."""
+
+    def __init__(self, kb: GraphCore) -> None:
+        self._kb = kb
+        self._lock = threading.RLock()
+        self._is_filled = False
+        self._touched: set[str] = set()
+        self._clear()
+        self._stop = kb.on_commit(self._on_commit)
+
+    def close(self) -> None:
+        """Stop following the graph."""
+        self._stop()
+
+    def __len__(self) -> int:
+        with self._lock:
+            self._catch_up()
+            return len(self._nodes) - len(self._gone) + len(self._tail)
+
+    def at(self, subject: str, time_s: float) -> str | None:
+        """Return the placement of a thing at an instant, or None if none is known."""
+        last = self._last(subject, time_s)
+        return last.node if last is not None and time_s < last.end else None
+
+    def last(self, subject: str, time_s: float = _NEVER) -> str | None:
+        """Return the last placement of a thing that had begun by an instant, ended or not."""
+        last = self._last(subject, time_s)
+        return None if last is None else last.node
+
+    def _last(self, subject: str, time_s: float) -> _Entry | None:
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return None
+            best: _Entry | None = None
+            low, high = self._range(number)
+            k = low + int(np.searchsorted(self._begins[low:high], time_s, side="right")) - 1
+            while k >= low and k in self._gone:
+                k -= 1
+            if k >= low:
+                best = self._entry(k)
+            for entry in self._tail.values():
+                if entry.subject == number and entry.begin <= time_s:
+                    best = entry if best is None else max(best, entry)
+            return best
+
+    def history(self, subject: str) -> list[str]:
+        """Return all placements of a thing, oldest first."""
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return []
+            low, high = self._range(number)
+            entries = [self._entry(k) for k in range(low, high) if k not in self._gone]
+            entries += [entry for entry in self._tail.values() if entry.subject == number]
+            return [entry.node for entry in sorted(entries)]
+
+    def subjects(self) -> list[str]:
+        """Return the things and frames that have placements."""
+        with self._lock:
+            self._catch_up()
+            return list(self._numbers)
+
+    def events_near(
+        self, placement: Placement, since_s: float, until_s: float, radius_m: float
+    ) -> int:
+        """Return how often another thing came to, or left, the surroundings of a placement.
+
+        Counted are the begins and ends in an interval, of placements in the same frame.
+        """
+        if placement.frame_from_subject is None:
+            return 0
+        with self._lock:
+            self._catch_up()
+            frame = self._numbers.get(placement.frame, -2)
+            subject = self._numbers.get(placement.subject, -2)
+            here = placement.frame_from_subject[:3, 3]
+            events = 0
+            for times, order in ((self._begins, self._by_begin), (self._ends, self._by_end)):
+                low, high = np.searchsorted(times, [since_s, until_s], side="right", sorter=order)
+                rows = order[low:high]
+                rows = rows[(self._frames[rows] == frame) & (self._subjects[rows] != subject)]
+                near = np.linalg.norm(self._positions[rows] - here, axis=1) <= radius_m
+                events += sum(int(k) not in self._gone for k in rows[near])
+            for entry in self._tail.values():
+                if entry.frame == frame and entry.subject != subject:
+                    distance = float(np.linalg.norm(np.array([entry.x, entry.y, entry.z]) - here))
+                    moments = (entry.begin, entry.end) if distance <= radius_m else ()
+                    events += sum(since_s < moment <= until_s for moment in moments)
+            return events
+
+    def _range(self, number: int) -> tuple[int, int]:
+        low, high = np.searchsorted(self._subjects, [number, number + 1])
+        return int(low), int(high)
+
+    def _entry(self, k: int) -> _Entry:
+        return _Entry(
+            int(self._subjects[k]), float(self._begins[k]), self._nodes[k], float(self._ends[k]),
+            int(self._frames[k]), *(float(number) for number in self._positions[k]),
+        )  # fmt: skip
+
+    def _on_commit(self, change: Change) -> None:
+        with self._lock:
+            if not self._is_filled:
+                return
+            for quad in (*change.added, *change.removed):
+                if quad.predicate in _WATCHED and isinstance(quad.subject, NamedNode):
+                    self._touched.add(quad.subject.value)
+
+    def _catch_up(self) -> None:
+        """Bring the index up to the graph: what was touched, or all of it at first."""
+        if not self._is_filled:
+            self._is_filled = True
+            self._fill()
+        touched, self._touched = self._touched, set()
+        for node in touched:
+            self._renew(node)
+        if len(self._tail) > _MAX_TAIL or len(self._gone) > _MAX_TAIL:
+            self._sort(self._entries())
+
+    def _renew(self, node: str) -> None:
+        k = self._row_of.pop(node, None)
+        if k is not None:
+            self._gone.add(k)
+        self._tail.pop(node, None)
+        placement = read_placement(self._kb, node)
+        if placement is None:
+            return
+        end = _NEVER if placement.end is None else placement.end
+        pose, frame, position = placement.frame_from_subject, -1, (0.0, 0.0, 0.0)
+        if pose is not None:
+            frame = self._number(placement.frame)
+            position = (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]))
+        subject = self._number(placement.subject)
+        self._tail[node] = _Entry(subject, placement.begin, node, end, frame, *position)
+
+    def _fill(self) -> None:
+        self._clear()
+        entries = []
+        for row in self._kb.select(PREFIXES + _ALL):
+            has_pose = row["frame"] is not None
+            entries.append(
+                _Entry(
+                    self._number(str(row.value("subject"))),
+                    seconds(row.value("begin")),
+                    str(row.value("placement")),
+                    _NEVER if row["end"] is None else seconds(row.value("end")),
+                    self._number(str(row.value("frame"))) if has_pose else -1,
+                    *(float(str(row.value(axis))) if has_pose else 0.0 for axis in "xyz"),
+                )
+            )
+        self._sort(entries)
+
+    def _entries(self) -> Iterator[_Entry]:
+        for k in range(len(self._nodes)):
+            if k not in self._gone:
+                yield self._entry(k)
+        yield from self._tail.values()
+
+    def _clear(self) -> None:
+        self._numbers: dict[str, int] = {}
+        self._sort(())
+
+    def _sort(self, entries: Iterable[_Entry]) -> None:
+        ordered = sorted(entries)
+        self._nodes: list[str] = [entry.node for entry in ordered]
+        self._row_of: dict[str, int] = {node: k for k, node in enumerate(self._nodes)}
+        self._subjects: NDArray[np.int32] = np.array([e.subject for e in ordered], np.int32)
+        self._begins: NDArray[np.float64] = np.array([e.begin for e in ordered], np.float64)
+        self._ends: NDArray[np.float64] = np.array([e.end for e in ordered], np.float64)
+        self._frames: NDArray[np.int32] = np.array([e.frame for e in ordered], np.int32)
+        self._positions: NDArray[np.float32] = np.array(
+            [(e.x, e.y, e.z) for e in ordered], np.float32
+        ).reshape(-1, 3)
+        self._by_begin: NDArray[np.intp] = np.argsort(self._begins, kind="stable")
+        self._by_end: NDArray[np.intp] = np.argsort(self._ends, kind="stable")
+        self._tail: dict[str, _Entry] = {}
+        self._gone: set[int] = set()
+
+    def _number(self, name: str) -> int:
+        return self._numbers.setdefault(name, len(self._numbers))

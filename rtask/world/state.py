@@ -1,0 +1,137 @@
+"""State of the world in a knowledge base: things, their places, and frames, at any instant."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import NamedNode, Triple, iri, python_value
+from rtask.world.frames import FrameTree
+from rtask.world.index import PlacementIndex
+from rtask.world.placement import Placement, read_placement
+from rtask.world.uncertainty import NEARBY_M, Spread, spread_of
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+
+__all__ = ["WorldState"]
+
+_NEVER = float("inf")
+
+
+class WorldState:
+    """Things, placements and frames of a knowledge base.
+
+    Attributes
+    ----------
+    kb
+        The knowledge base.
+    index
+        Index of placements.
+    frames
+        Tree of frames.
+    """
+
+    def __init__(self, kb: GraphCore) -> None:
+        # The knowledge base owns its world, which must not keep it from being collected.
+        self.kb: GraphCore = weakref.proxy(kb)
+        self.index = PlacementIndex(self.kb)
+        self.frames = FrameTree(kb, self.placement_at)
+
+    def exemplars_of(self, product: str) -> list[str]:
+        """Return the things that are exemplars of a product, sorted, merged ones apart."""
+        return sorted(
+            quad.subject.value
+            for quad in self.kb.match(None, RT.exemplarOf, iri(product))
+            if isinstance(quad.subject, NamedNode) and not self.is_merged(quad.subject.value)
+        )
+
+    def product_of(self, exemplar: str) -> str:
+        """Return the product that a thing is an exemplar of, or ""."""
+        for quad in self.kb.match(iri(exemplar), RT.exemplarOf):
+            if isinstance(quad.object, NamedNode):
+                return quad.object.value
+        return ""
+
+    def is_merged(self, exemplar: str) -> bool:
+        """Whether a thing turned out to be another one."""
+        return bool(self.kb.match(iri(exemplar), RT.mergedInto))
+
+    def placement_at(self, subject: str, time_s: float) -> Placement | None:
+        """Return the placement of a thing or frame at an instant, or None if it is not known."""
+        last = self.last_placement(subject, time_s)
+        return last if last is not None and last.holds_at(time_s) else None
+
+    def last_placement(self, subject: str, time_s: float = _NEVER) -> Placement | None:
+        """Return the last placement of a thing that had begun by an instant, ended or not."""
+        nodes = (self.index.last(name, time_s) for name in self.names_of(subject))
+        placements = [read_placement(self.kb, node) for node in nodes if node is not None]
+        return max((p for p in placements if p is not None), key=_by_begin, default=None)
+
+    def history(self, subject: str) -> list[Placement]:
+        """Return all placements of a thing or frame, oldest first."""
+        nodes = (node for name in self.names_of(subject) for node in self.index.history(name))
+        placements = (read_placement(self.kb, node) for node in nodes)
+        return sorted((p for p in placements if p is not None), key=_by_begin)
+
+    def names_of(self, exemplar: str) -> list[str]:
+        """Return the IRI of a thing, and those of things that turned out to be it."""
+        merged = self.kb.match(None, RT.mergedInto, iri(exemplar))
+        return [exemplar, *(q.subject.value for q in merged if isinstance(q.subject, NamedNode))]
+
+    def doubts(self, exemplar: str) -> list[tuple[str, float]]:
+        """Return the things that this one may be, with the chances, as far as it is not settled."""
+        node, doubts = iri(exemplar), []
+        for quad in self.kb.match(node, RT.possiblyIdenticalTo):
+            other = quad.object
+            if not isinstance(other, NamedNode) or self._is_settled(node, other):
+                continue
+            statement = Triple(node, RT.possiblyIdenticalTo, other)
+            chances = [
+                float(str(python_value(confidence.object)))
+                for link in self.kb.match(None, RDF.reifies, statement)
+                for confidence in self.kb.match(link.subject, RT.confidence)
+            ]
+            doubts.append((other.value, max(chances, default=0.5)))
+        return sorted(doubts, key=lambda doubt: (-doubt[1], doubt[0]))
+
+    def _is_settled(self, exemplar: NamedNode, other: NamedNode) -> bool:
+        return bool(
+            self.kb.match(exemplar, RT.distinctFrom, other)
+            or self.kb.match(other, RT.distinctFrom, exemplar)
+            or self.kb.match(other, RT.mergedInto, exemplar)
+        )
+
+    def pose_in(
+        self, placement: Placement, frame: str, time_s: float
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """Return the pose (4, 4), m, of a placement in a frame at a time, and the variance added.
+
+        None if it has no pose, or if the two frames are in different trees.
+        """
+        if placement.frame_from_subject is None:
+            return None
+        measured_s = placement.confirmed if placement.end is None else placement.begin
+        measured_s = min(measured_s, time_s)
+        way = self.frames.target_from_source(frame, placement.frame, time_s, measured_s)
+        if way is None:
+            return None
+        target_from_source, variance = way
+        return target_from_source @ placement.frame_from_subject, variance
+
+    def spread(self, placement: Placement, time_s: float) -> Spread:
+        """Return how far the thing of a placement may be from there at a time."""
+        events = self.index.events_near(placement, placement.confirmed, time_s, NEARBY_M)
+        return spread_of(placement, time_s, events)
+
+    def close(self) -> None:
+        """Stop following the graph."""
+        self.index.close()
+
+
+def _by_begin(placement: Placement) -> tuple[float, str]:
+    return placement.begin, placement.iri

@@ -1,0 +1,85 @@
+"""Whereabouts in words."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+
+from rtask.world.whereabouts import Question, Whereabouts
+
+__all__ = ["answer_text", "sentence"]
+
+_MOST = 5
+_UNITS = ((86_400.0, "day"), (3600.0, "hour"), (60.0, "minute"))
+
+
+def answer_text(question: Question, places: Sequence[Whereabouts], is_called: bool) -> str:
+    """Return the answer to a question: a sentence for each thing, at most five."""
+    if not is_called:
+        return f'not known: nothing is called "{question.name}"'
+    if not places:
+        return f'not known: no "{question.name}" near "{question.near}"'
+    lines = [place.text for place in places[:_MOST]]
+    if len(places) > _MOST:
+        lines.append(f"and {len(places) - _MOST} more")
+    return "; ".join(lines)
+
+
+def sentence(place: Whereabouts, time_s: float) -> str:
+    """Return where one thing is, since when, who says so, and how sure it is.
+
+    >>> sentence(Whereabouts("urn:t", "urn:p", "cup", "unknown"), 0.0)
+    'cup: not known, nobody has seen it'
+    """
+    if not place.is_known:
+        return f"{place.label}: not known, {_why_unknown(place, time_s)}"
+    by = f" by {place.agent}" if place.agent else ""
+    seen = f", seen{by} {_ago(time_s - (place.seen_s or time_s))}"
+    sure = f", still there with {place.still_there:.0%}"
+    within = ""
+    if place.radius90_m is not None:
+        within = f", within {100 * place.radius90_m:.0f} cm with 90%"
+    return f"{place.label}: {_where(place)}{seen}{sure}{within}{_doubt(place)}"
+
+
+def _where(place: Whereabouts) -> str:
+    words = {"on": "on", "in": "in", "held_by": "held by"}
+    parts = []
+    if place.relation in words:
+        parts.append(f"{words[place.relation]} {place.place_label}")
+    if place.frame_from_exemplar is not None:
+        x, y, z = place.frame_from_exemplar[:3, 3]
+        parts.append(f"at ({x:.3f}, {y:.3f}, {z:.3f}) m in {place.frame_id}")
+    return " ".join(parts)
+
+
+def _why_unknown(place: Whereabouts, time_s: float) -> str:
+    if place.since_s is None:
+        return "nobody has seen it"
+    if place.until_s is None:
+        return "nobody had seen it by then"
+    last = f"in {place.place_label} " if place.place_label else ""
+    return f"last {last}until {_time(place.until_s)}, {_ago(time_s - place.until_s)}"
+
+
+def _doubt(place: Whereabouts) -> str:
+    if not place.doubts:
+        return ""
+    return f"; it may be {len(place.doubts)} other, first with {place.doubts[0][1]:.0%}"
+
+
+def _time(time_s: float) -> str:
+    return dt.datetime.fromtimestamp(time_s, dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _ago(age_s: float) -> str:
+    """Return an age in words.
+
+    >>> _ago(7300.0), _ago(3.0)
+    ('2 hours ago', 'just now')
+    """
+    for size, unit in _UNITS:
+        count = int(age_s // size)
+        if count:
+            return f"{count} {unit}{'s' if count > 1 else ''} ago"
+    return "just now"

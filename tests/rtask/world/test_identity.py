@@ -1,0 +1,106 @@
+"""Which thing of a product is seen: by place, time and what happened to it."""
+
+from __future__ import annotations
+
+import pytest
+
+from rtask.world.identity import Candidate, identify
+from rtask.world.uncertainty import Spread
+
+HERE = Spread(0.005, 1.0, 0.35)
+
+
+def test_a_thing_that_is_seen_where_it_was_is_the_same(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    assert lab.see(lab.cup, 0.301, 0.1, 5) == first
+    assert len(lab.kb.world.history(first)) == 1
+
+
+def test_two_at_once_are_two_things_of_one_product(lab):
+    first, second = lab.see(lab.cup, 0.3, 0.1, 0), lab.see(lab.cup, 0.3, -0.2, 0)
+    assert first != second
+    assert lab.kb.world.exemplars_of(lab.cup) == sorted([first, second])
+    assert lab.kb.world.doubts(second) == []
+
+
+def test_two_in_one_commit_are_two_things(lab):
+    edit = lab.edit()
+    exemplars = [edit.see(lab.seen(lab.cup, 0.3, y, 0)) for y in (0.1, -0.2, 0.1)]
+    lab.commit(edit, "nao-1")
+    assert len(set(exemplars)) == 2
+    assert exemplars[0] == exemplars[2]
+
+
+def test_two_robots_with_a_table_each_see_two_things(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    assert lab.see(lab.cup, 0.3, 0.1, 5, robot="nao-2") != first
+
+
+def test_two_robots_in_one_map_see_one_thing(lab):
+    lab.stand(lab.frame("nao-1"), lab.map, 0.0, 0.0, -100)
+    lab.stand(lab.frame("nao-2"), lab.map, 1.0, 0.0, -100)
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    assert lab.see(lab.cup, -0.7, 0.1, 5, robot="nao-2") == first
+    assert lab.current(first) == 1
+
+
+def test_a_thing_that_its_robot_lost_is_the_same_when_it_is_seen_again(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.lose(first, 10)
+    assert lab.see(lab.cup, 0.5, -0.1, 20) == first
+    assert [p.is_current for p in lab.kb.world.history(first)] == [False, True]
+
+
+def test_a_thing_in_the_hand_that_is_seen_on_the_table_was_put_down(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(first, "held_by", lab.hand(), 10)
+    assert lab.see(lab.cup, 0.5, -0.1, 20) == first
+    assert lab.current(first) == 1
+
+
+def test_a_thing_that_nobody_moved_may_have_been_carried_by_an_unseen_hand(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, 0.6, -0.4, 2 * 3600)
+    assert second != first
+    ((other, chance),) = lab.kb.world.doubts(second)
+    assert other == first
+    assert 0.1 < chance < 0.9
+
+
+def test_a_thing_that_is_still_there_is_not_the_one_that_was_seen_elsewhere(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, 0.6, -0.4, 2 * 3600)
+    assert lab.see(lab.cup, 0.3, 0.1, 2 * 3600 + 90) == first
+    assert lab.kb.world.doubts(second) == []
+
+
+def test_a_second_cup_beside_one_in_the_box_is_another_one(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(first, "in", lab.left_box, 10)
+    second = lab.see(lab.cup, 0.3, 0.1, 20)
+    assert second != first
+    assert lab.ask(first, 30).exemplars[0].place == lab.left_box
+
+
+def test_an_old_report_changes_nothing(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 100)
+    assert lab.see(lab.cup, 0.31, 0.1, 50) == first
+    assert len(lab.kb.world.history(first)) == 1
+
+
+def test_bodies_that_would_overlap_are_one_thing():
+    near = Candidate("urn:a", 0.07, HERE, is_current=True, age_s=5.0)
+    assert identify([near], 0.003, min_extent_m=0.08).exemplar == "urn:a"
+    assert identify([near], 0.003, min_extent_m=0.05).exemplar == ""
+
+
+def test_between_two_lost_things_the_nearer_one_is_taken_and_the_doubt_is_kept():
+    lost = [Candidate(f"urn:{k}", d, HERE, is_current=False) for k, d in enumerate((0.4, 0.2))]
+    identity = identify(lost, 0.003)
+    assert identity.exemplar == "urn:1"
+    assert identity.doubts == (("urn:0", 0.5),)
+
+
+def test_a_thing_is_the_same_if_nothing_else_is_likely():
+    gone = Candidate("urn:a", 1.0, Spread(0.01, 0.0, 0.1), is_current=True, age_s=1e6)
+    assert identify([gone], 0.003).doubts == (("urn:a", pytest.approx(1 / 1.1)),)

@@ -1,0 +1,163 @@
+"""Places in time: one at a time, closed and opened together, resolved in any frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.world.estimates import estimated_placements
+
+DAY_S = 86_400.0
+
+
+def test_a_thing_is_at_one_place_at_any_instant(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "held_by", lab.hand(), 10)
+    lab.put(cup, "in", lab.left_box, 20)
+    history = lab.kb.world.history(cup)
+    assert [(p.begin - lab.noon, p.relation) for p in history] == [
+        (0, "at"), (10, "held_by"), (20, "in"),
+    ]  # fmt: skip
+    assert [p.end and p.end - lab.noon for p in history] == [10, 20, None]
+    for time_s, relation in ((0, "at"), (9.9, "at"), (10, "held_by"), (25, "in")):
+        assert lab.ask(cup, time_s).exemplars[0].relation == relation
+    assert not lab.ask(cup, -1).is_known
+
+
+def test_the_end_and_the_next_begin_are_one_commit(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    before = lab.kb.seq
+    lab.put(cup, "in", lab.left_box, 20)
+    assert lab.kb.seq == before + 1
+    assert lab.current(cup) == 1
+
+
+def test_another_robot_ends_a_place_without_writing_in_a_foreign_graph(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "held_by", lab.hand("nao-2"), 10, robot="nao-2")
+    assert lab.current(cup) == 1
+    (first, second) = lab.kb.world.history(cup)
+    assert (first.agent, second.agent) == (lab.frame()[: -len("/frame/base")], second.agent)
+
+
+def test_what_was_lost_is_not_known_with_its_last_place(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "in", lab.left_box, 10)
+    lab.lose(cup, 20)
+    answer = lab.ask("blue cup", 30)
+    assert not answer.is_known
+    assert "not known, last in left box" in answer.text
+
+
+def test_a_place_is_asked_in_any_frame_of_its_tree_at_any_instant(lab):
+    lab.stand(lab.table, lab.map, 2.0, 0.0, -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0, frame=lab.table)
+    lab.stand(lab.table, lab.map, 5.0, 1.0, 50)
+    for time_s, where in ((10, (2.3, 0.1)), (60, (5.3, 1.1))):
+        (place,) = lab.ask(cup, time_s, frame="map").exemplars
+        assert place.frame_id == "map"
+        assert place.frame_from_exemplar[:2, 3] == pytest.approx(where)
+
+
+def test_what_a_walking_robot_saw_stays_where_it_was(lab):
+    lab.stand(lab.frame(), lab.map, 1.0, 0.0, -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.stand(lab.frame(), lab.map, 3.0, 0.0, 50)
+    (place,) = lab.ask(cup, 60, frame="map").exemplars
+    assert place.frame_from_exemplar[:2, 3] == pytest.approx((1.3, 0.1))
+
+
+def test_a_frame_of_another_tree_leaves_the_pose_as_it_was_measured(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    (place,) = lab.ask(cup, 5, frame="map").exemplars
+    assert place.frame == lab.frame()
+
+
+def test_a_frame_name_that_two_robots_use_needs_the_robot(lab):
+    lab.see(lab.cup, 0.3, 0.1, 0)
+    with pytest.raises(UsageError, match=r"2 frames are called 'base'.*nao-1/base"):
+        lab.ask("blue cup", 5, frame="base")
+    assert lab.ask("blue cup", 5, frame="nao-1/base").is_known
+    with pytest.raises(UnknownTermError, match="no frame 'attic'"):
+        lab.ask("blue cup", 5, frame="attic")
+
+
+def test_uncertainty_grows_with_time_and_with_what_happens_nearby(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    fresh, old = (lab.ask(cup, time_s).exemplars[0] for time_s in (1, DAY_S))
+    assert fresh.radius90_m < 0.01
+    assert old.radius90_m > fresh.radius90_m
+    assert old.still_there < fresh.still_there
+    lab.see(lab.box, 0.3, 0.2, 30)
+    disturbed = lab.ask(cup, 60).exemplars[0]
+    assert disturbed.still_there < 0.95 < fresh.still_there
+    lab.see(lab.cup, 0.3, 0.1, 100)
+    assert lab.ask(cup, 101).exemplars[0].still_there > 0.99, "it was seen there since"
+
+
+def test_near_a_place_a_robot_or_a_thing(lab):
+    cup, box = lab.see(lab.cup, 0.3, 0.1, 0), lab.see(lab.box, 0.9, 0.1, 0)
+    other = lab.see(lab.cup, 0.3, -0.3, 0)
+    lab.put(other, "in", lab.left_box, 10)
+
+    def near(name, radius_m=0.5):
+        answer = lab.ask("blue cup", 20, near=name, radius_m=radius_m)
+        return [exemplar.exemplar for exemplar in answer.exemplars]
+
+    assert near("left box") == [other]
+    assert near("nao-1") == [cup]
+    assert near("nao-1", 0.2) == []
+    assert near("tea box", 0.7) == near(box, 0.7) == [cup]
+    with pytest.raises(UnknownTermError, match=r"nothing is called 'left bx'.*left box"):
+        near("left bx")
+
+
+def test_asked_by_kind_name_id_and_iri(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    for name in ("mug", "Mugs", "Blue Cup", "lab/1", lab.cup, cup):
+        assert [exemplar.exemplar for exemplar in lab.ask(name, 5).exemplars] == [cup], name
+    answer = lab.ask("red cup", 5)
+    assert (answer.is_known, answer.exemplars) == (False, ())
+    assert answer.text == 'not known: nothing is called "red cup"'
+
+
+def test_a_thing_that_turned_out_to_be_another_one_brings_its_places_along(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, 0.6, -0.4, 2 * 3600)
+    lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{lab.kb.base}graph/shared> {{
+      <{second}> rt:mergedInto <{first}> }} }}""")
+    assert lab.kb.world.exemplars_of(lab.cup) == [first]
+    (place,) = lab.ask("blue cup", 3 * 3600).exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(0.6)
+
+
+def test_a_graph_without_things_answers_from_what_robots_estimated(lab):
+    lab.kb.update(f"""{PREFIXES} INSERT DATA {{ GRAPH <{lab.kb.base}graph/agent/nao-1> {{
+      <urn:e> a rt:PoseEstimate ; rt:poseOf <{lab.cup}> ; rt:estimatedPose <urn:p> ;
+        rt:poseConfidence 0.9e0 ; prov:wasAttributedTo <{lab.kb.base}robot/nao-1> .
+      <urn:p> a rt:Pose ; rt:inFrame <{lab.frame()}> ; rt:x 0.4e0 ; rt:y 0.1e0 ; rt:z 0.0e0 ;
+        rt:qx 0.0e0 ; rt:qy 0.0e0 ; rt:qz 0.0e0 ; rt:qw 1.0e0 ;
+        rt:atTime "2025-11-28T12:00:00Z"^^xsd:dateTimeStamp }} }}""")
+    (placement,) = estimated_placements(lab.kb, lab.cup)
+    (place,) = lab.kb.world.where_is("blue cup", at=placement.begin + 5).exemplars
+    assert (place.exemplar, place.agent, place.is_known) == ("", "nao-1", True)
+    assert np.allclose(place.frame_from_exemplar[:2, 3], (0.4, 0.1))
+
+
+def test_the_index_follows_commits_and_can_be_rebuilt(lab, monkeypatch):
+    from rtask.world import index
+    from rtask.world.index import PlacementIndex
+
+    monkeypatch.setattr(index, "_MAX_TAIL", 3)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    for k in range(1, 9):
+        lab.lose(cup, 100 * k)
+        lab.see(lab.cup, 0.3 + 0.1 * k, 0.1, 100 * k + 50)
+    followed, rebuilt = lab.kb.world.index, PlacementIndex(lab.kb)
+    assert followed.history(cup) == rebuilt.history(cup)
+    assert len(followed) == len(rebuilt) == 9
+    for time_s in np.arange(-25.0, 900.0, 25.0):
+        assert followed.at(cup, lab.noon + time_s) == rebuilt.at(cup, lab.noon + time_s)
+    rebuilt.close()
