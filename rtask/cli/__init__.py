@@ -24,7 +24,7 @@ from rtask.extras import naming_extras
 __all__ = ["cli", "main"]
 
 _BUILT_IN = {
-    "ask": "rtask.cli.people:ask",
+    "ask": "rtask.cli.asking.ask:ask",
     "backup": "rtask.cli.maintenance:backup",
     "camera": "rtask.cli.perception.camera:camera",
     "contributors": "rtask.cli.people:contributors",
@@ -39,6 +39,7 @@ _BUILT_IN = {
     "history": "rtask.cli.contents:history",
     "learn": "rtask.cli.grasping.learning:learn",
     "load": "rtask.cli.load:load",
+    "mcp": "rtask.cli.agents:mcp",
     "model": "rtask.cli.ontology:model",
     "objects": "rtask.cli.objects:objects",
     "ontology": "rtask.cli.ontology:ontology",
@@ -66,12 +67,12 @@ _BUILT_IN = {
 
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
-    "Ask": ("query", "search", "ask", "explain", "entails", "history", "objects"),
+    "Ask": ("ask", "query", "search", "explain", "entails", "history", "objects"),
     "Load and change": ("load", "update", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),
-    "Robots and services": ("robot", "ros", "service", "dataset"),
+    "Robots and services": ("robot", "ros", "service", "dataset", "mcp"),
     "Look after": (
         "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
         "rebuild", "backup", "restore", "promote", "proposals", "help",
