@@ -23,6 +23,7 @@ from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.page_calls import Seen, impatient, replay, with_length
 from endpoint.http.plan import Plan
+from endpoint.http.progress_stream import send_with_progress
 from endpoint.http.response_stream import Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
 from endpoint.lanes import Job
@@ -169,6 +170,13 @@ class AsgiApplication:
         """Do the work of a request that was admitted, and send the answer."""
         application = self._application
         try:
+            if job.plan.progress is not None:
+                answer, events = self._work(job, wire), job.plan.progress
+                response, sent, whole = await send_with_progress(
+                    answer, events, job.request.method, wire
+                )
+                application.report(job, response, sent, whole=whole)
+                return
             if job.plan.lane == "loop":
                 response = application.run(job)
             else:

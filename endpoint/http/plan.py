@@ -115,6 +115,41 @@ class PlannedQuery(Protocol):
         """Take the response, before it is sent, for the answer cache."""
 
 
+class Progress:
+    """Messages about work in progress, to be sent as events before its answer.
+
+    Parameters
+    ----------
+    request_id
+        Id of the request in its protocol.
+    """
+
+    def __init__(self, request_id: object = None) -> None:
+        self.request_id = request_id
+        self._lock = threading.Lock()
+        self._waiting: list[dict[str, Any]] = []
+        self._listener: Callable[[], None] | None = None
+
+    def add(self, message: dict[str, Any]) -> None:
+        """Append a message; may be called from any thread."""
+        with self._lock:
+            self._waiting.append(message)
+            listener = self._listener
+        if listener is not None:
+            listener()
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call back after each message from now on."""
+        with self._lock:
+            self._listener = listener
+
+    def drain(self) -> list[dict[str, Any]]:
+        """Return the messages since the last call."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+        return waiting
+
+
 @dataclass(slots=True)
 class Plan:
     """A request that was understood; running it does the work.
@@ -136,6 +171,8 @@ class Plan:
         The query, if it is one: how it is answered in each of its lanes.
     elsewhere
         The work, if threads of its own do it.
+    progress
+        What is sent as events before the answer, where the client asked for that.
     """
 
     run: Callable[[], Response]
@@ -146,6 +183,7 @@ class Plan:
     running: RunningQuery | None = None
     query: PlannedQuery | None = None
     elsewhere: Elsewhere | None = None
+    progress: Progress | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:
