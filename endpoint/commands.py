@@ -15,7 +15,7 @@ from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
 from rtask.cli.options import data_option, exit_if_empty, json_option
-from rtask.errors import UsageError
+from rtask.errors import RtaskError, UsageError
 
 if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
@@ -134,13 +134,33 @@ def _opened(store: str, folder: Path | None, plain: bool, flush: str) -> ServedG
             f"independent: rtask promote {folder}"
         )
     if not store:
-        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+        return _open_folder(folder, plain, flush)
     token = os.environ.get("RTASK_STORE_TOKEN")
     if not plain:
         opened: object = rtask.open(store, token=token, folder=folder)
         if isinstance(opened, KnowledgeBase):
             return opened
     return RemoteStore(store, token)
+
+
+def _open_folder(folder: Path | None, plain: bool, flush: str) -> KnowledgeBase:
+    """Open a folder, or memory for ``None``; for reading only while the folder's disk is full."""
+    import rtask
+    from rtask.kb.durability.disk_space import full_disk, means_full
+
+    try:
+        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+    except (RtaskError, OSError, RuntimeError) as error:
+        if folder is None or not means_full(error):
+            raise
+        try:
+            kb = rtask.open(folder, mode="r", plain=plain)
+        except RtaskError:
+            raise error from None
+    full = full_disk(folder, "to write; make room, and start the server again")
+    kb.refuse_writes(full)
+    click.echo(f"Warning: {full}. Until then it serves reads only.", err=True)
+    return kb
 
 
 def _copy_of(url: str, token: str | None, folder: Path | None, flush: str) -> KnowledgeBase:
