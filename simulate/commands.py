@@ -68,7 +68,9 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     help="Compare --min-grasp with the lower end of the interval90 of a grasp, not with its mean.",
 )
 @click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+@click.option("--details", is_flag=True, help="Also print tables of what each robot did.")
+@click.option("--queries", is_flag=True, help="Also print SPARQL queries and their live answers.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def demo(
     seed: int,
     objects: int,
@@ -83,13 +85,16 @@ def demo(
     min_grasp: float,
     cautious: bool,
     port: int,
+    details: bool,
+    queries: bool,
     as_json: bool,
 ) -> None:
     """Watch a robot learn to grasp, and other robots benefit from it.
 
     Starts an endpoint on an embedded store and simulated robots that share it. The first encounters
-    unknown objects; the next ones find them in the graph. Ends with a table of what each robot did,
-    four SPARQL queries on the live store, and a report folder with pictures.
+    unknown objects; the next ones find them in the graph. Ends with a sentence that says what
+    sharing gained in this run, and a report with pictures; --details and --queries print tables and
+    SPARQL queries on the live store as well.
     """
     from simulate.demo.console import Console
     from simulate.demo.orchestrate import Demo, Settings
@@ -98,7 +103,8 @@ def demo(
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
     settings = Settings(
         data, seed, objects, robots, attempts, keep, gui, port,
-        kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious,
+        kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
+        queries=queries,
     )  # fmt: skip
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)

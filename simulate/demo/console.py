@@ -14,6 +14,7 @@ from rich.table import Table
 
 from rtask.engine.words import reason_words
 from simulate.demo.queries import Answer, with_prefixes
+from simulate.demo.report_page import GRASP_WORDS
 
 __all__ = ["Console", "FleetConsole"]
 
@@ -38,7 +39,7 @@ class Console:
 
     def step(self, text: str) -> None:
         """Print the step that begins."""
-        self._progress.print(f"[bold]{text}[/bold]" if self._terminal else text)
+        self._progress.print(f"[bold]{text}[/bold]" if self._terminal else text, soft_wrap=True)
 
     def event(self, robot: str, event: dict[str, Any]) -> None:
         """Print what a robot did."""
@@ -95,7 +96,8 @@ def _sentence(event: dict[str, Any]) -> str:
     if name == "attempt":
         result = "held" + (" and placed" if event["placed"] else ", not placed")
         outcome = result if event["held"] else f"failed: {reason_words(event['reason'])}"
-        return f"object {event['object']}, attempt {event['number']} ({event['source']}): {outcome}"
+        grasp = GRASP_WORDS.get(event["source"], f"grasp from {event['source']}")
+        return f"object {event['object']}, attempt {event['number']}, {grasp}: {outcome}"
     if name == "missing":
         x, y = event["last_seen"]
         return f"object {event['object']} is gone; it was last seen at {x:.2f}, {y:.2f} m"

@@ -28,6 +28,7 @@ from simulate.demo.report import (
     summary,
     write_report,
 )
+from simulate.demo.story import gain_of, opening, outcome
 from simulate.robots import check_robot
 from simulate.world.objects import PRODUCTS
 
@@ -39,7 +40,11 @@ _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 def _command() -> str:
     """Return how to call this program: by its path where a shell does not find its name."""
-    return "rtask" if shutil.which("rtask") else os.path.relpath(sys.argv[0])
+    if shutil.which("rtask"):
+        return "rtask"
+    if Path(sys.argv[0]).name == "__main__.py":
+        return f"{os.path.relpath(sys.executable)} -m rtask"
+    return os.path.relpath(sys.argv[0])
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ class Settings:
         with a graph of its own, for comparison.
     min_grasp, cautious
         Of :class:`simulate.agent.decisions.Thresholds`.
+    details, queries
+        Whether to print tables of what each robot did, and SPARQL queries with their answers.
     """
 
     data: Path
@@ -74,6 +81,8 @@ class Settings:
     products: str = "plain"
     min_grasp: float = Thresholds.grasp
     cautious: bool = Thresholds.cautious
+    details: bool = False
+    queries: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -131,6 +140,8 @@ class Demo:
         with ExitStack() as stack:
             endpoint = self._endpoint(folder)
             stack.callback(endpoint.stop)
+            for sentence in self._opening():
+                self.console.step(sentence)
             self.console.step(f"watch the robots at {endpoint.url}/activity")
             self.console.step(f"starting {self.settings.robots} robots")
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
@@ -138,12 +149,12 @@ class Demo:
             alone = None
             if self.settings.compares:
                 other = self._alone(stack, folder)
-                self.console.step(f"{other.name} works beside them without the graph, to compare")
                 alone = beside.submit(self._watch, other, endpoint, {})
             done = [self._watch(robot, endpoint, self._products) for robot in robots]
             apart = None if alone is None else alone.result()
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
+            gain = gain_of(done, apart, self.settings.keep)
             result = summary(
                 done,
                 self.settings.max_attempts,
@@ -151,18 +162,27 @@ class Demo:
                 endpoint.url,
                 self.settings.seed,
                 apart,
+                None if gain is None else gain.to_dict(),
             )
             write_report(folder / _REPORT, result, table, answers)
-            self.console.table("What the robots did", COLUMNS, table, NARROW)
-            self._totals(done if apart is None else [*done, apart])
-            if apart is not None:
-                self._compare(done[-1], apart)
-            for answer in answers:
-                self.console.answer(answer)
+            if self.settings.details:
+                self.console.table("What the robots did", COLUMNS, table, NARROW)
+                self._totals(done if apart is None else [*done, apart])
+                if apart is not None:
+                    self._compare(done[-1], apart)
+            if self.settings.queries:
+                for answer in answers:
+                    self.console.answer(answer)
+            self.console.line(outcome(result))
             self._farewell(folder, endpoint.url, stay)
             if stay:
                 self._wait(endpoint)
         return result
+
+    def _opening(self) -> list[str]:
+        names = [self._name(index) for index in range(self._count)]
+        alone = f"{names[-1]}-alone" if self.settings.compares else ""
+        return opening(self.settings.products, names, alone)
 
     @property
     def _count(self) -> int:
@@ -197,8 +217,7 @@ class Demo:
 
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
         """Create a token for a robot and start it; it waits for ``go``."""
-        kind = self.settings.kind_of(index)
-        name = f"{kind}-{index + 1}"
+        name = self._name(index)
         token = json.loads(
             run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
         )["token"]
@@ -207,8 +226,11 @@ class Demo:
     def _alone(self, stack: ExitStack, folder: Path) -> Robot:
         """Start the last robot once more, at the same table, with a graph of its own."""
         index = self.settings.robots - 1
-        name = f"{self.settings.kind_of(index)}-{index + 1}-alone"
+        name = f"{self._name(index)}-alone"
         return self._start(stack, folder, self._job(folder, name, "", index), "")
+
+    def _name(self, index: int) -> str:
+        return f"{self.settings.kind_of(index)}-{index + 1}"
 
     def _job(self, folder: Path, name: str, url: str, index: int) -> RobotJob:
         return RobotJob(

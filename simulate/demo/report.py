@@ -193,6 +193,7 @@ def summary(
     url: str,
     seed: int,
     apart: Mapping[str, Any] | None = None,
+    gain: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the one object that ``rtask demo --json`` prints.
 
@@ -200,20 +201,24 @@ def summary(
     ----------
     apart
         The last robot's work with a graph of its own, if it was done.
+    gain
+        What sharing gained for it, as :meth:`simulate.demo.story.Gain.to_dict` returns it.
     """
-    objects = [
-        {"robot": robot["name"], **encounter}
-        for robot in robots
-        for encounter in robot["encounters"]
-    ]
+    objects = [met for robot in robots for met in _encounters(robot)]
     return {
         "robots": [robot_totals(robot, cap) for robot in robots],
         "objects": objects,
         "alone": None if apart is None else robot_totals(apart, cap),
+        "alone_objects": [] if apart is None else _encounters(apart),
+        "gain": gain,
         "store": str(store),
         "url": url,
         "seed": seed,
     }
+
+
+def _encounters(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [{"robot": robot["name"], **encounter} for encounter in robot["encounters"]]
 
 
 def write_report(

@@ -9,7 +9,7 @@ from typing import Any
 
 from rtask.engine.words import phase_words, reason_words
 
-__all__ = ["report_page"]
+__all__ = ["GRASP_WORDS", "report_page"]
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --good: #1a7f43; --bad: #b3123f; }
@@ -29,7 +29,7 @@ p { margin: .2rem 0; overflow-wrap: anywhere; }
 .good { color: var(--good); } .bad { color: var(--bad); }
 @media (prefers-color-scheme: dark) { :root { --good: #86efac; --bad: #fda4af; } }
 """
-_GRASPS = {
+GRASP_WORDS = {
     "memory": "remembered grasp",
     "candidate": "grasp proposed from its shape",
     "scene": "grasp planned on the whole view",
@@ -53,13 +53,15 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     totals = [*result["robots"], *([alone] if alone else [])]
     beside = f" {alone['name']} worked without the graph, for comparison." if alone else ""
     parts = [_row([_totals(robot) for robot in totals])]
+    if result.get("gain"):
+        parts.insert(0, f"<p><b>{escape(result['gain']['sentence'])}</b></p>")
+    every = [*result.get("objects", ()), *result.get("alone_objects", ())]
+    names = [*robots, *([str(alone["name"])] if alone else [])]
     for product in products:
-        met = [
-            encounter for encounter in result.get("objects", ()) if encounter["product"] == product
-        ]
+        met = [encounter for encounter in every if encounter["product"] == product]
         cells = [
             _cell(folder, name, [encounter for encounter in met if encounter["robot"] == name])
-            for name in robots
+            for name in names
         ]
         parts.append(f"<h2>{escape(product or 'not on any list')}</h2>\n{_row(cells)}")
     return (
@@ -109,9 +111,11 @@ def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:
     done = "held and placed" if attempt["placed"] else "held" if attempt["held"] else "not held"
     why = attempt["place_reason"] if attempt["held"] else attempt["reason"]
     reason = "" if why in ("ok", "") else f": {reason_words(why)}"
-    grasp = _GRASPS.get(attempt["source"], f"grasp from {attempt['source']}")
+    grasp = GRASP_WORDS.get(attempt["source"], f"grasp from {attempt['source']}")
     mark = "good" if attempt["held"] else "bad"
     line = f'<p>{escape(grasp)}: <b class="{mark}">{escape(done + reason)}</b></p>'
+    if attempt.get("alone"):
+        line += f"<p><small>{escape(attempt['alone'])}</small></p>"
     run = attempt.get("run", 0)
     paths = sorted((folder / robot).glob(f"{run:02d}-*.png")) if run else []
     shots = "".join(

@@ -14,7 +14,7 @@ import pytest
 from endpoint.access.tokens import TokenStore
 from tests.browser.attempts import store_of_attempts
 from tests.browser.audits import AUDITS, CONTRAST, SIDEWAYS, SMALL_TARGETS
-from tests.browser.pages import ALL_LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.pages import ALL_LOOKS, LOOKS, PHONE, fits, keep_picture, open_page
 from tests.servers import RunningServer, bearer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -31,9 +31,21 @@ PATHS = (
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
     "/admin/proposals", "/openapi",
 )  # fmt: skip
+SOME_PATHS = ("/", "/sparql", f"/object?iri={OBJECT}", "/feedback", "/tools/grasp", "/admin/tokens")
+FEW_OR_ALL = pytest.mark.parametrize(
+    "paths",
+    [
+        pytest.param(SOME_PATHS, id="some"),
+        pytest.param(PATHS, id="all", marks=pytest.mark.deep),
+    ],
+)
+QUICK_OR_DEEP_LOOKS = [
+    look if look in LOOKS else pytest.param(look, marks=pytest.mark.deep) for look in ALL_LOOKS
+]
 MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3."""
 
+LINKS = "links => links.map(link => link.getAttribute('href'))"
 MAX_TABS = 400
 # Where the Tab key stands: empty behind the last control, "seen", or what is wrong there.
 FOCUS = """() => {
@@ -59,7 +71,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
         yield running, admin
 
 
-@pytest.mark.parametrize("look", ALL_LOOKS)
+@pytest.mark.parametrize("look", QUICK_OR_DEEP_LOOKS)
 def test_every_page_has_one_heading_fits_and_names_its_controls(
     browser: Any, site: tuple[RunningServer, str], look: str
 ) -> None:
@@ -84,25 +96,29 @@ def test_every_page_has_one_heading_fits_and_names_its_controls(
     assert faults == [], "\n".join(faults)
 
 
-def test_a_finger_hits_every_button(browser: Any, site: tuple[RunningServer, str]) -> None:
+@FEW_OR_ALL
+def test_a_finger_hits_every_button(
+    browser: Any, site: tuple[RunningServer, str], paths: tuple[str, ...]
+) -> None:
     server, token = site
     faults: list[str] = []
     touch = {"viewport": PHONE, "has_touch": True, "is_mobile": True}
     with open_page(browser, server.url, token, **touch) as page:
-        for path in PATHS:
+        for path in paths:
             page.goto(server.url + path)
             faults += [f"{path}: {one}" for one in page.evaluate(SMALL_TARGETS)]
     assert faults == [], "\n".join(faults)
 
 
+@FEW_OR_ALL
 def test_tab_leads_through_every_page_and_the_focus_is_always_seen(
-    browser: Any, site: tuple[RunningServer, str]
+    browser: Any, site: tuple[RunningServer, str], paths: tuple[str, ...]
 ) -> None:
     """The keyboard gets from the address bar to the end of each page, and is nowhere caught."""
     server, token = site
     faults: list[str] = []
     with open_page(browser, server.url, token, **ALL_LOOKS["laptop-light"]) as page:
-        for path in PATHS:
+        for path in paths:
             page.goto(server.url + path)
             stops = 0
             while stops < MAX_TABS:
@@ -130,8 +146,8 @@ def test_every_inner_link_answers_and_every_twin_is_the_model_of_its_page(
             page.goto(server.url + path)
             if not page.locator("h1:visible ~ :visible, :has(> h1) ~ :visible").count():
                 mute.append(path)  # nothing below the heading without scripts
-            for link in page.locator("a[href]").all():
-                address = urljoin(page.url, link.get_attribute("href")).partition("#")[0]
+            for link in page.locator("a[href]").evaluate_all(LINKS):
+                address = urljoin(page.url, link).partition("#")[0]
                 if urlsplit(address).netloc == urlsplit(server.url).netloc:
                     links.setdefault(address, path)
             alternate = page.locator("link[rel=alternate]")

@@ -73,15 +73,40 @@ def _gone(pids: list[int], timeout_s: float = 30) -> bool:
     return False
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """One whole run at the size a newcomer gets."""
-    folder = tmp_path_factory.mktemp("demo") / "run"
-    done = _run("--seed", "3", "--json", "--data", str(folder))
+def _finish(folder: Path, *options: str) -> tuple[Path, dict[str, Any]]:
+    done = _run("--seed", "3", "--json", "--data", str(folder), *options)
     assert done.returncode == 0, done.stderr[-3000:]
     return folder, json.loads(done.stdout)
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the table of a run at the size a newcomer gets."""
+    return _finish(tmp_path_factory.mktemp("demo") / "run")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the table of a run with one product on each table."""
+    return _finish(tmp_path_factory.mktemp("small") / "run", "--objects", "1")
+
+
+def test_a_small_demo_recognises_holds_and_reports(small: Any) -> None:
+    folder, result = small
+    first, second = result["robots"]
+    assert first["known_before"] == 0
+    assert second["known_before"] == second["recognised"] == 1
+    assert first["false_identities"] == second["false_identities"] == 0
+    report = (folder / "report" / "report.md").read_text(encoding="utf-8")
+    assert "SELECT" in report
+    assert "| nao-2 |" in report
+    assert json.loads((folder / "report" / "report.json").read_text()) == result
+    with rtask.open(folder / "store", mode="r") as kb:
+        answers = kb.select(ontology.episode_queries()[0].read_text("utf-8")).to_dicts()
+    assert {row["robot"] for row in answers} == {"nao-1", "nao-2"}
+
+
+@pytest.mark.deep
 def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) -> None:
     _, result = finished
     first, second = result["robots"]
@@ -94,6 +119,7 @@ def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) ->
     assert len(seen) + len(second["never_seen"]) == second["objects_on_table"]
 
 
+@pytest.mark.deep
 def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) -> None:
     folder, result = finished
     with rtask.open(folder / "store", mode="r") as kb:
@@ -123,6 +149,7 @@ def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) 
         assert answers[question], question
 
 
+@pytest.mark.deep
 def test_the_joints_of_its_attempts_make_data_sets(finished: Any, tmp_path: Path) -> None:
     folder, result = finished
     tried = sum(met["tries"] for met in result["objects"])  # attempts in which something moved
@@ -138,6 +165,7 @@ def test_the_joints_of_its_attempts_make_data_sets(finished: Any, tmp_path: Path
     assert info["total_frames"] > 20 * written.episodes  # a second each, at least
 
 
+@pytest.mark.deep
 def test_most_objects_in_reach_are_held(finished: Any) -> None:
     """One seed is a sample of six; the figures over five are those of ``bench_demo.py``.
 
@@ -148,6 +176,7 @@ def test_most_objects_in_reach_are_held(finished: Any) -> None:
         assert robot["held"] >= 0.5 * robot["objects_in_reach"], robot
 
 
+@pytest.mark.deep
 def test_the_second_robot_starts_from_what_the_first_one_learned(finished: Any) -> None:
     _, result = finished
     first, second = result["robots"]
@@ -157,6 +186,7 @@ def test_the_second_robot_starts_from_what_the_first_one_learned(finished: Any) 
     assert second["mean_attempts_to_first_success"] is not None
 
 
+@pytest.mark.deep
 def test_the_report_has_table_pictures_and_queries(finished: Any) -> None:
     folder, result = finished
     report = (folder / "report" / "report.md").read_text(encoding="utf-8")
@@ -185,11 +215,11 @@ def _serving(store: Path) -> Iterator[str]:
         process.communicate(timeout=30)
 
 
-def test_outcomes_and_their_provenance_are_read_from_the_kept_store(finished: Any) -> None:
+def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) -> None:
     """With two clients that nobody here wrote: curl and SPARQLWrapper."""
     from SPARQLWrapper import JSON, SPARQLWrapper
 
-    folder, result = finished
+    folder, result = small
     query = """
         PREFIX rt: <https://w3id.org/rtask-kg/ns#> PREFIX prov: <http://www.w3.org/ns/prov#>
         SELECT ?robot ?code ?agent WHERE {
@@ -234,6 +264,7 @@ def _without_times(result: dict[str, Any]) -> Any:
     return result
 
 
+@pytest.mark.deep
 def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> None:
     _, first = finished
     done = _run("--seed", "3", "--json", "--data", str(tmp_path / "again"))
@@ -242,7 +273,7 @@ def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> No
 
 
 def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> None:
-    process = _start("--data", str(tmp_path / "run"), "--objects", "2")
+    process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1: object 1")
     children = list(_children(process.pid))
     assert len(children) == 3
@@ -257,8 +288,9 @@ def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> N
     assert verified.returncode == 0, verified.stdout + verified.stderr
 
 
+@pytest.mark.deep
 def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
-    process = _start("--data", str(tmp_path / "run"), "--objects", "2")
+    process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1 faces")
     children = list(_children(process.pid))
     process.kill()
@@ -267,7 +299,7 @@ def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> None:
-    process = _start("--data", str(tmp_path / "run"), "--objects", "2")
+    process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1: object 1")
     (robot,) = [pid for pid, line in _children(process.pid).items() if '"index": 0' in line]
     os.kill(robot, signal.SIGKILL)
@@ -279,8 +311,9 @@ def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> N
     assert "Traceback" not in said
 
 
+@pytest.mark.deep
 def test_an_endpoint_that_goes_away_is_named_and_ends_the_demo(tmp_path: Path) -> None:
-    process = _start("--data", str(tmp_path / "run"), "--objects", "2")
+    process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1: object 1")
     (server,) = [pid for pid, line in _children(process.pid).items() if " serve " in line]
     os.kill(server, signal.SIGKILL)

@@ -1,0 +1,162 @@
+"""The demo in sentences: what its products hide, what is to be seen, and what sharing gained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from simulate.demo.report import by_product
+
+__all__ = ["Gain", "gain_of", "opening", "outcome"]
+
+_SECRETS = {
+    "plain": "On this table nothing is hidden: geometry holds nearly every product at once, "
+    "and sharing has little to add.",
+    "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
+    "end breaks when it is pressed, a bar or a flask has its weight near one end. A robot that "
+    "has only its eyes must fail first.",
+}
+_NUMBERS = (
+    "No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven",
+    "Twelve",
+)  # fmt: skip
+
+
+def opening(products: str, names: Sequence[str], alone: str = "") -> list[str]:
+    """Return two sentences: what the products hide, and what the audience will see.
+
+    Parameters
+    ----------
+    products
+        Set of :data:`simulate.world.objects.PRODUCTS`.
+    names
+        The robots, in the order in which they work.
+    alone
+        The robot that works without the graph, for comparison; empty if there is none.
+    """
+    first, *others = names
+    seen = f"{first} finds out by trial and writes each outcome into the graph"
+    if others:
+        then = " and ".join([", ".join(others[:-1]), others[-1]] if others[1:] else others)
+        seen += f"; then {then} {'start' if others[1:] else 'starts'} from there"
+    if alone:
+        seen += f", beside {alone}, the same robot at the same table without the graph"
+    return [_SECRETS[products], f"Watch: {seen}."]
+
+
+class Gain:
+    """Work of one robot with the graph and without it, over the products that it tried both times.
+
+    Parameters
+    ----------
+    name
+        The robot that shares the graph.
+    shared, apart
+        Its encounters with and without the graph.
+    teachers
+        The robots whose outcomes were in the graph before.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        shared: Sequence[Mapping[str, Any]],
+        apart: Sequence[Mapping[str, Any]],
+        teachers: Sequence[str],
+    ) -> None:
+        alone = {met["product"]: met for met in by_product(apart) if met["tries"]}
+        pairs = [
+            (met, alone[met["product"]])
+            for met in by_product(shared)
+            if met["product"] and met["tries"] and met["product"] in alone
+        ]
+        self.name = name
+        self.teachers = tuple(teachers)
+        self.products = len(pairs)
+        self.attempts = sum(int(met["tries"]) for met, _ in pairs)
+        self.attempts_alone = sum(int(met["tries"]) for _, met in pairs)
+        self.held = sum(bool(met["held"]) for met, _ in pairs)
+        self.held_alone = sum(bool(met["held"]) for _, met in pairs)
+        self.first_from_graph = sum(
+            bool(met["attempts"]) and met["attempts"][0]["source"] == "memory" for met, _ in pairs
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, as ``rtask demo --json`` prints them."""
+        return {
+            "robot": self.name,
+            "products": self.products,
+            "attempts": self.attempts,
+            "attempts_alone": self.attempts_alone,
+            "held": self.held,
+            "held_alone": self.held_alone,
+            "first_grasps_from_graph": self.first_from_graph,
+            "sentence": self.sentence(),
+        }
+
+    def sentence(self) -> str:
+        """Return what sharing gained in this run, or that it gained nothing."""
+        if not self.products:
+            return f"{self.name} and the same robot without the graph tried no product in common."
+        with_it = self._needed(self.held, self.attempts)
+        without = self._needed(self.held_alone, self.attempts_alone, short=True)
+        text = f"With the graph {self.name} {with_it}; the same robot without it {without}."
+        if (-self.held, self.attempts) >= (-self.held_alone, self.attempts_alone):
+            text += " In this run the graph gained nothing."
+        return f"{text} {self._origin()}"
+
+    def _needed(self, held: int, attempts: int, short: bool = False) -> str:
+        all_held = self.held == self.held_alone == self.products
+        if all_held:
+            return str(attempts) if short else f"needed {attempts} attempts for {self._all()}"
+        return f"held {held} of {self._all()} in {attempts}{'' if short else ' attempts'}"
+
+    def _all(self) -> str:
+        return f"{self.products} product{'s' if self.products > 1 else ''}"
+
+    def _origin(self) -> str:
+        number = self.first_from_graph
+        words = _NUMBERS[number] if number < len(_NUMBERS) else str(number)
+        origin = self.teachers[0] if len(self.teachers) == 1 else "other robots"
+        return f"{words} first grasp{'' if number == 1 else 's'} came from {origin}."
+
+
+def gain_of(
+    done: Sequence[Mapping[str, Any]], apart: Mapping[str, Any] | None, kept: bool
+) -> Gain | None:
+    """Return what sharing gained for the last robot; None if it did not also work alone.
+
+    Parameters
+    ----------
+    done
+        The robots with their encounters, in the order in which they worked.
+    apart
+        The last robot's work with a graph of its own.
+    kept
+        Whether the store had outcomes of an earlier run, whose robots are not named.
+    """
+    if apart is None:
+        return None
+    *teachers, last = done
+    names = [] if kept else [str(robot["name"]) for robot in teachers]
+    return Gain(str(last["name"]), last["encounters"], apart["encounters"], names)
+
+
+def outcome(result: Mapping[str, Any]) -> str:
+    """Return the sentence with which a demo ends.
+
+    Parameters
+    ----------
+    result
+        What ``rtask demo --json`` prints.
+    """
+    if result["gain"] is not None:
+        return str(result["gain"]["sentence"])
+    last = result["robots"][-1]
+    text = f"{last['name']} held {last['held']} of {last['objects_in_reach']} products in reach"
+    if len(result["robots"]) == 1 and not last["known_before"]:
+        return f"{text}, on its own; the next robot starts from what it wrote."
+    return (
+        f"{text}; it recognised {last['recognised']}, and {last['from_memory']} of its first "
+        "grasps came from the graph."
+    )
