@@ -24,6 +24,7 @@ from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.page_calls import Seen, impatient, replay, with_length
 from endpoint.http.plan import Plan
+from endpoint.http.progress_stream import send_with_progress
 from endpoint.http.response_stream import Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
 from endpoint.point_lines import Instead, PointLines, PointQuery
@@ -190,6 +191,13 @@ class AsgiApplication:
                 pass
             elif stream is not None or work is not None:
                 response = await self._work(job, wire, stream, work)
+            elif job.plan.progress is not None:
+                answer, events = self._work(job, wire), job.plan.progress
+                response, sent, whole = await send_with_progress(
+                    answer, events, job.request.method, wire
+                )
+                application.report(job, response, sent, whole=whole)
+                return
             elif job.plan.lane == "loop":
                 response = application.run(job)
             else:

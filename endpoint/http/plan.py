@@ -91,6 +91,41 @@ class Elsewhere:
     stop: Callable[[], object]
 
 
+class Progress:
+    """Messages about work in progress, to be sent as events before its answer.
+
+    Parameters
+    ----------
+    request_id
+        Id of the request in its protocol.
+    """
+
+    def __init__(self, request_id: object = None) -> None:
+        self.request_id = request_id
+        self._lock = threading.Lock()
+        self._waiting: list[dict[str, Any]] = []
+        self._listener: Callable[[], None] | None = None
+
+    def add(self, message: dict[str, Any]) -> None:
+        """Append a message; may be called from any thread."""
+        with self._lock:
+            self._waiting.append(message)
+            listener = self._listener
+        if listener is not None:
+            listener()
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call back after each message from now on."""
+        with self._lock:
+            self._listener = listener
+
+    def drain(self) -> list[dict[str, Any]]:
+        """Return the messages since the last call."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+        return waiting
+
+
 @dataclass(slots=True)
 class Plan:
     """A request that was understood; running it does the work.
@@ -122,6 +157,8 @@ class Plan:
         Is given the response before it is sent, for the answer cache.
     elsewhere
         The work, if threads of its own do it.
+    progress
+        What is sent as events before the answer, where the client asked for that.
     """
 
     run: Callable[[], Response]
@@ -137,6 +174,7 @@ class Plan:
     look_up: Callable[[], Response | None] | None = None
     keep: Callable[[Response], None] | None = None
     elsewhere: Elsewhere | None = None
+    progress: Progress | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:
