@@ -14,7 +14,14 @@ import click
 from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
-from rtask.cli.options import data_option, exit_if_empty, json_option
+from rtask.cli.options import (
+    announce_undo,
+    data_option,
+    exit_if_empty,
+    json_option,
+    listing_option,
+    shown_rows,
+)
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -203,15 +210,17 @@ def create(
         return
     click.echo(text)
     click.echo(f"{_words(made)}; it is shown only now, keep it secret", err=True)
+    announce_undo("token", "revoke", made.id)
 
 
 @token.command("list")
 @data_option
+@listing_option
 @json_option
-def list_tokens(data: Path, as_json: bool) -> None:
+def list_tokens(data: Path, limit: int | None, as_json: bool) -> None:
     """List tokens, without their secrets. Exit code 1 if there are none."""
     with closing(_tokens(data)) as tokens:
-        listed = tokens.all()
+        listed = shown_rows(tokens.all(), limit, as_json)
     if as_json:
         click.echo(json.dumps([_members(token) for token in listed]))
     for token in [] if as_json else listed:
@@ -231,7 +240,9 @@ def revoke(token_id: str, data: Path, as_json: bool) -> None:
     _audit(data, "token-revoked", token_id)
     if as_json:
         click.echo(json.dumps({"id": token_id, "revoked": True}))
-    click.echo(f"token {token_id} is revoked", err=True)
+    click.echo(
+        f"token {token_id} is revoked, for good; `rtask token create` makes another", err=True
+    )
 
 
 @token.command("expire")
