@@ -29,6 +29,7 @@ from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
+from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol
@@ -196,11 +197,10 @@ class Router:
         if handler != "service" or request.method != "POST":
             return False
         try:
-            definition, _ = self._called(address)
+            definition, method = self._called(address)
         except RtaskError:
             return True
-        is_elsewhere = any(resource.type == "binary" for resource in definition.resources.values())
-        return is_elsewhere or definition.executor == "outward"
+        return not is_at_copy(definition, definition.methods[method])
 
     def _called(self, address: str) -> tuple[Definition, str]:
         """Return the service and the method at ``/services/<ns>/<name>/<method>``.

@@ -119,7 +119,9 @@ def _plan_call(
     data = args.pop(_DATA, None)
     authorise(auth, request, caller, method.scope, name)
     try:
-        asked = Invocation(definition.exact, method.name, args, caller.access, data)
+        asked = Invocation(
+            definition.exact, method.name, args, caller.access, data, data_form=_DATA
+        )
         task = host.prepare(asked)
     except RtaskError as error:
         return Plan.ready(response_of(reply(message, _refused(error))))
