@@ -53,6 +53,8 @@ class ServerContext:
         Further values for ``/metrics``, measured when asked for.
     following
         The connection to the server that this one follows; none if it is nobody's follower.
+    at_close
+        Called when the server closes.
     """
 
     kb: ServedGraph
@@ -71,6 +73,7 @@ class ServerContext:
     activity: ActivityLog = field(default_factory=ActivityLog)
     gauges: dict[str, Callable[[], float]] = field(default_factory=dict)
     following: Following | None = None
+    at_close: list[Callable[[], None]] = field(default_factory=list)
 
     @classmethod
     def create(
@@ -131,6 +134,8 @@ class ServerContext:
 
     def close(self) -> None:
         """Close the services and the audit trail; the caller closes the rest."""
+        for close in self.at_close:
+            close()
         self.services.close()
         self.versions.close()
         self.audit.close()

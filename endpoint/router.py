@@ -33,6 +33,7 @@ from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.negotiation import prefers_html
+from endpoint.sparql.past_states import PastStates
 from endpoint.sparql.readable import limit_query
 from endpoint.sparql.request import (
     QUERY,
@@ -76,7 +77,9 @@ class Router:
         self._store = graph_store.GraphStore(kb, context.auth, config, context.versions, answers)
         cache = AnswerCache(kb, context.metrics, config.cache)
         context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
-        self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions)
+        past = PastStates(kb, config)
+        context.at_close.append(past.close)
+        self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions, past)
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
         self._handlers = self._made_handlers()

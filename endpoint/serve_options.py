@@ -205,6 +205,8 @@ _THRESHOLDS = _options(
             "robots that ask for a decision."),
     _number("--min-pose", 0.7, _SHARE, "Least confidence in its pose."),
     _number("--min-grasp", 0.3, _SHARE, "Least confidence that the grasp will hold."),
+    _number("--clock-ahead", 300.0, _ZERO_OR_MORE, "How far the clock of a robot may be ahead, s; "
+            "beyond it, the time of receipt is stored."),
 )  # fmt: skip
 _LOGS = _options(
     click.option(
@@ -244,6 +246,7 @@ def policy_of(options: dict[str, Any]) -> Policy:
         min_identity=options["min_identity"],
         min_pose=options["min_pose"],
         min_grasp=options["min_grasp"],
+        clock_ahead_s=options["clock_ahead"],
     )
 
 

@@ -161,6 +161,22 @@ def _health(summary: str) -> JsonObject:
     return described
 
 
+def _query_options() -> list[JsonObject]:
+    """Return the parameters of a query that the SPARQL protocol has, or that are our own."""
+    graphs: JsonObject = {"type": "array", "items": {"type": "string", "format": "uri"}}
+    return [
+        parameter("default-graph-uri", "query", "graphs of the default graph", graphs),
+        parameter("named-graph-uri", "query", "graphs for GRAPH", graphs),
+        parameter("inferred", "query", "0 leaves derived statements out",
+                  {"type": "string", "enum": ["0", "1", "false", "true"]}),
+        parameter("timeout", "query", "time limit in seconds",
+                  {"type": "number", "exclusiveMinimum": 0}),
+        parameter("as_of", "query", "earlier state: the number of its last commit, EPOCH:NUMBER, "
+                  "or a time with its zone",
+                  {"type": "string"}),
+    ]  # fmt: skip
+
+
 def _fixed_paths() -> JsonObject:
     text: JsonObject = {"type": "string"}
     results = (
@@ -171,9 +187,11 @@ def _fixed_paths() -> JsonObject:
     digest = parameter("sha256", "path", "64 lower-case hex digits",
                         {"type": "string", "pattern": "^[0-9a-f]{64}$"})  # fmt: skip
     query = parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
+    sparql = get("Ask in SPARQL 1.1", results, [query, *_query_options()])
+    sparql["responses"].update(problems((413, 501, 507)))  # of earlier states
     return {
         # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
-        "/sparql": {"get": get("Ask in SPARQL 1.1", results, [query])},
+        "/sparql": {"get": sparql},
         **resource_paths(),
         "/api/blobs/{sha256}": {
             "get": get(

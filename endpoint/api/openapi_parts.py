@@ -21,7 +21,7 @@ _PROBLEMS = {
     409: "the state does not allow it",
     410: "it is no longer kept",
     412: "the resource changed in the meantime",
-    413: "the body is too large",
+    413: "it is too large",
     415: "the media type is not supported",
     416: "the range lies beyond the end",
     422: "the request contradicts what is known",
@@ -29,6 +29,7 @@ _PROBLEMS = {
     501: "not with this kind of store",
     503: "too busy; see Retry-After",
     504: "no answer in time",
+    507: "the disk is full",
 }
 _READ_PROBLEMS = (400, 401, 403, 404, 405, 406, 410, 416, 429, 503, 504)
 

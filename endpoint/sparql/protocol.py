@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from urllib.parse import quote
 
 from endpoint.access.auth import Caller
@@ -23,6 +24,7 @@ from endpoint.sparql.answers import GRACE_S, Answers, Question
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
 from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
+from endpoint.sparql.past_states import PastStates, parse_as_of
 from endpoint.sparql.request import QueryRequest, UpdateRequest, absolute_iri
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import (
@@ -65,12 +67,13 @@ def _form(text: str, limits: Limits) -> str:
 
 @dataclass(frozen=True)
 class Asked:
-    """The parts that answer queries: readers, the store for look-ups, caches here and there."""
+    """The parts that answer queries: readers, look-ups, caches here and there, earlier states."""
 
     answers: Answers
     lookups: Lookups
     cache: AnswerCache
     versions: Versions
+    past: PastStates
 
 
 def plan_query(
@@ -85,7 +88,7 @@ def plan_query(
     QuerySyntaxError
         The text is not a query.
     """
-    lookup = is_lookup(query.text)
+    lookup = is_lookup(query.text) and not query.as_of
     form = "SELECT" if lookup else _form(query.text, config.limits)
     if not form:
         raise QuerySyntaxError(
@@ -95,14 +98,16 @@ def plan_query(
     offers = negotiation.SOLUTION_TYPES if form in ("SELECT", "ASK") else negotiation.GRAPH_TYPES
     media_type = negotiation.choose(request.header("accept"), offers)
     content_type = negotiation.content_type(media_type)
-    etag = asked.versions.of_query(
-        query.text,
-        query.default_graphs,
-        query.named_graphs,
-        query.inferred,
-        query.base,
-        media_type,
-    )
+    etag = ""
+    if not query.as_of:
+        etag = asked.versions.of_query(
+            query.text,
+            query.default_graphs,
+            query.named_graphs,
+            query.inferred,
+            query.base,
+            media_type,
+        )
     headers: tuple[tuple[str, str], ...] = (("ETag", etag),) if etag else ()
     timeout_s = config.effective_timeout(query.timeout_s, caller.access.role)
     if query.timeout_s is not None and query.timeout_s > timeout_s:
@@ -115,6 +120,10 @@ def plan_query(
     deadline = running.started + timeout_s
     question = Question(query, media_type, wants_gzip(request), headers, running, deadline)
     planned = _PlannedQuery(question, lookup, timeout_s, config, asked)
+    if query.as_of:
+        planned.require_local()
+        run = partial(planned.run_past, parse_as_of(query.as_of))
+        return Plan(run, timeout_s + GRACE_S, "query", form, query.text, running)
     keep = None
     if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
         keep = asked.cache.keeper(request, caller.access, form, query.text, etag)
@@ -158,6 +167,15 @@ class _PlannedQuery:
     def run_point(self) -> Response:
         """Answer among the quick queries."""
         return self._guarded(lambda: self._open(point=True))
+
+    def require_local(self) -> None:
+        """Refuse SERVICE in a query of an earlier state, which another server does not have."""
+        if federation.mentions(self._question.query.text, "SERVICE"):
+            raise RefusedError(400, "usage", "`as_of` and SERVICE in one query")
+
+    def run_past(self, at: int | dt.datetime | str) -> Response:
+        """Answer from an earlier state."""
+        return self._guarded(lambda: self._asked.past.open(self._question, at))
 
     def _open(self, point: bool) -> Response:
         return self._asked.answers.open(_federated(self._question, self._config), point=point)

@@ -28,7 +28,7 @@ METHODS = {
 }
 
 
-_QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout")
+_QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout", "as_of")
 _UPDATE_FIELDS = (
     UPDATE, "using-graph-uri", "using-named-graph-uri", "agent", "note", "if-version",
 )  # fmt: skip
@@ -52,6 +52,8 @@ class QueryRequest:
         Time limit that the client requests; none for the server's default.
     inferred
         Whether to read derived triples, too.
+    as_of
+        Commit or time of the state to query, as text; empty for the current one.
     """
 
     text: str
@@ -60,6 +62,7 @@ class QueryRequest:
     base: str = ""
     timeout_s: float | None = None
     inferred: bool = True
+    as_of: str = ""
 
 
 @dataclass(frozen=True)
@@ -222,6 +225,7 @@ def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
         base=request.url,
         timeout_s=_timeout(fields),
         inferred=_inferred(fields),
+        as_of=_short(fields, "as_of", 64),
     )
 
 

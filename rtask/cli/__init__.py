@@ -24,7 +24,7 @@ from rtask.extras import naming_extras
 __all__ = ["cli", "main"]
 
 _BUILT_IN = {
-    "ask": "rtask.cli.people:ask",
+    "ask": "rtask.cli.asking.ask:ask",
     "backup": "rtask.cli.maintenance:backup",
     "camera": "rtask.cli.perception.camera:camera",
     "contributors": "rtask.cli.people:contributors",
@@ -66,7 +66,7 @@ _BUILT_IN = {
 
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
-    "Ask": ("query", "search", "ask", "explain", "entails", "history", "objects"),
+    "Ask": ("ask", "query", "search", "explain", "entails", "history", "objects"),
     "Load and change": ("load", "update", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),

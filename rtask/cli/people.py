@@ -1,4 +1,4 @@
-"""``rtask ask``, ``feedback`` and ``contributors``: people ask for things, and judge robots."""
+"""``rtask feedback`` and ``rtask contributors``: people judge what robots reported."""
 
 from __future__ import annotations
 
@@ -17,14 +17,12 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
-from rtask.cli.things import resolve_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from rtask.client import Client
-    from rtask.client.calls import ResolvedRequest
 
-__all__ = ["ask", "contributors", "feedback"]
+__all__ = ["contributors", "feedback"]
 
 _LATEST = """
 SELECT DISTINCT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
@@ -37,75 +35,6 @@ WHERE {
   OPTIONAL { ?through rt:through ?attempt ; rt:handles/rt:name ?object }
   OPTIONAL { ?outcome rt:judgedSuccess ?judged } OPTIONAL { ?outcome rt:disputed ?disputed }
 } ORDER BY DESC(?time)"""
-
-
-@click.command()
-@click.argument("words", nargs=-1, required=True)
-@data_option
-@server_option
-@agent_option("Robot whose hand is to hold the object. A server knows it by the token.")
-@click.option("--gripper", help="Name or IRI of the hand, if the robot has several.")
-@click.option(
-    "--object",
-    "objects",
-    multiple=True,
-    metavar="IRI",
-    help="An object in view now; may be repeated.",
-)
-@click.option(
-    "--seen-within",
-    default=600.0,
-    show_default=True,
-    metavar="S",
-    help="Without --object: consider objects seen this recently, s.",
-)
-@json_option
-def ask(
-    words: tuple[str, ...],
-    data: Path,
-    server: str | None,
-    agent: str | None,
-    gripper: str | None,
-    objects: tuple[str, ...],
-    seen_within: float,
-    as_json: bool,
-) -> None:
-    """Ask for an object by kind or use, such as "something to drink from".
-
-    Answers which of the objects in view will do, why, and how to grasp it. If none will, gives the
-    reasons and exits with code 1.
-    """
-    request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
-    if gripper:
-        request["gripper_id"] = gripper
-    with connection(data, server, agent) as client:
-        if objects:
-            request["objects"] = [resolve_object(client.query, name) for name in objects]
-        if not (gripper or agent or server):
-            raise UsageError("whose hand is to hold it? --agent ROBOT, or --gripper NAME")
-        answer = client.resolve_request(**request)
-    if as_json:
-        print_json(answer)
-    else:
-        _show(answer)
-    if answer["task_response"] == "unmet":
-        raise SystemExit(1)
-
-
-def _show(answer: ResolvedRequest) -> None:
-    if answer["object"]:
-        click.echo(f"{answer['label']}  {answer['object']}")
-        click.echo(answer["explanation"]["text"])
-        for grasp in answer["grasps"]:
-            stats, sure = grasp["statistics"], grasp["confidence"]["mean"]
-            click.echo(
-                f"  {grasp['id']}  confidence {sure:.2f}, "
-                f"held {stats['successes']} of {stats['attempts']}"
-            )
-        for line in answer["explanation"]["proof"]:
-            click.echo(f"  {line}")
-    for reason in answer["reasons"]:
-        click.echo(f"{reason['code']}: {reason['text']}", err=not answer["object"])
 
 
 @click.command()

@@ -651,6 +651,7 @@ class ReportedOutcome(TypedDict):
     commit: str
     statistics: GraspStatistics
     grasp: str
+    message: NotRequired[str]
 
 
 class ReportedRefusal(TypedDict):
@@ -766,6 +767,7 @@ class Calls(ABC):
         end_effectors: Sequence[EndEffector | Mapping[str, Any]],
         cameras: Sequence[Camera | Mapping[str, Any]] | None = None,
         frames: Sequence[str] | None = None,
+        replace: bool | None = None,
     ) -> RegisteredRobot:
         """Register a robot with its grippers, cameras and frames.
 
@@ -783,6 +785,9 @@ class Calls(ABC):
             its cameras
         frames
             names of its frames, the base frame first
+        replace
+            whether the body has changed since the last registration; default: another one is
+            refused; default: False
         """
         answer: RegisteredRobot = self._operate("register_robot", locals())
         return answer

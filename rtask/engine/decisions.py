@@ -97,6 +97,8 @@ class Decision:
         Offered grasps by id.
     times
         Durations of the steps, s.
+    asked_by
+        Name of the robot whose task it is; empty if it is not known.
     """
 
     object: str
@@ -104,6 +106,7 @@ class Decision:
     options: Mapping[str, Option] = field(default_factory=dict)
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    asked_by: str = ""
 
 
 def graph_against_geometry(first: Option, alone: Option) -> str:

@@ -59,6 +59,9 @@ class Policy:
         Distance and angle within which two grasps of an object are the same.
     min_identity, min_pose, min_grasp
         c_I, c_T and c_G of Kehoe 2014, 4.3, for requests for a decision without thresholds.
+    clock_ahead_s
+        How far the clock of a robot may be ahead of that of this machine; beyond it, the time of
+        receipt is stored.
     """
 
     bandit: Bandit = field(default_factory=Bandit)
@@ -79,6 +82,7 @@ class Policy:
     min_identity: float = 0.7
     min_pose: float = 0.7
     min_grasp: float = 0.3
+    clock_ahead_s: float = 300.0
 
     @property
     def version(self) -> str:

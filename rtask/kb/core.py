@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import logging
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -116,16 +117,23 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
         """
         return validation.everything(self.store, self.graphs, validation.shape_files(shapes))
 
-    def as_of(self, seq: int) -> Self:
-        """Return the state after a commit, as a read-only copy in memory.
+    def as_of(self, at: int | dt.datetime | str) -> Self:
+        """Return the state after a commit or at a time, as a read-only copy.
 
         Close it when it is no longer needed.
 
+        Parameters
+        ----------
+        at
+            Number of a commit, or a time (of ISO 8601 as a text): the state after the last commit
+            whose clock showed no later one.
+
         Raises
         ------
-        UsageError, GoneError, UnsupportedError
+        UsageError, GoneError, UnsupportedError, StorageFullError
             As in :func:`rtask.kb.feed.as_of.copy_as_of`.
         """
+        seq = at if isinstance(at, int) else self.commit_at(at)
         files, catalogue, writer = copy_as_of(self._files, self.graphs, self.feed, self.seq, seq)
         return type(self)(files, catalogue, None, writer)
 

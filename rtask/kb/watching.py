@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 from rtask.kb.base import GraphBase
 from rtask.kb.commit.commit import Change
+from rtask.kb.durability.journal import NoJournal
+from rtask.kb.feed.as_of import commit_at
 from rtask.kb.feed.history import HistoryEntry, Period, history, matcher
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.rdf.terms import (
@@ -85,6 +87,27 @@ class Watching(GraphBase):
             inferred,
         )
         return self.feed.subscribe(filter_, since=since, once=once, size=size, on_ready=on_ready)
+
+    def commit_at(self, time: dt.datetime | str) -> int:
+        """Return the number of the last commit whose clock showed no later time than this.
+
+        Raises
+        ------
+        GoneError, UnsupportedError
+            As in :func:`rtask.kb.feed.as_of.commit_at`.
+        """
+        return commit_at(self._files, moment(time))
+
+    def changed_since(self, seq: int) -> int:
+        """Return how many statements the commits after one have added or removed.
+
+        Bulk loads are not among them, because the journal does not hold what they add.
+        """
+        journal = self._files.journal
+        if isinstance(journal, NoJournal):
+            return 0
+        headers = (record.header for record in journal.records(seq))
+        return sum(int(header["added"]) + int(header["removed"]) for header in headers)
 
     def history(
         self,

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Flush", "named"]
 
+_OBJECT_ID = ontology.NS + "objectId"
 _FIRST, _REST, _NIL = (NamedNode(ontology.PREFIXES["rdf"] + n) for n in ("first", "rest", "nil"))
 
 
@@ -80,6 +81,8 @@ class Flush:
         for instance in (*self._new, *self._dirty):
             for name, pending in instance.__state__.pending.items():
                 field = type(instance).__by_iri__[name]
+                if name == _OBJECT_ID:
+                    writer.check_unused(instance, field, pending)
                 if field.is_list:
                     writer.replace_list(instance, field, pending)
                 elif field.stored:
@@ -109,6 +112,28 @@ class _Writer:
         self._statements = statements
         self._home = view.home
         self._inferred = view.inferred
+        self._keys: dict[Term, str] = {}
+
+    def check_unused(self, instance: Model, field: Property, pending: Pending) -> None:
+        """Refuse the key of another object: both would silently become one.
+
+        Raises
+        ------
+        FieldError
+            Naming the other object.
+        """
+        for value in (stored(term(item)) for item in pending.added):
+            quads = self._kb.match(None, NamedNode(field.iri), value)
+            asserted = (q for q in quads if q.graph_name != self._kb.graphs.inferred)
+            others = {self._keys.setdefault(value, instance.iri)}
+            others |= {str(getattr(quad.subject, "value", "")) for quad in asserted}
+            if others - {instance.iri}:
+                raise FieldError(
+                    f"{field.describe()} of {instance!r}: {value} is that of "
+                    f"{min(others - {instance.iri})} already; objects with the same one are the "
+                    "same, so get that one, or choose another",
+                    field=field.name,
+                )
 
     def withdraw(self, subject: NamedNode) -> None:
         """Withdraw all own statements from and to an object."""

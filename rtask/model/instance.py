@@ -14,7 +14,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, ClassVar, Protocol, TypeAlias, cast, dataclass_transform, overload
+from typing import (
+    Any,
+    ClassVar,
+    NoReturn,
+    Protocol,
+    TypeAlias,
+    cast,
+    dataclass_transform,
+    overload,
+)
 
 from rtask.errors import FieldError, UsageError
 from rtask.model.codec import THING
@@ -286,6 +295,19 @@ class Model(metaclass=ModelType):
             raise FieldError(f"{type(self).__name__} has no field {name!r}{hint}", field=name)
         object.__setattr__(self, name, value)
 
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        """Refuse to be copied or pickled: an object is a view of the graph, one in each session.
+
+        Raises
+        ------
+        UsageError
+            Always; says what to pass on instead.
+        """
+        raise UsageError(
+            f"{self!r} belongs to a session and is neither pickled nor copied; pass on its iri and "
+            f"use session.get({type(self).__name__}, iri) there, or its values: to_dict()"
+        )
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.__state__.iri or 'new'}>"
 
@@ -296,6 +318,12 @@ def _json_text(value: object) -> str:
 
 Registry: TypeAlias = ClassRegistry[Model]
 """The Python classes of one vocabulary."""
+
+
+def absent(what: str, name: str, elsewhere: Mapping[str, str]) -> AttributeError:
+    """Return the error for an attribute that is not there, with what to use instead if known."""
+    hint = f"; use {elsewhere[name]}" if name in elsewhere else ""
+    return AttributeError(f"a {what} has no {name!r}{hint}")
 
 
 def term(item: Item) -> Term:

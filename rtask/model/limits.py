@@ -5,6 +5,7 @@ Generated classes import this module, so it keeps its name.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from decimal import Decimal
@@ -36,7 +37,12 @@ class Limits:
     one_of: tuple[str, ...] = ()
 
     def complaint(self, value: object) -> str | None:
-        """Return what was expected, if the value violates a constraint."""
+        """Return what was expected, if the value violates a constraint.
+
+        NaN and infinity are never what was measured, and pass no comparison with a bound.
+        """
+        if isinstance(value, float) and not math.isfinite(value):
+            return "a finite number"
         if isinstance(value, int | float | Decimal) and not isinstance(value, bool):
             if self.least is not None and value < self.least:
                 return f"{self.least} or more"

@@ -288,6 +288,24 @@ def _apply_shapes(
             for iri in _path(shapes, inner):
                 if iri in properties:
                     _apply_shape(shapes, inner, targets, classes, properties[iri])
+        for iri in _required_unless_of_a_class(shapes, node):
+            if iri in properties:
+                for target in targets:
+                    classes[target].required.append(iri)
+
+
+def _required_unless_of_a_class(shapes: _Graph, node: Term) -> Iterator[str]:
+    """Yield properties that a shape requires of all that are in no other class (SHACL, 4.6.3).
+
+    An object of a Python class is in no class that is not above it, so there they are required.
+    """
+    for head in shapes.objects(node, SH + "or"):
+        alternatives = list(shapes.members(head))
+        inner = [i for one in alternatives for i in shapes.objects(one, SH + "property")]
+        classes = [one for one in alternatives if shapes.objects(one, SH + "class")]
+        others_are_classes = len(inner) == 1 and len(classes) == len(alternatives) - 1
+        if others_are_classes and (_number(shapes, inner[0], "minCount") or 0) >= 1:
+            yield from _path(shapes, inner[0])
 
 
 def _path(shapes: _Graph, shape: Term) -> list[str]:

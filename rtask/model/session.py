@@ -7,14 +7,14 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from rtask.errors import UnknownTermError, UsageError
 from rtask.model.annotations import Note, read_annotations
 from rtask.model.backing import Backed, Statements, Touched, Writes
 from rtask.model.flush import Flush, named
 from rtask.model.identity import IdentityMap
-from rtask.model.instance import Annotation, Model, Property, field_of
+from rtask.model.instance import Annotation, Model, Property, absent, field_of
 from rtask.model.query.builder import Query
 from rtask.model.query.plan import Plan, finished
 from rtask.model.reading import Lazy, Reader
@@ -29,6 +29,17 @@ if TYPE_CHECKING:
 
 __all__ = ["Session"]
 
+_ELSEWHERE = {
+    "add_all": "add() for each object; what it refers to is added with it",
+    "merge": "get(Model, iri), and set the fields of that object",
+    "execute": "query(Model), or select(text) for SPARQL",
+    "scalars": "query(Model).all()",
+    "scalar": "query(Model).one()",
+    "expire": "refresh(instance)",
+    "expunge": "rollback(), or close()",
+    "begin": "the session itself as a with block",
+}
+"""Names of SQLAlchemy, and what does the same here."""
 M = TypeVar("M", bound=Model)
 
 
@@ -111,6 +122,11 @@ class Session:
     def inferred(self) -> bool:
         """Whether derived statements are visible."""
         return self.view.inferred
+
+    if not TYPE_CHECKING:  # type checkers name attributes that are not there themselves
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise absent("session", name, _ELSEWHERE)
 
     # Life
 

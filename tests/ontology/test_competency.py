@@ -21,7 +21,7 @@ def _header(text: str, word: str) -> str:
 
 
 def test_the_questions_are_numbered() -> None:
-    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 24)]
+    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 25)]
 
 
 @pytest.fixture(scope="module", params=["engine", "owlrl"])

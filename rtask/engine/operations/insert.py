@@ -25,6 +25,7 @@ from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.growth import grow, old_models, state_model
+from rtask.engine.records.clock import clocked
 from rtask.engine.records.objects import (
     ObjectRecord,
     Sight,
@@ -98,7 +99,7 @@ class InsertedObject(Answer):
     resembles: Resembled | None = None
     """the stored object that a new one may be: another view decides; absent without one"""
     message: str = ""
-    """both in words; empty without such objects"""
+    """both in words, and what was wrong with the robot's clock; empty if nothing is to be said"""
 
 
 class Inserted(Answer):
@@ -146,11 +147,7 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
         context.views.prepare([view for view, *_ in writer.views])
     stored = {view.value for view, *_ in writer.views}
     objects = [
-        InsertedObject(
-            **entry,
-            commit=commit,
-            **_others(context, entry, stored),
-        )
+        InsertedObject(**{**entry, "commit": commit, **_others(context, entry, stored)})
         for entry in entries
     ]
     return Inserted(stored=writer.stored, commit=commit, objects=objects)
@@ -233,8 +230,7 @@ class _Writer:
             short_id, label = prepared.existing.short_id, prepared.existing.label
         event, view = context.names.unique("observation"), prepared.view
         now = dt.datetime.now(dt.UTC)
-        stamp_s = prepared.seen.stamp_s
-        time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
+        time, wrong = clocked(prepared.seen.stamp_s, context.policy.clock_ahead_s, now)
         camera = prepared.gripper.camera if prepared.gripper else None
         state_view(
             context,
@@ -288,7 +284,9 @@ class _Writer:
             is_new,
             features,
         )
-        return {**entry, **self._resembled(prepared, object_iri)}
+        told = wrong or (prepared.outcome.clock if prepared.outcome else "")
+        message = {"message": told} if told else {}
+        return {**entry, **self._resembled(prepared, object_iri), **message}
 
     def _resembled(self, prepared: Prepared, object_iri: NamedNode) -> dict[str, Any]:
         """State which object a new one may be, for the search for twins; return it."""
@@ -399,7 +397,8 @@ class _Writer:
 
 def _others(context: Context, entry: Mapping[str, Any], stored: Collection[str]) -> dict[str, Any]:
     """Return what the answer says of objects that the one of a stored view is like."""
-    view, fields, clauses = entry["view"], dict[str, Any](), list[str]()
+    view, fields = entry["view"], dict[str, Any]()
+    clauses = [entry["message"]] if entry.get("message") else list[str]()
     others = context.views.same_print(iri(view)) if view in stored else ()
     if others:
         existing = recall(context.kb, Question(objects=others)).objects

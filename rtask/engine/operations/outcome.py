@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime as dt
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge
@@ -10,6 +10,8 @@ from annotated_types import Ge
 from rtask.engine.memory.causes import StatingCauses, state_causes
 from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.clock import clocked
+from rtask.engine.records.identity import check_operator, check_task
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.received import received
 from rtask.engine.records.record import Entry, earlier, record
@@ -72,14 +74,22 @@ class ReportedOutcome(Answer):
     commit: str
     statistics: GraspStatistics
     grasp: str
+    message: str = ""
+    """what was wrong with the robot's clock; absent if nothing was"""
 
 
 @operation("write", "writes", "store the outcome of a grasp on a known object", repeatable=True)
 def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
     gripper = context.grippers.find(request.gripper_id, access)
-    outcome = Outcome.of(_report(request), context.reasons, "outcome")
+    ahead_s = context.policy.clock_ahead_s
+    outcome = Outcome.of(_report(request), context.reasons, "outcome").by_our_clock(ahead_s)
+    ended, wrong = clocked(request.stamp, ahead_s)
+    if wrong and not outcome.clock and outcome.report.ended is None:
+        outcome = replace(outcome, comments=(*outcome.comments, wrong), clock=wrong)
     task_id = request.task_id
+    check_task(context, task_id, access)
+    check_operator(context, outcome.report.operator, access)
     decision = context.decisions.get(task_id)
     grasp = received(_grasp(request), "grasp").completed(decision)
     object_iri = _object(context, request.object or (decision.object if decision else ""))
@@ -103,7 +113,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 outcome=outcome,
                 task=request.task,
                 task_id=task_id or context.names.unique("task").value,
-                now=_ended(request.stamp),
+                now=ended,
                 graph=context.home_graph(author),
                 decision=decision,
             ),
@@ -121,6 +131,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
         commit=context.commit_id(tx.commit),
         statistics=over_all_robots(context, node) if counts is None else totalled(counts),
         grasp=node.value,
+        **({"message": outcome.clock} if outcome.clock else {}),
     )
 
 
@@ -149,8 +160,3 @@ def _object(context: Context, name: str) -> NamedNode:
     if not context.kb.match(object_iri, RT.objectId):
         raise UnknownTermError(f"object: the graph has no object {name}")
     return object_iri
-
-
-def _ended(stamp_s: float | None) -> dt.datetime:
-    now = dt.datetime.now(dt.UTC)
-    return now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)

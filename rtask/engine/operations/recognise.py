@@ -44,6 +44,7 @@ from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.asked import DecisionRecord, PlaceRecord, RefusalRecord, keep
+from rtask.engine.records.clock import clocked
 from rtask.engine.records.objects import stored_mass
 from rtask.engine.records.places import located
 from rtask.engine.records.refusals import Refusal, refusal_iri
@@ -328,9 +329,7 @@ def _remember_place(
     )  # fmt: skip
     if place is None:
         return
-    at = dt.datetime.now(dt.UTC)
-    if seen.stamp_s is not None:
-        at = dt.datetime.fromtimestamp(seen.stamp_s, dt.UTC)
+    at, _ = clocked(seen.stamp_s, context.policy.clock_ahead_s)
     pose = tuple(float(number) for number in place.frame_from_object.ravel())
     record = PlaceRecord(
         context.names.unique("pose-estimate").value, recognised.iri, gripper.robot.value,
@@ -343,7 +342,8 @@ def _remember_decision(
     context: Context, task: str, decision: Decision, gripper: StoredGripper, access: Access
 ) -> None:
     """Remember a decision for the report of its outcome, also where that is stored."""
-    context.decisions.put(task, decision)
+    asked_by = context.author(access, gripper.robot_name).agent or ""
+    context.decisions.put(task, replace(decision, asked_by=asked_by))
     if context.pass_on is not None and "write" in SCOPES[access.role]:
         record = DecisionRecord(task, decision.object, decision.seed, decision.times)
         keep(context, record, context.author(access, gripper.robot_name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import quote
 
@@ -9,12 +10,13 @@ from annotated_types import Ge, MaxLen, MinLen
 from pydantic import Field
 
 from rtask.engine.grippers import hand_of
-from rtask.engine.names import slug
+from rtask.engine.names import slug, tail
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.places import state_frame_of
 from rtask.engine.triples import Triples
-from rtask.errors import ForbiddenError, UsageError
-from rtask.rdf.namespaces import CORA, RT
+from rtask.errors import ConflictError, ForbiddenError, UsageError
+from rtask.rdf.namespaces import CORA, RDF, RT, local_name
+from rtask.rdf.terms import Literal as RdfLiteral
 from rtask.rdf.terms import NamedNode, Quad, object_term, stored_quad
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Number, Text, Texts, Unit, Whole
@@ -107,6 +109,8 @@ class RegisterRobot(Message):
     """its cameras"""
     frames: Annotated[Texts, MaxLen(200)] = Field(default_factory=list)
     """names of its frames, the base frame first"""
+    replace: Flag = False
+    """whether the body has changed since the last registration; default: another one is refused"""
 
 
 class RegisteredRobot(Answer):
@@ -124,7 +128,13 @@ class RegisteredRobot(Answer):
     "write", "writes", "register a robot with its grippers, cameras and frames", repeatable=True
 )
 def register_robot(context: Context, request: RegisterRobot, access: Access) -> RegisteredRobot:
-    """Store the description of a robot; repeating it changes nothing."""
+    """Store the description of a robot; repeating it changes nothing.
+
+    Raises
+    ------
+    ConflictError
+        Another body is registered under the name: its attempts were not made by this one.
+    """
     name = request.name
     if access.role == "robot" and name != access.agent:
         raise ForbiddenError(
@@ -146,6 +156,14 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
             present.update(context.kb.match(subject, graph=graph))
         replaced = {(quad.subject, quad.predicate) for quad in stated}
         outdated = {q for q in present - stated if (q.subject, q.predicate) in replaced}
+        changed_parts = sorted(_body_changes(robot, outdated, stated))
+        if changed_parts and not request.replace:
+            raise ConflictError(
+                f"name: another body is registered as {name!r} ({'; '.join(changed_parts)}). Give "
+                "this robot a name of its own, or, if its body has changed, register it with "
+                "replace",
+                field="name",
+            )
         with context.kb.transaction(access=author, note=f"register {name}") as tx:
             for quad in outdated:
                 tx.remove(quad.subject, quad.predicate, quad.object)
@@ -156,6 +174,32 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
         graph=graph.value,
         commit=context.commit_id(tx.commit) if changed else "",
     )
+
+
+_BODY = frozenset(
+    (
+        RT.hasRobotModel, RT.gripperType, RT.minOpening, RT.maxOpening, RT.jawWidth,
+        RT.fingerLength, RT.lipRadius, RT.lipCompliance, RT.flangeRadius, RDF.type,
+    )
+)  # fmt: skip
+"""Properties that differ between bodies; loads and frames may be corrected at any time."""
+
+
+def _body_changes(robot: NamedNode, outdated: set[Quad], stated: set[Quad]) -> Iterator[str]:
+    """Yield each property of the robot or of its hands that has another value, with both."""
+    now = {(quad.subject, quad.predicate): quad.object for quad in stated}
+    for quad in outdated:
+        if quad.predicate in _BODY and (quad.subject != robot or quad.predicate != RDF.type):
+            part = str(quad.subject)[1:-1].removeprefix(robot.value).strip("/")
+            name = " ".join(filter(None, (part, local_name(quad.predicate.value))))
+            value = now[quad.subject, quad.predicate]
+            yield f"{name} {_shown(quad.object)}, not {_shown(value)}"
+
+
+def _shown(term: object) -> str:
+    if isinstance(term, NamedNode):
+        return tail(term)
+    return term.value if isinstance(term, RdfLiteral) else str(term)
 
 
 _STATED = (

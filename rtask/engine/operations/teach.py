@@ -92,7 +92,7 @@ def _teach(context: Context, request: TeachObject, access: Access) -> Taught:
     _require(request, "class_description", *_look_fields(request))
     names = (*Look.model_fields, "class_description", "name", "task_id")
     item = read(NewObject, {name: getattr(request, name) for name in names})
-    author = context.author(access, request.operator, "teacher")
+    author = author_of(context, request.operator, access)
     stored = insert_object(context, InsertObject(objects=[item]), author)
     return Taught(similar_objects=[], suggestions=[], **stored)
 

@@ -133,7 +133,10 @@ class DecisionRecord:
     def store(self, context: Context, author: Access) -> None:
         """Remember it, unless the decision itself was made here."""
         if context.decisions.get(self.task) is None:
-            made = Decision(self.object, None, times=dict(self.times), seed=self.seed)
+            made = Decision(
+                self.object, None, times=dict(self.times), seed=self.seed,
+                asked_by=author.agent or "",
+            )  # fmt: skip
             context.decisions.put(self.task, made)
 
 

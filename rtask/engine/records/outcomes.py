@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, MaxLen
 from pydantic import Field
 
+from rtask.engine.records.clock import clocked
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.wire.message import Message
@@ -146,6 +147,10 @@ class OutcomeReport(Message):
     """the joints during the attempt; default: not recorded"""
 
 
+_NEVER_HELD = ("missed", "no_grasp", "low_grasp", "no_match")
+"""Reasons why nothing was ever in the hand."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Outcome of an attempt, checked against the reason codes of the ontology.
@@ -155,6 +160,8 @@ class Outcome:
     place_reason
         Code of the reason why an object that was held did not arrive; empty if it did, or if no
         known code was given.
+    clock
+        What is wrong with the robot's clock; empty if nothing is.
     """
 
     held: bool
@@ -163,6 +170,7 @@ class Outcome:
     place_reason: str = ""
     comments: tuple[str, ...] = ()
     report: OutcomeReport = field(default_factory=lambda: OutcomeReport(success=False))
+    clock: str = ""
 
     @property
     def is_fast(self) -> bool:
@@ -206,6 +214,29 @@ class Outcome:
             )
         return started, ended
 
+    def by_our_clock(self, ahead_s: float) -> Outcome:
+        """Return the outcome with the time of receipt, if its own is too far ahead.
+
+        Parameters
+        ----------
+        ahead_s
+            How far the robot's clock may be ahead, s.
+        """
+        report = self.report
+        ended, words = clocked(report.ended, ahead_s)
+        if report.ended is None or not words:
+            return self
+        ended_s = ended.timestamp()
+        times = {"ended": ended_s}
+        if report.started is not None:
+            times["started"] = report.started - report.ended + ended_s
+        return replace(
+            self,
+            report=report.model_copy(update=times),
+            comments=(*self.comments, words),
+            clock=words,
+        )
+
     @classmethod
     def of(cls, report: OutcomeReport, codes: frozenset[str], path: str) -> Outcome:
         """Interpret a reported outcome.
@@ -216,11 +247,15 @@ class Outcome:
         Raises
         ------
         UsageError
-            A failure has the reason ``ok``.
+            A failure has the reason ``ok``, or a success the reason that nothing was held.
         """
         held, code, after = report.success, report.reason, ""
         comments = [report.comment] if report.comment else []
         if held:
+            if code in _NEVER_HELD:
+                raise UsageError(
+                    f"{path}.reason: {code} does not fit a grasp that held", field=f"{path}.reason"
+                )
             if code not in (None, "ok"):
                 comments.append(f"after holding: {code}")
                 after = code if code in codes and report.placed is False else ""

@@ -18,6 +18,7 @@ from rtask.engine.perception.identity import is_plausible, recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
+from rtask.engine.records.identity import check_operator, check_task
 from rtask.engine.records.objects import viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
@@ -135,6 +136,9 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         An earlier request with its id reported another outcome.
     """
     gripper = _gripper(context, item, access)
+    check_task(context, item.task_id, access, where)
+    named = item.operator if item.outcome is None else item.outcome.operator
+    check_operator(context, named, access, where)
     before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
         if item.outcome is not None:
@@ -284,4 +288,5 @@ def _outcome(
         report = read(OutcomeReport, {**given, "operator": item.operator})
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome needs a grasp")
-    return Outcome.of(report, context.reasons, where + "outcome")
+    outcome = Outcome.of(report, context.reasons, where + "outcome")
+    return outcome.by_our_clock(context.policy.clock_ahead_s)

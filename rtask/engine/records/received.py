@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
 __all__ = ["CANDIDATE", "Received", "in_object", "received"]
 
 Quaternion = tuple[float, float, float, float]
+
+_WIDEST_M = 1.0
+_FARTHEST_M = 2.0
+"""From the origin of an object; beyond it, a grasp belongs to something else."""
 
 CANDIDATE = "candidate:"
 """Prefix of the ids of proposed grasps."""
@@ -110,6 +115,23 @@ class Received:
         at, orientation = in_object(self.object_from_gripper)
         return replace(self, contacts=contacts, in_object=at, orientation=orientation)
 
+    def check_reach(self, path: str = "grasp") -> None:
+        """Refuse a grasp that is nowhere near its object.
+
+        Raises
+        ------
+        UsageError
+            It names the coordinate that is farthest off.
+        """
+        if self.in_object is None:
+            return
+        name, value = max(zip("xyz", self.in_object[:3], strict=True), key=lambda at: abs(at[1]))
+        if abs(value) > _FARTHEST_M:
+            raise UsageError(
+                f"{path}: {name} is {value:.3g} m from the object, more than {_FARTHEST_M:g}",
+                field=path,
+            )
+
     def completed(self, decision: Decision | None) -> Received:
         """Return the grasp completed from the decision in which it was offered."""
         option = decision.options.get(self.id) if decision is not None else None
@@ -149,8 +171,8 @@ class _Numbers(Message):
     y: Number | None = None
     z: Number | None = None
     theta: Number | None = None
-    width: Number | None = None
-    opening: Number | None = None
+    width: Annotated[Number, Unit("m"), Ge(0), Le(_WIDEST_M)] | None = None
+    opening: Annotated[Number, Unit("m"), Ge(0), Le(_WIDEST_M)] | None = None
     grasp_quality: Number | None = None
     alpha: Number | None = None
     beta: Number | None = None

@@ -197,6 +197,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     """
     entry = replace(entry, received=entry.received.held_by(entry.gripper.gripper))
     _check_kind(context, entry)
+    entry.received.check_reach()
     grasp, is_new = resolve_grasp(
         context, triples, entry.object_iri, entry.gripper.gripper.gripper_type, entry.received
     )

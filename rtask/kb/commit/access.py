@@ -11,7 +11,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal as OneOf
 from typing import TypeAlias
+from urllib.parse import unquote
 
+from pyoxigraph import Quad
+
+import ontology
 from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
@@ -22,6 +26,13 @@ Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
 _READ = "read:"
 _GRAPH = re.compile(r"read:[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]+")
+_DONE_BY = frozenset(
+    (
+        *(ontology.PREFIXES["rt"] + name for name in ("performedBy", "activates")),
+        *(ontology.PREFIXES["prov"] + name for name in ("wasAssociatedWith", "wasAttributedTo")),
+    )
+)
+"""Properties whose value is who did something, or the hand that it was done with."""
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 
@@ -162,6 +173,37 @@ class Access:
             operation=operation,
             protected=protected,
         )
+
+    def require_own_identity(
+        self, quad: Quad, graphs: Graphs, is_used: Callable[[GraphName], bool]
+    ) -> None:
+        """Raise if a robot states what another robot or a person did, saw or judged.
+
+        Parameters
+        ----------
+        is_used
+            Whether a graph has statements: who writes to a graph speaks by a token of its own.
+
+        Raises
+        ------
+        ForbiddenError
+            Naming the statement and the agent.
+        """
+        named = quad.object
+        if quad.predicate.value not in _DONE_BY or not isinstance(named, NamedNode):
+            return
+        for folder in ("robot", "person"):
+            start = f"{graphs.base}{folder}/"
+            if not named.value.startswith(start):
+                continue
+            name = unquote(named.value.removeprefix(start).partition("/")[0])
+            if name == self.agent or (folder == "person" and not is_used(graphs.agent(name))):
+                return
+            raise ForbiddenError(
+                f"the token belongs to {self.agent!r}: it cannot state {quad.predicate} "
+                f"{named.value}, which is {name!r}",
+                statement=f"{quad.subject} {quad.predicate} {named}",
+            )
 
     def _bound(self) -> Graphs:
         if self.graphs is None:

@@ -100,7 +100,8 @@ def _add_text(
     files: Files, committer: Committer, text: TripleText, graph: GraphName, access: Access
 ) -> set[GraphName]:
     store = files.store
-    if not isinstance(store, EmbeddedStore) or not access.may_state_axioms:
+    checks_each = access.role == "robot" or not access.may_state_axioms
+    if not isinstance(store, EmbeddedStore) or (checks_each and not committer.plain):
         with text.open() as stream:
             parsed = parse(stream, format=text.format, base_iri=text.base)
             quads = (Quad(q.subject, q.predicate, q.object, graph) for q in parsed)
@@ -134,6 +135,7 @@ def _add_quads(
     right = None
     if not access.may_state_axioms:
         right = SchemaRight(access, committer.graphs, files.store)
+    names_robots = access.role == "robot" and not committer.plain
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
@@ -141,6 +143,8 @@ def _add_quads(
             refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
             if right is not None and right.is_foreign(quad):
                 raise axiom_refused(quad, access, committer.graphs)
+            if names_robots:
+                access.require_own_identity(quad, committer.graphs, committer.is_used)
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")

@@ -26,7 +26,7 @@ from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.journal import JournalFile, KeptJournal, NoJournal
 from rtask.kb.durability.lock import FolderLock
-from rtask.kb.durability.private_copy import PrivateCopy
+from rtask.kb.durability.private_copy import PastCopy, PrivateCopy
 from rtask.kb.durability.published import HeldSnapshot, hold_newest
 from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
 from rtask.kb.durability.saved_closures import SavedClosures, TracedJournal
@@ -54,7 +54,7 @@ class Files:
         Whether the store may hold statements of commits that the journal lost.
     held
         The snapshot that is read in the place of the folder's own store, beside a writer, or the
-        copy of one that follows the writer.
+        copy of one: kept current, or turned back to an earlier commit.
     """
 
     settings: Settings
@@ -66,7 +66,7 @@ class Files:
     checkpoints: Checkpoints | None = None
     last_seq: int = 0
     may_be_ahead: bool = False
-    held: HeldSnapshot | PrivateCopy | None = None
+    held: HeldSnapshot | PrivateCopy | PastCopy | None = None
 
     @property
     def read_from(self) -> Path | None:

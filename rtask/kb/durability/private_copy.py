@@ -17,18 +17,13 @@ from pyoxigraph import Store
 
 from rtask.kb.durability.published import LOCK, hold_newest, remove_unheld
 
-__all__ = ["PrivateCopy"]
+__all__ = ["PastCopy", "PrivateCopy"]
 
 _FOLDER = "followers"
 
 
-class PrivateCopy:
-    """Copies of the newest snapshot in a folder of this process.
-
-    Parameters
-    ----------
-    folder
-        The knowledge base, which another process has open for writing.
+class _OwnFolder:
+    """A folder of this process in a knowledge base, for copies of its store.
 
     Attributes
     ----------
@@ -42,8 +37,6 @@ class PrivateCopy:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._number = 0
         home = folder / _FOLDER
         home.mkdir(exist_ok=True)
         for left in home.iterdir():  # by processes that have ended
@@ -54,6 +47,35 @@ class PrivateCopy:
         self._handle = os.open(draft / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
         fcntl.flock(self._handle, fcntl.LOCK_EX)
         draft.rename(self.path)
+
+    def release(self) -> None:
+        """Delete all copies."""
+        if self._handle < 0:
+            return
+        shutil.rmtree(self.path, ignore_errors=True)
+        os.close(self._handle)
+        self._handle = -1
+        with contextlib.suppress(OSError):
+            self.path.parent.rmdir()
+
+
+class PastCopy(_OwnFolder):
+    """A copy of a store that is turned back to an earlier commit."""
+
+
+class PrivateCopy(_OwnFolder):
+    """Copies of the newest snapshot, each to be kept current.
+
+    Parameters
+    ----------
+    folder
+        The knowledge base, which another process has open for writing.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._folder = folder
+        self._number = 0
 
     def take(self, at_least: int = 0) -> tuple[Path, int] | None:
         """Copy the newest snapshot; return the copy and the number of its last commit.
@@ -76,13 +98,3 @@ class PrivateCopy:
     def discard(self, target: Path) -> None:
         """Delete a copy."""
         shutil.rmtree(target, ignore_errors=True)
-
-    def release(self) -> None:
-        """Delete all copies."""
-        if self._handle < 0:
-            return
-        shutil.rmtree(self.path, ignore_errors=True)
-        os.close(self._handle)
-        self._handle = -1
-        with contextlib.suppress(OSError):
-            self.path.parent.rmdir()

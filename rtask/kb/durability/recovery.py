@@ -31,7 +31,7 @@ from rtask.kb.store.replacement import is_large_removal, replace_contents
 from rtask.kb.store.union import union_change
 from rtask.kb.store.writes import Writes
 
-__all__ = ["Checkpoint", "Checkpoints", "recover", "replay", "replay_all"]
+__all__ = ["Checkpoint", "Checkpoints", "recover", "replay", "replay_all", "undo_all"]
 
 _log = logging.getLogger(__name__)
 _FILE = "checkpoint.json"
@@ -262,6 +262,22 @@ def replay_all(store: GraphStore, records: Iterable[Record], merged: bool) -> in
             _store_touched(store, touched, merged)
     _store_touched(store, touched, merged)
     return last
+
+
+def undo_all(store: GraphStore, records: Iterable[Record], merged: bool) -> None:
+    """Take back records, newest first, many in one step; the store may lack some of the newest."""
+    touched: dict[Quad, bool] = {}
+    for record in records:
+        touched.update(dict.fromkeys(record.added(), False))
+        touched.update(dict.fromkeys(record.removed(), True))
+        created, dropped = record.graphs("created"), record.graphs("dropped")
+        if created or dropped or len(touched) > _MAX_TOUCHED:
+            _store_touched(store, touched, merged)
+        if created or dropped:
+            missing = [graph for graph in dropped if not store.contains_named_graph(graph)]
+            surplus = [graph for graph in created if store.contains_named_graph(graph)]
+            _apply(store, Writes(created=missing, dropped=surplus), merged)
+    _store_touched(store, touched, merged)
 
 
 def _store_touched(store: GraphStore, touched: dict[Quad, bool], merged: bool) -> None:

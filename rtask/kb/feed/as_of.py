@@ -1,27 +1,60 @@
-"""Earlier states of a graph: a copy of the current state with later commits undone."""
+"""Earlier states of a graph: a copy of the current state with later commits undone.
+
+The copy consists of hard links, so it costs as much as the commits to undo, whatever the size of
+the graph.
+"""
 
 from __future__ import annotations
 
-from pyoxigraph import NamedNode, Quad, Store
+import datetime as dt
+from pathlib import Path
 
-from rtask.errors import UnsupportedError, UsageError
+from pyoxigraph import NamedNode, Store
+
+from rtask.errors import GoneError, UnsupportedError, UsageError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Committer
 from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files
-from rtask.kb.durability.journal import JournalFile, NoJournal, Record
+from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.private_copy import PastCopy
+from rtask.kb.durability.recovery import undo_all
 from rtask.kb.feed.feed import Feed
-from rtask.kb.store.embedded import EmbeddedStore
+from rtask.kb.store.embedded import EmbeddedStore, embedded_store
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import DEFAULT
+from rtask.rdf.terms import moment
 
-__all__ = ["copy_as_of"]
+__all__ = ["commit_at", "copy_as_of"]
+
+
+def commit_at(files: Files, time: dt.datetime) -> int:
+    """Return the number of the last commit whose clock showed no later time; 0 before the first.
+
+    Where the clock was set back, later commits may show earlier times: the number decides, so the
+    state includes all that were made before that commit.
+
+    Raises
+    ------
+    GoneError
+        The journal no longer reaches so far back.
+    UnsupportedError
+        The store keeps no journal.
+    """
+    found = first = None
+    for record in _journal(files).records(0):
+        first = record.seq if first is None else first
+        if moment(str(record.header.get("time") or "")) <= time:
+            found = record.seq
+    if found is None and first is not None and first > 1:
+        raise GoneError(f"the journal begins at commit {first}, which is after {time.isoformat()}")
+    return found or 0
 
 
 def copy_as_of(
     files: Files, graphs: Graphs, feed: Feed, last_seq: int, seq: int
 ) -> tuple[Files, Catalogue, Writer]:
-    """Return the state of a graph after a commit, as a read-only copy in memory.
+    """Return the state of a graph after a commit, as a read-only copy.
 
     Parameters
     ----------
@@ -40,51 +73,66 @@ def copy_as_of(
         The journal no longer contains the commits since then.
     UnsupportedError
         The store keeps no journal, or a bulk load was made since then.
+    StorageFullError
+        The disk has no room for the copy.
     """
-    journal = files.journal
-    if not isinstance(journal, JournalFile):
-        raise UnsupportedError(
-            "a store in memory keeps no journal, so earlier states are unavailable; use a folder"
-        )
+    journal = _journal(files)
     if seq < 0 or seq > last_seq:
         raise UsageError(f"there is no commit {seq}; the last one is {last_seq}")
     feed.require_retained(seq)
-    plain = files.settings.plain
-    store = Store()
+    assert files.folder is not None
+    try:
+        held = PastCopy(files.folder)
+    except OSError as error:
+        if means_full(error):
+            raise full_disk(files.folder, "for a copy of an earlier state") from error
+        raise UnsupportedError(
+            f"an earlier state needs a folder that can be written: {files.folder}"
+        ) from error
+    try:
+        store = _turned_back(files, graphs, journal, held.path, seq)
+    except BaseException as error:
+        held.release()
+        if means_full(error):
+            raise full_disk(files.folder, "for a copy of an earlier state") from error
+        raise
+    return _closed_for_writing(files, graphs, store, held, seq)
+
+
+def _journal(files: Files) -> JournalFile:
+    if isinstance(files.journal, JournalFile) and files.folder is not None:
+        return files.journal
+    raise UnsupportedError(
+        "a store in memory keeps no journal, so earlier states are unavailable; use a folder"
+    )
+
+
+def _turned_back(
+    files: Files, graphs: Graphs, journal: JournalFile, folder: Path, seq: int
+) -> EmbeddedStore:
+    path = str(folder / "store")
     # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
     # harm.
-    quads = files.store.quads_for_pattern(None, None, None, None)
-    store.bulk_extend(q for q in quads if plain or isinstance(q.graph_name, NamedNode))
-    for graph in files.store.named_graphs():
-        store.add_graph(graph)
-    for record in reversed(list(journal.records(seq))):
-        _undo(store, record)
-    catalogue = Catalogue(EmbeddedStore(store), graphs)
-    if not plain:
-        _require_whole(store, graphs, catalogue, seq)
-        if not files.settings.is_view:
-            union = [q for q in store if not Graphs.is_quarantine(q.graph_name)]
-            store.bulk_extend(Quad(q.subject, q.predicate, q.object, DEFAULT) for q in union)
-    return _closed_for_writing(files, graphs, store, seq)
+    with files.store.complete():
+        embedded_store(files.store, "an earlier state").raw.backup(path)
+    store = EmbeddedStore(Store(path), path)
+    try:
+        store.is_view = files.settings.is_view
+        undo_all(store, reversed(list(journal.records(seq))), files.settings.is_merged)
+        if not files.settings.plain:
+            _require_whole(store, graphs, Catalogue(store, graphs), seq)
+        store.flush()
+    finally:
+        store.close()
+    return EmbeddedStore(Store.read_only(path), path)
 
 
-def _undo(store: Store, record: Record) -> None:
-    for quad in record.added():
-        store.remove(quad)
-    for graph in record.graphs("created"):
-        store.remove_graph(graph)
-    store.extend(record.removed())
-    for graph in record.graphs("dropped"):
-        store.add_graph(graph)
-
-
-def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:
+def _require_whole(store: EmbeddedStore, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:
     """Compare graph sizes with the catalogue of that commit, since the journal omits bulk loads."""
     for graph in store.named_graphs():
         if graph in (graphs.meta, graphs.provenance) or not isinstance(graph, NamedNode):
             continue
-        size = sum(1 for _ in store.quads_for_pattern(None, None, None, graph))
-        if size != catalogue.triple_count(graph):
+        if store.count(graph) != catalogue.triple_count(graph):
             raise UnsupportedError(
                 f"{graph} was loaded in bulk after commit {seq}, which the journal does not hold; "
                 "restore a backup",
@@ -93,9 +141,9 @@ def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int)
 
 
 def _closed_for_writing(
-    files: Files, graphs: Graphs, store: Store, seq: int
+    files: Files, graphs: Graphs, store: EmbeddedStore, held: PastCopy, seq: int
 ) -> tuple[Files, Catalogue, Writer]:
-    copy = Files(files.settings, EmbeddedStore(store), files.blobs, NoJournal(), last_seq=seq)
+    copy = Files(files.settings, store, files.blobs, NoJournal(), last_seq=seq, held=held)
     copy.store.is_view = files.settings.is_view
     catalogue = Catalogue(copy.store, graphs)
     plain = files.settings.plain

@@ -2937,6 +2937,7 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     """
 
     __iri__: ClassVar[str] = _RT + "ManipulableObject"
+    __required__: ClassVar[tuple[str, ...]] = ("object_id",)
 
     centre_of_mass: Links[Position] = Links(_RT + "centreOfMass", _RT + "Position")
     exemplar_of: Links[ManipulableObject] = Links(_RT + "exemplarOf", _RT + "ManipulableObject")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, NoReturn, TypeVar, overload
 
 from rtask.errors import FieldError, UnknownTermError, UsageError
-from rtask.model.instance import Model, eager
+from rtask.model.instance import Model, absent, eager
 from rtask.model.query import compile as compiled
 from rtask.model.query.assembly import Assembly, PlainAnswers, plain_value
 from rtask.model.query.expressions import (
@@ -33,6 +33,17 @@ from rtask.model.query.plan import check_root
 
 __all__ = ["Query"]
 
+_ELSEWHERE = {
+    "filter": "where(Model.field == value)",
+    "filter_by": "where(Model.field == value)",
+    "one_or_none": "first(), or one() if there must be one",
+    "scalars": "all(), or iterate over the query",
+    "scalar": "one(), min(), max() or sum()",
+    "get": "session.get(Model, iri)",
+    "join": "a path, such as where(Model.link.field == value)",
+    "options": "prefetch(Model.link)",
+    "distinct": "all(), which returns each object once",
+}
 M = TypeVar("M", bound=Model)
 T = TypeVar("T")
 
@@ -43,6 +54,11 @@ class Query(PlainAnswers, Generic[M]):
     Every method that restricts it returns a new query. Nothing is sent until a result is
     requested, and then a single query.
     """
+
+    if not TYPE_CHECKING:  # type checkers name attributes that are not there themselves
+
+        def __getattr__(self, name: str) -> NoReturn:
+            raise absent("query", name, _ELSEWHERE)
 
     def _with(self, **changes: Any) -> Query[M]:
         return Query(self._session, replace(self._plan, **changes))

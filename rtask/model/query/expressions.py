@@ -33,6 +33,16 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+_ELSEWHERE = {
+    "like": "contains(), startswith(), endswith() or matches()",
+    "ilike": "contains(text, ignore_case=True) or matches(pattern, ignore_case=True)",
+    "is_": "== , or is_none()",
+    "is_not": "!= , or ~path.is_none()",
+    "not_in": "~path.in_(values)",
+    "desc": "-path in order_by()",
+    "asc": "the path itself in order_by()",
+}
+"""Names of SQLAlchemy, and what does the same here."""
 
 
 class Condition:
@@ -74,6 +84,8 @@ class Path(Generic[T]):
     def __getattr__(self, name: str) -> Path[Any]:
         if name.startswith("__"):  # attributes that Python itself looks up, e.g. for copying
             raise AttributeError(name)
+        if name in _ELSEWHERE and not self._has_field(name):
+            raise AttributeError(f"there is no {name}() on a field; use {_ELSEWHERE[name]}")
         model = self._steps[-1].target()
         if model is None:
             raise AttributeError(f"{self!r} holds plain values; it has no field {name!r}")
@@ -84,6 +96,10 @@ class Path(Generic[T]):
             raise AttributeError(f"{model.__name__} has no field {name!r}{hint}")
         return Path(self._root, (*self._steps, step))
 
+    def _has_field(self, name: str) -> bool:
+        model = self._steps[-1].target()
+        return model is not None and name in model.__fields__
+
     def __repr__(self) -> str:
         return ".".join([self._root.__name__, *(step.name for step in self._steps)])
 
@@ -93,16 +109,16 @@ class Path(Generic[T]):
     def __ne__(self, other: object) -> Condition:  # type: ignore[override]
         return Compare(self, "!=", other)
 
-    def __lt__(self, other: object) -> Condition:
+    def __lt__(self, other: T) -> Condition:
         return Compare(self, "<", other)
 
-    def __le__(self, other: object) -> Condition:
+    def __le__(self, other: T) -> Condition:
         return Compare(self, "<=", other)
 
-    def __gt__(self, other: object) -> Condition:
+    def __gt__(self, other: T) -> Condition:
         return Compare(self, ">", other)
 
-    def __ge__(self, other: object) -> Condition:
+    def __ge__(self, other: T) -> Condition:
         return Compare(self, ">=", other)
 
     def __neg__(self) -> Order:
@@ -128,7 +144,7 @@ class Path(Generic[T]):
         """Hold if a value ends with the text."""
         return Text(self, "STRENDS", text, ignore_case)
 
-    def between(self, low: object, high: object) -> Condition:
+    def between(self, low: T, high: T) -> Condition:
         """Hold if a value lies between two bounds, inclusive."""
         return And((Compare(self, ">=", low), Compare(self, "<=", high)))
 

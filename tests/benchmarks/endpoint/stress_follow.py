@@ -23,7 +23,7 @@ from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port
 
 
-class _Side:
+class Side:
     """A server that is started again at the same port whenever it was killed."""
 
     def __init__(self, folder: Path, *options: str) -> None:
@@ -53,10 +53,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         token = make_writer(root / "writer", root / "token")
-        writer = _Side(root / "writer")
+        writer = Side(root / "writer")
         writer.start()
         url = writer.server.url
-        follower = _Side(root / "copy", "--follow", url, "--token-file", str(root / "token"))
+        follower = Side(root / "copy", "--follow", url, "--token-file", str(root / "token"))
         follower.start()
         stop, acknowledged = threading.Event(), []
 

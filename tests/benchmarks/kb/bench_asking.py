@@ -1,4 +1,4 @@
-"""Figures of asking: mutated queries that the check flags and repairs, and false alarms.
+"""Figures of asking: queries that the check flags and repairs, and questions in words.
 
     .venv/bin/python -m tests.benchmarks.kb.bench_asking [--data FOLDER] [--seed 1] [--show KIND]
 
@@ -20,6 +20,7 @@ from rtask.asking.check.findings import Finding
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
+from tests.benchmarks.kb import question_words
 from tests.benchmarks.kb.mutations import KINDS, Mutation, mutations
 
 _HERE = Path(__file__).parent
@@ -113,6 +114,26 @@ def main() -> None:
         for name, text in queries():
             bench.mutate(name, text, given.seed)
     report(bench, given.show)
+    report_words(given.show == "words")
+
+
+def report_words(shows_missed: bool) -> None:
+    """Print how many questions in words are understood, over the ontology's sample."""
+    kb = rtask.open(":memory:")
+    assert isinstance(kb, KnowledgeBase)
+    with kb:
+        kb.load(ontology.path("examples/sample.trig"))
+        kb.update(question_words.NAMED)
+        for name, tries in (
+            ("known, each left out", question_words.known(kb)),
+            ("frozen before tuning", question_words.unseen(kb)),
+        ):
+            tried = list(tries)
+            right = sum(one.is_filled for one in tried)
+            print(f"phrasings {name}: {right} of {len(tried)} right ({right / len(tried):.1%})")
+            for one in tried if shows_missed else ():
+                if not one.is_filled:
+                    print(f"  {one.right} understood as {one.got or 'none'}: {one.asked}")
 
 
 def report(bench: Bench, show: str) -> None:

@@ -169,7 +169,7 @@ def test_escapes_are_decoded_as_the_standard_library_decodes_them() -> None:
     ("request_", "message"),
     [
         (get("query=ASK%7B%7D&infered=0"), "`infered`; did you mean `inferred`"),
-        (get("query=ASK%7B%7D&as_of=3"), "`as_of`"),
+        (get("query=ASK%7B%7D&as-of=3"), "did you mean `as_of`"),
         (get("qurey=ASK%7B%7D"), "did you mean `query`"),
         (post(FORM, "update=CLEAR+ALL&timeout=3"), "`timeout`"),
         (post(UPDATE_BODY, "CLEAR ALL", "if_version=a:1"), "did you mean `if-version`"),

@@ -62,8 +62,29 @@ def test_a_wish_is_answered_with_the_proof_or_with_reasons(run: Run) -> None:
     assert "not_seen: something to drink from: nothing of that is seen" in err
 
 
-def test_a_wish_needs_a_hand(run: Run) -> None:
-    code, _, err = run("ask", "a", "cup")
+def test_a_wish_without_a_hand_is_a_question_about_all_objects(run: Run) -> None:
+    code, out, err = run("ask", "something", "to", "hold", "things")
+    assert code == 1
+    assert out.startswith("The graph states nothing that answers this; that does not mean no.")
+    assert "understood: What is there to hold things" in err
+    assert run("update", FACTS.replace("a rt:Can", "rt:hasFunction rt:drinkFrom"))[0] == 0
+    code, out, _ = run("ask", "something", "to", "drink", "from")
+    assert code == 0
+    assert out.startswith("Cola is something to drink from, and nao-1 can hold it.")
+    assert "PREFIX rt:" in out
+    found = json.loads(run("ask", "where", "is", "the", "cola?", "--json")[1])
+    assert found["filled"]["object"] == {"words": "cola", "terms": ["<urn:lab/object/1>"]}
+
+
+def test_a_question_that_is_none_of_the_ontology_s_names_the_nearest(run: Run) -> None:
+    code, out, err = run("ask", "what", "is", "the", "weather", "like?")
+    assert (code, out) == (1, "")
+    assert err.startswith("None of the questions is near to that. The nearest are: ")
+    assert "called 'teapot'" in run("ask", "where", "is", "the", "teapot?")[2]
+
+
+def test_a_wish_for_an_object_in_view_needs_a_hand(run: Run) -> None:
+    code, _, err = run("ask", "a", "cup", "--object", "cola")
     assert code == 2
     assert "--agent ROBOT, or --gripper NAME" in err
 

@@ -264,6 +264,9 @@ WRONG = {
     "words: str = next(s.query(G).values(G.name, G.grasp_quality))[1]": "Incompatible types",
     "for one, two, three in s.query(G).values(G.name, far): pass": "Need more than 2 values",
     "s.query(G).values('grasp_quality')": "No overload variant",
+    's.query(G).where(far < "heavy")': "Unsupported operand types",
+    's.query(G).where(far.between(0, "heavy"))': 'has incompatible type "str"',
+    "s.query(G).filter()": 'has no attribute "filter"',
     "s.get(RTASK.Mug, 'urn:x').tried_in": 'has no attribute "tried_in"',
 }
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import json
+import pickle
 import warnings
 from typing import Any
 
@@ -256,3 +258,57 @@ def test_a_new_object_as_a_dictionary() -> None:
         "object_id": "lab/mug-1",
         "name": ["a", "b"],
     }
+
+
+# What other object layers have
+
+
+@pytest.mark.parametrize("mass", [float("nan"), float("inf"), float("-inf")])
+def test_numbers_that_nobody_measured_are_refused(mass: float) -> None:
+    with pytest.raises(FieldError, match="takes a finite number"):
+        RTASK.Mug(mass=mass)
+
+
+def test_two_objects_with_one_object_id_are_refused(lab: KnowledgeBase) -> None:
+    with lab.session(agent="nao-1") as s:
+        s.add(RTASK.Mug(iri="urn:first", object_id="lab/once"))
+    for agent in ("nao-1", "nao-2"):
+        s = lab.session(agent=agent)
+        s.add(RTASK.Mug(object_id="lab/once"))
+        with pytest.raises(FieldError, match="is that of urn:first already"):
+            s.flush()
+        s.close()
+    s = lab.session(agent="nao-1")
+    for name in ("urn:a", "urn:b"):
+        s.add(RTASK.Mug(iri=name, object_id="lab/twice"))
+    with pytest.raises(FieldError, match="object_id of <Mug urn:b>"):
+        s.flush()
+    s.close()
+    with lab.session(agent="nao-2") as s:
+        s.get(RTASK.Mug, "urn:first").object_id = "lab/once"
+
+
+@pytest.mark.parametrize(
+    ("name", "instead"),
+    [("filter", "where"), ("filter_by", "where"), ("one_or_none", "first"), ("scalars", "all")],
+)
+def test_names_of_another_object_layer_say_what_to_use(
+    still_lab: KnowledgeBase, name: str, instead: str
+) -> None:
+    with still_lab.session() as s:
+        with pytest.raises(AttributeError, match=f"no '{name}'; use {instead}"):
+            getattr(s.query(THING), name)
+        for missing, use in (("add_all", "add"), ("merge", "get"), ("scalars", "query")):
+            with pytest.raises(AttributeError, match=f"no '{missing}'; use {use}"):
+                getattr(s, missing)
+        with pytest.raises(AttributeError, match=r"no like\(\) on a field; use contains"):
+            THING.name.like("m%")
+
+
+def test_an_object_says_why_it_is_not_pickled(still_lab: KnowledgeBase) -> None:
+    with still_lab.session() as s:
+        mug = s.query(RTASK.Mug).one()
+        for duplicate in (pickle.dumps, copy.copy):
+            with pytest.raises(UsageError, match="neither pickled nor copied; pass on its iri"):
+                duplicate(mug)
+        assert pickle.loads(pickle.dumps(mug.to_dict()))["iri"] == mug.iri

@@ -9,7 +9,7 @@ import pytest
 import rtask
 from rtask.engine import Engine
 from rtask.engine.stored import stored_views
-from rtask.errors import UnsupportedError, UsageError
+from rtask.errors import ConflictError, UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode
 
@@ -142,7 +142,9 @@ def test_registering_twice_changes_nothing_and_a_changed_hand_is_corrected(bench
     assert kb.seq == seq
     changed = bench.registration("nao-1", "right_hand")
     changed["end_effectors"][0]["max_opening"] = "0.06"
-    robot.call("register_robot", **changed)
+    with pytest.raises(ConflictError, match=r"right_hand maxOpening 0.05, not 0.06"):
+        robot.call("register_robot", **changed)
+    robot.call("register_robot", replace=True, **changed)
     assert engine.grippers.find("right_hand", Access("nao-1", "robot")).gripper.max_opening == 0.06
     rows = kb.select("SELECT ?w { ?h <https://w3id.org/rtask-kg/ns#maxOpening> ?w }")
     assert [row.value("w") for row in rows] == [0.06]

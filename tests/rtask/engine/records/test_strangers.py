@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
-import pytest
+import re
+from collections.abc import Iterator
 
+import pytest
+from pydantic import BaseModel
+
+import ontology
 from rtask.engine.operations.outcome import ReportOutcome
+from rtask.engine.operations.table import OPERATIONS
+from rtask.engine.stored import Recent
 from rtask.errors import ConflictError, ForbiddenError
+from rtask.kb.commit.access import Access
+from rtask.wire.fields import kind_of
 from tests.rtask.engine.conftest import Robot
+
+NAMES_SOMEBODY = re.compile(
+    r"(^|_)(robot|gripper|hand|task|attempt|frame|refusal|contributor|operator|agent|by)(s|_id|$)"
+)
+TRIED = {
+    "gripper_id": "test_a_robot_cannot_name_the_hand_of_another",
+    "task_id": "test_a_robot_cannot_report_on_the_task_of_another",
+    "operator": "test_a_robot_cannot_confirm_for_a_person_who_has_a_token",
+    "refusal": "test_a_robot_cannot_answer_the_refusal_of_another",
+}
+NOBODY = {
+    "task": "a purpose: pick, place",
+    "frame_id": "a name within the robot's own frames",
+    "frames": "names within the robot's own frames",
+    "confirmed_by": "a kind of judge",
+    "attempt_number": "a count",
+    "contributor": "of reading, and of the right to withdraw, which no robot has",
+}
 
 
 def hand(engine, robot: str) -> str:
@@ -34,6 +61,84 @@ def test_a_robot_cannot_name_the_hand_of_another(engine, bench, robots, is_regis
             stranger.call(operation, **given)
         assert hand(engine, "nao-1") in str(caught.value), "the refusal names the hand in full"
     assert "gripper_id" in ReportOutcome.model_fields
+
+
+def fields(model: type[BaseModel]) -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield name
+        part = kind_of(field).message
+        if part is not None:
+            yield from fields(part)
+
+
+def test_every_field_that_names_somebody_is_tried_with_the_token_of_a_stranger():
+    declared = {name for one in OPERATIONS.values() for name in fields(one.request)}
+    naming = {name for name in declared if NAMES_SOMEBODY.search(name)}
+    assert naming - set(NOBODY) == set(TRIED)
+    assert set(TRIED.values()) <= set(globals())
+
+
+def test_a_robot_cannot_report_on_the_task_of_another(engine, bench, robots, monkeypatch):
+    asking, stranger = robots("nao-1"), robots("nao-2")
+    seen = bench.sight(bench.BOX)
+    asked = asking.recognise(seen)
+    told = {"task_id": asked["task_id"], "grasp": asked["grasps"][0], "name": "tea box"}
+    with pytest.raises(ForbiddenError, match=r"objects\[0\]\.task_id: .*is a task of nao-1"):
+        stranger.insert(seen, outcome=bench.missed(), **told)
+    stored = asking.insert(seen, outcome=bench.held(), **told)
+    monkeypatch.setattr(engine.context, "decisions", Recent(8))  # as after a restart
+    report = {"object": str(stored["objects"][0]["object"]), "gripper_id": "right_hand"}
+    with pytest.raises(ForbiddenError, match=r"task_id: .*is a task of nao-1"):
+        stranger.call(
+            "report_outcome", task_id=asked["task_id"], grasp=asked["grasps"][0], success=False,
+            **report,
+        )  # fmt: skip
+
+
+def test_a_robot_cannot_confirm_for_a_person_who_has_a_token(engine, bench, robots):
+    robot = robots("nao-1")
+    seen = bench.sight(bench.BOX)
+    anna = Access("anna", "teacher")
+    engine.call("teach_object", {"operation": "teach", "class_description": "box", **seen}, anna)
+    given = {"grasp": robot.recognise(seen)["grasps"][0], "name": "tea box"}
+    confirmed = {**bench.held(), "confirmed_by": "human"}
+    with pytest.raises(ForbiddenError, match=r"objects\[0\]\.operator: .*'anna'"):
+        robot.insert(seen, outcome={**confirmed, "operator": "anna"}, **given)
+    robot.insert(seen, outcome={**confirmed, "operator": "ben"}, **given)
+
+
+def test_a_robot_cannot_answer_the_refusal_of_another(bench, robots):
+    refused = robots("nao-1").recognise(bench.sight(bench.BOX), decide=True, min_grasp=1.0)
+    answer = {"refusal": refused["decision"]["refusal"], "response": "left_alone"}
+    with pytest.raises(ForbiddenError, match="is that of another robot"):
+        robots("nao-2").call("report_refusal", **answer)
+
+
+@pytest.mark.parametrize("predicate", ["rt:performedBy", "rt:activates", "prov:wasAssociatedWith"])
+def test_an_update_cannot_say_that_another_robot_did_it(engine, robots, predicate):
+    robots("nao-1"), robots("nao-2")
+    kb = engine.kb
+    own, other = kb.graphs.agent_iri("nao-2"), kb.graphs.agent_iri("nao-1")
+    for named, is_refused in ((own, False), (other, True), (f"<{other.value}/right_hand>", True)):
+        text = f"""PREFIX rt: <{ontology.PREFIXES["rt"]}> PREFIX prov: <http://www.w3.org/ns/prov#>
+INSERT DATA {{ <urn:what> {predicate} {named} }}"""
+        if is_refused:
+            with pytest.raises(ForbiddenError, match=r"belongs to 'nao-2'.*which is 'nao-1'"):
+                kb.update(text, access=Access("nao-2", "robot"))
+        else:
+            kb.update(text, access=Access("nao-2", "robot"))
+
+
+def test_another_body_under_a_name_is_a_conflict_unless_it_takes_the_place(engine, robots):
+    robot = robots("nao-1")
+    hand_ = {"name": "right_hand", "gripper_type": "two_finger", "max_opening": 0.08,
+             "max_payload": 0.5}  # fmt: skip
+    other = {"name": "nao-1", "model": "panda", "end_effectors": [hand_]}
+    with pytest.raises(ConflictError, match="hasRobotModel") as caught:
+        robot.call("register_robot", **other)
+    assert "register it with replace" in str(caught.value)
+    robot.call("register_robot", replace=True, **other)
+    assert robot.call("register_robot", **other)["commit"] == ""
 
 
 def test_a_name_that_two_robots_use_is_the_callers_own(engine, robots):

@@ -205,3 +205,18 @@ def test_the_past_before_a_load_in_bulk_is_refused(tmp_path: Path) -> None:
             assert len(past.match(graph=graph)) == 9
     with rtask.open(":memory:") as kb, pytest.raises(UnsupportedError, match="journal"):
         kb.as_of(kb.seq)
+
+
+def test_the_past_is_found_by_time(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", reason=False, ontologies=False) as kb:
+        for mass in (1, 2):
+            kb.update(f"INSERT DATA {{ <urn:a> <urn:p> {mass} }}")
+        first, second = kb.history("urn:a")
+        with kb.as_of(first.time) as past:
+            assert (past.seq, len(past.match("urn:a"))) == (first.seq, 1)
+        assert kb.commit_at(second.time) == second.seq
+        assert kb.commit_at("2000-01-01T00:00:00Z") == 0
+        with kb.as_of("2000-01-01T00:00:00Z") as past:
+            assert past.match() == []
+        assert kb.changed_since(first.seq) > 0
+        assert kb.changed_since(kb.seq) == 0

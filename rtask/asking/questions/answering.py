@@ -1,0 +1,335 @@
+"""Answers to questions in words: the nearest of the ontology's questions, with its slots filled.
+
+No model takes part. The words, corrected for spelling, are compared with several phrasings of each
+question; what they name fills its slots; its query is shown beside the answer.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+from rtask.asking.questions.catalogue import Question
+from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
+from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
+from rtask.asking.questions.mentions import Mention, Select, find_mentions, tokens_of
+from rtask.asking.questions.periods import Period, find_period
+from rtask.asking.questions.sentences import names_of, sentence
+from rtask.asking.questions.words import split_name, stem
+from rtask.errors import UsageError
+from rtask.rdf.terms import Term, python_value
+from rtask.sparql.results import Solutions
+
+__all__ = ["MAX_ROWS", "Answer", "Near", "Selectable", "answer"]
+
+MAX_ROWS = 200
+MAX_TEXT = 1000
+TIMEOUT_S = 10.0
+_LISTED = 3
+
+
+class Selectable(Protocol):
+    """A graph, embedded or on a server."""
+
+    def select(self, text: str, **options: Any) -> Solutions:
+        """Evaluate a SELECT."""
+
+
+@dataclass(frozen=True)
+class Near:
+    """A question that is near to the words.
+
+    Parameters
+    ----------
+    key
+        Name of its file in ``ontology/queries``.
+    question
+        Its words.
+    likeness
+        About 0 to 1.
+    """
+
+    key: str
+    question: str
+    likeness: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a question in words was understood as, and its answer.
+
+    Parameters
+    ----------
+    text
+        The question as it was asked.
+    key
+        Name of the question that was answered; empty if none is near.
+    understood
+        That question with what fills its slots, in words; empty if none is near.
+    filled
+        Words and terms of each slot that is filled, by role.
+    ignored
+        Words that mean nothing here, and names for which the question has no place.
+    sparql
+        The query that was evaluated.
+    rows
+        Its solutions, at most :data:`MAX_ROWS`; none if none is near.
+    names
+        Words for the IRIs in the rows.
+    sentence
+        The answer in words. Without rows it says that nothing is known, which is not "no".
+    nearest
+        The three questions that are nearest, the best first.
+    is_cut
+        Whether there are more rows.
+    """
+
+    text: str
+    key: str
+    understood: str
+    filled: Mapping[str, tuple[str, tuple[str, ...]]]
+    ignored: tuple[str, ...]
+    sparql: str
+    rows: Solutions
+    names: Mapping[str, str]
+    sentence: str
+    nearest: tuple[Near, ...]
+    is_cut: bool = False
+
+    @property
+    def is_understood(self) -> bool:
+        """Whether a question is near, and all that it names is there."""
+        return bool(self.sparql)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer as JSON-able values."""
+        return {
+            "text": self.text,
+            "question": self.key or None,
+            "understood": self.understood,
+            "filled": {role: {"words": words, "terms": list(terms)}
+                       for role, (words, terms) in self.filled.items()},
+            "ignored": list(self.ignored),
+            "sparql": self.sparql,
+            "sentence": self.sentence,
+            "variables": list(self.rows.variables),
+            "rows": self.rows.to_dicts(),
+            "names": dict(self.names),
+            "more": self.is_cut,
+            "nearest": [
+                {"question": item.key, "text": item.question, "likeness": round(item.likeness, 3)}
+                for item in self.nearest
+            ],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The words of a question, and what they name."""
+
+    tokens: tuple[str, ...]
+    mentions: tuple[Mention, ...]
+    period: Period | None
+    asked: Asked
+    ignored: tuple[str, ...]
+
+
+def answer(
+    kb: Selectable,
+    text: str,
+    *,
+    select: Select | None = None,
+    now: dt.datetime | None = None,
+) -> Answer:
+    """Answer a question in words.
+
+    Parameters
+    ----------
+    kb
+        The graph, embedded or on a server.
+    text
+        The question, such as ``which robot fails at cartons, and why?``.
+    select
+        Evaluates the queries, with the rights and within the bounds of whoever asks; by default
+        the graph itself, for at most :data:`TIMEOUT_S` each.
+    now
+        What "today" refers to; by default the present.
+
+    Raises
+    ------
+    UsageError
+        The text is empty or longer than :data:`MAX_TEXT`.
+    QueryTimeout
+        A query took too long.
+
+    Examples
+    --------
+    >>> import ontology, rtask
+    >>> from rtask.rdf.terms import prologue
+    >>> with rtask.open(":memory:") as kb:
+    ...     text = "INSERT DATA { <urn:cup> a rt:Cup ; rt:name 'red cup' }"
+    ...     _ = kb.update(prologue(ontology.PREFIXES) + text)
+    ...     result = answer(kb, "which cups are there?")
+    >>> result.sentence
+    'Cups: red cup.'
+    """
+    if not text.strip() or len(text) > MAX_TEXT:
+        raise UsageError(f"a question has 1 to {MAX_TEXT} characters, not {len(text)}")
+    run = select or _within_bounds(kb)
+    reading = _read(run, text, str(getattr(kb, "base", "")), now or dt.datetime.now(dt.UTC))
+    matches = matcher().matches(reading.asked)
+    nearest = _nearest(matches)
+    best = matches[0]
+    if best.score < NEAR:
+        listed = "; ".join(item.question for item in nearest)
+        words = f"None of the questions is near to that. The nearest are: {listed}"
+        return _unanswered(text, reading, words, nearest)
+    question = best.question
+    filled = fill(question, reading.mentions, reading.period)
+    if missing := _missing(question, filled, reading):
+        words = f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
+        return _unanswered(text, reading, words, nearest)
+    unused = unused_mentions(question, filled, reading.mentions)
+    if reading.period is not None and all(item.period is None for item in filled):
+        unused.append(reading.period.text)
+    reading = replace(reading, ignored=(*reading.ignored, *unused))
+    sparql = filled_query(question, filled)
+    rows = run(_limited(sparql))
+    is_cut = len(rows) > MAX_ROWS
+    rows = rows[:MAX_ROWS]
+    names = names_of(run, [term for row in rows for term in row])
+    return Answer(
+        text,
+        question.key,
+        _understood(question, filled),
+        {item.slot.role: (item.text, tuple(map(str, item.terms))) for item in filled},
+        reading.ignored,
+        sparql,
+        rows,
+        {str(python_value(term)): name for term, name in names.items()},
+        _answer_words(question, filled, reading, rows, names, is_cut),
+        nearest,
+        is_cut,
+    )
+
+
+def _within_bounds(kb: Selectable) -> Select:
+    def run(query: str) -> Solutions:
+        return kb.select(query, timeout_s=TIMEOUT_S)
+
+    return run
+
+
+def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
+    period = find_period(text, now)
+    plain = text.replace(period.text, " ") if period is not None else text
+    tokens = tuple(tokens_of(plain))
+    mentions = tuple(find_mentions(run, list(tokens), base))
+    words: list[str] = []
+    names: set[str] = set()
+    ignored: list[str] = []
+    for at, token in enumerate(tokens):
+        covering = [item for item in mentions if item.start <= at < item.end]
+        words += sorted({f"@{item.role}" for item in covering if item.start == at})
+        for part in split_name(token.strip('"<>').lower()):
+            word = stem(part)
+            if covering:
+                names.add(word)
+            else:
+                word = matcher().corrected(word)
+                if not matcher().is_familiar(word):
+                    ignored.append(part)
+            words.append(word)
+    if period is not None:
+        words.append("@time")
+    places = {(item.start, item.end) for item in mentions}
+    roles = [
+        frozenset(item.role for item in mentions if (item.start, item.end) == place)
+        for place in places
+    ]
+    roles += [frozenset({"time"})] if period is not None else []
+    return _Reading(
+        tokens, mentions, period, Asked(tuple(words), frozenset(names), tuple(roles)),
+        tuple(dict.fromkeys(ignored)),
+    )  # fmt: skip
+
+
+def _nearest(matches: list[Match]) -> tuple[Near, ...]:
+    """Return the nearest questions, of several that ask the same the best."""
+    groups: dict[str, Near] = {}
+    for item in matches:
+        near = Near(item.question.key, item.question.text, item.score)
+        groups.setdefault(item.question.group, near)
+    return tuple(groups.values())[:_LISTED]
+
+
+_BEFORE_A_NAME = frozenset(re.findall(r"\w+", "the a an this that my our any of with at for to"))
+
+
+def _missing(question: Question, filled: list[Filled], reading: _Reading) -> str:
+    """Return a word that was to name something for an empty slot of the question, or nothing.
+
+    Answering about everything instead would pass for an answer about that.
+    """
+    has = {item.slot for item in filled}
+    empty = [slot for slot in question.slots if slot not in has and slot.role != "time"]
+    if not empty:
+        return ""
+    is_essential = any(slot.is_constant and not slot.is_list for slot in empty)
+    for at, token in enumerate(reading.tokens):
+        before = reading.tokens[at - 1].lower() if at else ""
+        is_name = token.lower() in reading.ignored or token.startswith('"')
+        if is_name and (is_essential or token.startswith('"') or before in _BEFORE_A_NAME):
+            return token.strip('"')
+    return ""
+
+
+def _limited(sparql: str) -> str:
+    has_limit = "LIMIT" in sparql[sparql.rindex("}") :]
+    return sparql if has_limit else f"{sparql.rstrip()}\nLIMIT {MAX_ROWS + 1}\n"
+
+
+def _understood(question: Question, filled: list[Filled]) -> str:
+    """Return the question with what fills its slots."""
+    wording = question.phrases[0]
+    text, by_role = wording.text, {item.slot.role: item for item in filled if item.slot.is_constant}
+    for role, words, _ in wording.filled:
+        item = by_role.get(role)
+        if item is not None:
+            text = text.replace(words, item.text, 1)
+        elif not role.endswith("kind"):
+            text = text.replace(f"the {words}", words, 1).replace(words, f"any {role}", 1)
+    only = [
+        f"{item.slot.role.replace('_', ' ')}: {item.text}"
+        for item in filled
+        if not item.slot.is_constant
+        or item.slot.role not in {role for role, _, _ in wording.filled}
+    ]
+    return text + (f" ({'; '.join(only)})" if only else "")
+
+
+def _answer_words(
+    question: Question,
+    filled: list[Filled],
+    reading: _Reading,
+    rows: Solutions,
+    names: Mapping[Term, str],
+    is_cut: bool,
+) -> str:
+    doubt = ""
+    if reading.ignored:
+        doubt = f" Not considered: {', '.join(reading.ignored)}."
+    if not len(rows):
+        return "The graph states nothing that answers this; that does not mean no." + doubt
+    given = {item.slot.role: item.text for item in filled}
+    for role, words, _ in question.phrases[0].filled:
+        given.setdefault(role, words)
+    more = f" There are more than {MAX_ROWS} rows." if is_cut else ""
+    return sentence(question.answer, rows, names, given) + more + doubt
+
+
+def _unanswered(text: str, reading: _Reading, words: str, nearest: tuple[Near, ...]) -> Answer:
+    return Answer(text, "", "", {}, reading.ignored, "", Solutions((), ()), {}, words, nearest)

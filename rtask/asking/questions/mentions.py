@@ -1,0 +1,220 @@
+"""What a question names: objects, kinds, robots, tasks and more, found by their names and labels.
+
+All names are looked up in one query; each occurrence of a term is read in the forms in which
+commands print it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import ontology
+from rtask.asking.questions.words import STOP, forms, split_name, stem
+from rtask.asking.terms import Reader
+from rtask.errors import RtaskError
+from rtask.rdf.terms import Literal, NamedNode, Term
+from rtask.sparql.results import Solutions
+
+__all__ = ["Mention", "Select", "find_mentions"]
+
+Select = Callable[[str], Solutions]
+"""Evaluates a SELECT with the rights and within the bounds of whoever asks."""
+
+_ROLES = {
+    "object": "rt:ManipulableObject", "robot": "cora:Robot", "task": "rt:Task",
+    "grasp": "rt:GraspConfiguration", "frame": "rt:Frame", "recognition": "rt:RecognitionResult",
+    "cloud": "rt:PointCloud", "use": "rt:ObjectFunction",
+}  # fmt: skip
+_KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
+_TOKEN = re.compile(
+    r"<[^\s<>]+>|[A-Za-z][\w.\-]*:[^\s?,;!]*[\w/]|\"[^\"\n]{1,200}\"|[\w]+(?:[-'’./]\w+)*"
+)
+_DETERMINERS = frozenset(re.findall(r"\w+", "a the any some this that my your each every no"))
+MAX_WORDS = 60
+MAX_NAME_WORDS = 4
+MAX_MENTIONS = 1000
+
+
+@dataclass(frozen=True)
+class Mention:
+    """A stretch of a question that names something.
+
+    Parameters
+    ----------
+    start, end
+        Tokens of the question; the end is not included.
+    text
+        The words.
+    role
+        What it can stand for.
+    terms
+        All that have this name.
+    is_plural
+        The words are a plural, and the name is their singular.
+    """
+
+    start: int
+    end: int
+    text: str
+    role: str
+    terms: tuple[Term, ...]
+    is_plural: bool = False
+
+
+def tokens_of(text: str) -> list[str]:
+    """Return the words, terms and quoted names of a question, at most :data:`MAX_WORDS`.
+
+    >>> tokens_of('Where is "the red mug", kb:object/7 or nao-1?')
+    ['Where', 'is', '"the red mug"', 'kb:object/7', 'or', 'nao-1']
+    """
+    return _TOKEN.findall(text)[:MAX_WORDS]
+
+
+def find_mentions(select: Select, tokens: list[str], base: str = "") -> list[Mention]:
+    """Return what the tokens of a question name; longer names hide what lies within them.
+
+    Parameters
+    ----------
+    base
+        What ``kb:`` stands for; empty where that is not known.
+    """
+    names, terms = _candidates(tokens, base)
+    rows = _look_up(select, names, terms)
+    result: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
+    for row in rows:
+        name, term, role = row["n"], row["s"], str(row.value("role"))
+        places = terms.get(term, []) if name is None else names.get(_text(name), [])
+        for start, end in places:
+            wording = " ".join(tokens[start:end]).strip('"')
+            is_plural = name is not None and _is_plural(wording, _text(name))
+            assert term is not None
+            result.setdefault((start, end, role), []).append((term, is_plural))
+    mentions = [
+        Mention(start, end, " ".join(tokens[start:end]).strip('"<>'), role,
+                tuple(dict.fromkeys(term for term, _ in named)),
+                all(is_plural for _, is_plural in named))
+        for (start, end, role), named in result.items()
+    ]  # fmt: skip
+    return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
+
+
+def _text(term: Term) -> str:
+    assert isinstance(term, Literal)
+    return term.value
+
+
+def _is_plural(wording: str, name: str) -> bool:
+    return wording.lower() != name.lower() and wording.lower().endswith("s")
+
+
+_Places = dict[str, list[tuple[int, int]]]
+
+
+def _candidates(
+    tokens: list[str], base: str
+) -> tuple[_Places, dict[Term | None, list[tuple[int, int]]]]:
+    """Return the names and the terms that stretches of a question may be, with their places."""
+    reader = Reader(base)
+    names: _Places = {}
+    terms: dict[Term | None, list[tuple[int, int]]] = {}
+    for start, end in _stretches(tokens):
+        words = [token.strip('"') for token in tokens[start:end]]
+        if end - start == 1 and _is_term(tokens[start]):
+            term = _read(reader, tokens[start])
+            if term is not None:
+                terms.setdefault(term, []).append((start, end))
+            continue
+        if all(word.lower() in STOP for word in words) or _is_modal(tokens, start, end):
+            continue
+        for name in forms(words):
+            names.setdefault(name, []).append((start, end))
+        if base and end - start <= 2:
+            local = _read(reader, "kb:" + "/".join(words))
+            if local is not None:
+                terms.setdefault(local, []).append((start, end))
+    return names, terms
+
+
+def _stretches(tokens: list[str]) -> Iterator[tuple[int, int]]:
+    for start in range(len(tokens)):
+        for end in range(start + 1, min(start + MAX_NAME_WORDS, len(tokens)) + 1):
+            yield start, end
+
+
+def _is_modal(tokens: list[str], start: int, end: int) -> bool:
+    """Return whether a stretch is the verb "can" rather than the object."""
+    before = tokens[start - 1].lower() if start else ""
+    return end - start == 1 and tokens[start].lower() == "can" and before not in _DETERMINERS
+
+
+def _is_term(token: str) -> bool:
+    return token.startswith("<") or (":" in token and not token.startswith('"'))
+
+
+def _read(reader: Reader, token: str) -> NamedNode | None:
+    try:
+        term = reader.term(token)
+    except RtaskError:
+        return None
+    return term if isinstance(term, NamedNode) else None
+
+
+def _look_up(
+    select: Select, names: Mapping[str, object], terms: Mapping[Term | None, object]
+) -> Solutions:
+    literals = [
+        str(Literal(name, language=language)) if language else str(Literal(name))
+        for name in names
+        for language in (None, "en")
+    ]
+    prefixes = "\n".join(
+        f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "cora", "rdfs", "skos")
+    )
+    roles = " ".join(f'("{role}" {top})' for role, top in _ROLES.items())
+    kinds = " ".join(f'("{role}" {top})' for role, top in _KINDS.items())
+    written = " ".join(literals)
+    return select(f"""{prefixes}
+SELECT DISTINCT ?n ?s ?role WHERE {{
+  {{
+    {{
+      VALUES ?n {{ {written} }}
+      {{ ?s rt:name ?n }} UNION {{ ?s rdfs:label ?n }} UNION {{ ?s skos:altLabel ?n }}
+    }}
+    UNION {{ VALUES ?s {{ {" ".join(str(term) for term in terms)} }} }}
+    {{ VALUES (?role ?top) {{ {roles} }} ?s a/rdfs:subClassOf* ?top }}
+    UNION {{ VALUES (?role ?top) {{ {kinds} }} ?s rdfs:subClassOf+ ?top FILTER(?s != ?top) }}
+  }}
+  UNION {{
+    VALUES ?n {{ {written} }}
+    {{ ?hand rt:gripperType ?n BIND(?n AS ?s) }}
+    UNION {{ ?hand rt:name ?n ; rt:gripperType ?s }}
+    BIND("hand" AS ?role)
+  }}
+}} LIMIT {MAX_MENTIONS}""")
+
+
+def _longest(mentions: list[Mention]) -> list[Mention]:
+    """Return mentions that no longer one contains or overlaps."""
+    chosen: list[Mention] = []
+    for item in sorted(mentions, key=lambda m: (m.start - m.end, m.start)):
+        is_free = all(
+            item.end <= other.start or other.end <= item.start
+            or (item.start, item.end) == (other.start, other.end)
+            for other in chosen
+        )  # fmt: skip
+        if is_free:
+            chosen.append(item)
+    return chosen
+
+
+def words_without(tokens: list[str], mentions: list[Mention]) -> list[str]:
+    """Return the stems of a question with ``@role`` for each mention, beside its words."""
+    at = {item.start: item for item in mentions}
+    words: list[str] = []
+    for place, token in enumerate(tokens):
+        if place in at:
+            words += [f"@{item.role}" for item in mentions if item.start == place]
+        words += [stem(part) for part in split_name(token.strip('"<>').lower())]
+    return words

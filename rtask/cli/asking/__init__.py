@@ -1,0 +1,1 @@
+"""Commands that answer questions in words and show the terms of the ontology."""

@@ -1,0 +1,74 @@
+"""The token determines who acts: tasks and persons that a robot may name in its messages."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rtask.errors import ForbiddenError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import literal
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+
+__all__ = ["check_operator", "check_task"]
+
+
+def check_task(context: Context, task_id: str | None, access: Access, where: str = "") -> None:
+    """Refuse a robot the task of another robot.
+
+    Ids that robots chose themselves may be alike; those that the engine gave belong to the robot
+    that asked for the decision.
+
+    Parameters
+    ----------
+    where
+        Path of the message inside a larger one, ``objects[2].``.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming the robot.
+    """
+    if access.role != "robot" or not (task_id or "").startswith(f"{context.kb.base}task/"):
+        return
+    assert task_id is not None
+    decision = context.decisions.get(task_id)
+    owners = {decision.asked_by} if decision is not None else set()
+    owners |= _reporters(context, task_id)
+    others = sorted(owners - {"", access.agent})
+    if others:
+        raise ForbiddenError(
+            f"{where}task_id: the token belongs to {access.agent!r}, and {task_id} is a task of "
+            f"{', '.join(others)}",
+            field=f"{where}task_id",
+        )
+
+
+def _reporters(context: Context, task_id: str) -> set[str]:
+    """Return the names of the robots that stored an attempt at a task."""
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?name WHERE {{
+  ?event rt:requestId {literal(task_id)} ; rt:performedBy/rt:name ?name
+}}""")
+    return {str(row.value("name")) for row in rows}
+
+
+def check_operator(context: Context, operator: str | None, access: Access, where: str = "") -> None:
+    """Refuse a robot to speak for a robot or person that has written to the graph itself.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming the field.
+    """
+    if access.role != "robot" or not operator or operator == access.agent:
+        return
+    graph = context.kb.graphs.agent(operator)
+    if context.kb.query(f"ASK {{ GRAPH {graph} {{ ?s ?p ?o }} }}"):
+        raise ForbiddenError(
+            f"{where}operator: the token belongs to {access.agent!r}: it cannot confirm for "
+            f"{operator!r}, who has a token to do so (give_feedback)",
+            field=f"{where}operator",
+        )

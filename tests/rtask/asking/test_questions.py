@@ -1,0 +1,97 @@
+"""Questions in words: understood by words and names, answered with query, table and sentence."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import pytest
+
+from rtask.asking.questions import answer
+from rtask.asking.questions.catalogue import questions
+from rtask.asking.questions.filling import filled_query
+from rtask.errors import UsageError
+from rtask.knowledge_base import KnowledgeBase
+from rtask.sparql.syntax import check_query
+
+NOW = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        ("Where is the mug?", "cq22", "Mug is at 0.5, 0, 0.8 in camera_depth_optical_frame"),
+        ("where are the mugs now", "cq22", "The graph states nothing that answers this"),
+        ("something to write with", "cq24", "Pen is something to write"),
+        ("which robot can hold pens?", "cq03", "Nao can grasp pen; pr2 can grasp pen."),
+        ("why did nao refuse the mug?", "cq21", "Nao refused mug: the pose confidence 0.4"),
+        ("wich boxes are there?", "cq04", "Boxes: box."),
+        ("Where is <https://w3id.org/rtask-kg/kb/sample/mug>?", "cq22", "Https://"),
+    ],
+)
+def test_the_nearest_question_is_answered(
+    kb: KnowledgeBase, text: str, key: str, said: str
+) -> None:
+    found = answer(kb, text, now=NOW)
+    assert (found.key, found.nearest[0].key) == (key, key)
+    assert found.sentence.startswith(said)
+    check_query(found.sparql)
+
+
+def test_a_name_restricts_the_answer_and_is_shown(kb: KnowledgeBase) -> None:
+    everyone = answer(kb, "which robot can grasp which object?")
+    nao = answer(kb, "which object can nao grasp?")
+    assert len(nao.rows) < len(everyone.rows)
+    assert {row.value("r") for row in nao.rows} == {nao.filled["robot"][1][0].strip("<>")}
+    assert "robot: nao" in nao.understood
+
+
+def test_a_time_restricts_the_answer(kb: KnowledgeBase) -> None:
+    found = answer(kb, "what happened in the last two hours?", now=NOW)
+    assert '?ended >= "2026-01-01T10:00:00+00:00"^^xsd:dateTime' in found.sparql
+
+
+def test_a_name_that_nothing_has_is_not_answered_about_everything(kb: KnowledgeBase) -> None:
+    found = answer(kb, "where is the teapot?")
+    assert not found.is_understood
+    assert found.sentence.startswith("Nothing in the graph is called 'teapot'")
+    found = answer(kb, 'which robot knows "the tea pot" from its own sensors?')
+    assert "'the tea pot'" in found.sentence
+
+
+def test_words_without_a_place_are_named(kb: KnowledgeBase) -> None:
+    found = answer(kb, "which robots are manipulators today?")
+    assert found.sentence.endswith("Not considered: today.")
+
+
+def test_what_is_near_no_question_lists_the_nearest(kb: KnowledgeBase) -> None:
+    found = answer(kb, "do you like opera?")
+    assert not found.is_understood
+    assert len(found.nearest) == 3
+    assert found.to_dict()["question"] is None
+
+
+def test_nothing_stated_is_not_said_to_be_so(kb: KnowledgeBase) -> None:
+    found = answer(kb, "why does the pen slip?")
+    assert found.sentence == "The graph states nothing that answers this; that does not mean no."
+
+
+@pytest.mark.parametrize("text", [" ", "why " * 300])
+def test_a_question_has_a_length(kb: KnowledgeBase, text: str) -> None:
+    with pytest.raises(UsageError, match="1 to 1000 characters"):
+        answer(kb, text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['where is "x\\" } } #"?', "where is <urn:x> } DROP ALL", "where is '''\"\"\" } DROP mug ?x"],
+)
+def test_text_in_a_question_never_becomes_query(kb: KnowledgeBase, text: str) -> None:
+    assert "DROP" not in answer(kb, text).sparql
+
+
+def test_each_query_stands_without_what_it_was_written_for(kb: KnowledgeBase) -> None:
+    for question in questions():
+        text = filled_query(question, [])
+        check_query(text)
+        assert "kb/sample" not in text
+        assert kb.query(text) is not None

@@ -1,0 +1,117 @@
+"""Reports that cannot be so: clocks ahead, grasps beside the object, a success without a hold."""
+
+from __future__ import annotations
+
+import datetime as dt
+import time
+
+import pytest
+
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import iri
+
+pytestmark = pytest.mark.slow
+
+HOUR_S = 3600.0
+IN_2099 = 4_070_908_800.0
+
+
+@pytest.fixture
+def reported(bench, robots):
+    """Return a function that reports an attempt at the box by insert_object."""
+    seen, robot = bench.sight(bench.BOX), robots("nao-1")
+
+    def report(outcome, grasp=None, **look):
+        offered = robot.recognise({**seen, **look})["grasps"][0]
+        return robot.insert({**seen, **look}, grasp=grasp or offered, outcome=outcome)["objects"][0]
+
+    return report
+
+
+def single_time(kb, pattern):
+    (row,) = kb.select(f"{PREFIXES} SELECT ?time WHERE {{ {pattern} }}").to_dicts()
+    return dt.datetime.fromisoformat(str(row["time"])).timestamp()
+
+
+def test_a_clock_that_is_ahead_is_told_and_the_time_of_receipt_stored(bench, reported, kb):
+    before = time.time()
+    stored = reported(bench.held(started=IN_2099, ended=IN_2099 + 4))
+    ended = single_time(kb, "?attempt a rt:GraspAttempt ; prov:endedAtTime ?time")
+    started = single_time(kb, "?attempt a rt:GraspAttempt ; prov:startedAtTime ?time")
+    assert before - 1 <= ended <= time.time()
+    assert ended - started == pytest.approx(4, abs=0.01)
+    words = "the clock of the robot said 2099-01-01T00:00:04"
+    assert stored["message"].startswith(words)
+    comments = [str(quad.object) for quad in kb.match(None, RT.comment)]
+    assert any(words in comment for comment in comments), "the robot's time is kept as well"
+
+
+@pytest.mark.parametrize("seconds", [-50 * 365 * 24 * HOUR_S, -HOUR_S, 120.0])
+def test_a_time_long_past_or_a_little_ahead_is_the_robots(bench, reported, kb, seconds):
+    happened = round(time.time() + seconds)
+    stored = reported(bench.held(ended=happened))
+    ended = single_time(kb, "?attempt a rt:GraspAttempt ; prov:endedAtTime ?time")
+    assert ended == happened
+    assert "message" not in stored
+
+
+def test_a_place_dated_2099_does_not_outdo_what_is_seen_later(bench, robots, kb):
+    robot, seen = robots("nao-1"), bench.sight(bench.BOX)
+    where = {"frame_id": "base_link", "name": "tea box"}
+    stored = robot.insert(seen, stamp=IN_2099, **where)["objects"][0]
+    assert "2099" in stored["message"]
+    seen_at = single_time(kb, "?estimate rt:estimatedPose/rt:atTime ?time")
+    assert seen_at <= time.time()
+
+
+def test_the_bound_is_a_setting(bench, reported, engine, monkeypatch):
+    policy = type(engine.context.policy)(clock_ahead_s=2 * HOUR_S)
+    monkeypatch.setattr(engine.context, "policy", policy)
+    assert "message" not in reported(bench.held(ended=time.time() + HOUR_S))
+    assert reported(bench.held(ended=time.time() + 3 * HOUR_S))["message"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("width", 3.0, r"grasp\.width: 3 is above 1"),
+        ("width", -0.1, r"grasp\.width: -0.1 is below 0"),
+        ("opening", -0.1, r"grasp\.opening: -0.1 is below 0"),
+        ("x", 5.0, "x is .* m from the object, more than 2"),
+    ],
+)
+def test_an_implausible_grasp_is_refused_with_its_field(
+    bench, reported, robots, kb, field, value, words
+):
+    offered = robots("nao-1").recognise(bench.sight(bench.BOX))["grasps"][0]
+    pose = {"x": 0.0, "y": 0.0, "z": 0.02, "theta": 0.0}
+    grasp = {"id": "", "width": 0.03, "opening": 0.05, "in_object": pose}
+    given = grasp | ({"in_object": pose | {"x": value}} if field == "x" else {field: value})
+    assert offered
+    with pytest.raises(UsageError, match=words):
+        reported(bench.held(), grasp=given)
+    assert not kb.match(None, RT.objectId)
+
+
+@pytest.mark.parametrize("reason", ["missed", "no_grasp"])
+def test_a_success_with_the_reason_that_nothing_was_held_is_refused(bench, reported, reason):
+    with pytest.raises(UsageError, match=f"outcome.reason: {reason} does not fit") as caught:
+        reported({**bench.held(), "reason": reason})
+    assert caught.value.details["field"].endswith("outcome.reason")
+
+
+@pytest.mark.parametrize("purge", [False, True])
+def test_a_forgotten_object_does_not_come_back_half(bench, robots, engine, kb, purge):
+    robot, seen = robots("nao-1"), bench.sight(bench.BOX)
+    offered = robot.recognise(seen)["grasps"][0]
+    stored = robot.insert(seen, grasp=offered, outcome=bench.held(), name="tea box")["objects"][0]
+    forget = {"operation": "forget", "object": stored["object"], "purge": purge}
+    engine.call("curate_object", forget, Access("anna", "teacher"))
+    with pytest.raises(UnknownTermError, match="the graph has no object"):
+        robot.insert(seen, object=stored["object"])
+    gone = iri(stored["object"])
+    assert not kb.match(gone, RT.objectId)
+    assert not kb.match(gone, RT.hasView)
+    assert not (purge and kb.match(None, RT.graspPose)), "a grasp without its object"
