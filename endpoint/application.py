@@ -6,58 +6,25 @@ people belong to Flask alone.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import partial
+from concurrent.futures import Future
+from dataclasses import replace
 
 from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
 from endpoint.follow.versions import minimum_version, staleness_headers
 from endpoint.http.compression import compressed, unpacked
 from endpoint.http.messages import Request, Response, require_method
-from endpoint.http.plan import Elsewhere, Plan
+from endpoint.http.plan import Plan
 from endpoint.http.problems import problem, slug_of
-from endpoint.point_lines import Instead
+from endpoint.lanes import Job, Lanes
 from endpoint.router import Router
 from endpoint.routes import find
 from endpoint.sparql import protocol
 from endpoint.sparql.answers import SlowerThanItLooksError
 from rtask.errors import AccessError, RtaskError, TooLargeError
-from rtask.kb.readers.line import Answer
-from rtask.kb.readers.streams import ReaderStream
 from rtask.knowledge_base import KnowledgeBase
 
-THREADS = 32
-POINT_THREADS = 8
 MAX_WHOLE_BYTES = 64 << 20
-
-
-@dataclass
-class Job:
-    """A request in progress.
-
-    Parameters
-    ----------
-    request
-        The request as received.
-    plan
-        The work to do.
-    caller
-        Who sent it; none if not yet, or not to be, identified.
-    leave
-        Called when the request has ended.
-    version
-        Of the graph when the request came.
-    """
-
-    request: Request
-    plan: Plan
-    caller: Caller | None = None
-    leave: list[Callable[[], None]] = field(default_factory=list)
-    started: float = field(default_factory=time.perf_counter)
-    version: str = ""
 
 
 class Application:
@@ -72,11 +39,7 @@ class Application:
     def __init__(self, context: ServerContext) -> None:
         self.context = context
         self.router = Router(context)
-        # Long work has threads of its own, so that neither writes nor health checks ever wait
-        # behind queries.
-        self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
-        self.query_pool = ThreadPoolExecutor(context.config.max_queries, thread_name_prefix="query")
-        self.point_pool = ThreadPoolExecutor(POINT_THREADS, thread_name_prefix="point")
+        self.lanes = Lanes(context.config.max_queries, self.run, self._refused)
         self._starting: Future[None] | None = None
         self._stop_listening = context.kb.on_commit(context.request_log.commit)
 
@@ -87,7 +50,7 @@ class Application:
             if job.plan.timeout_s is None:
                 response = self.run(job)
             else:
-                work = self.submit(job)
+                work = self.lanes.submit(job)
                 try:
                     response = work.result(job.plan.timeout_s)
                 except TimeoutError:
@@ -130,127 +93,18 @@ class Application:
             job.plan = Plan.ready(self._problem(error, job))
         return job
 
-    def admit_identified(self, request: Request, caller: Caller, leave: Callable[[], None]) -> Job:
-        """Plan the answer to a query whose caller has been identified and admitted already.
-
-        Parameters
-        ----------
-        leave
-            Called when the request has ended.
-        """
-        job = Job(request, Plan.ready(Response()), caller, [leave])
-        job.version = self.context.versions.current()
-        try:
-            self._plan(job, request, caller, request.raw_path.rstrip("/"))
-        except Exception as error:  # noqa: BLE001 - every error is an answer
-            job.plan = Plan.ready(self._problem(error, job))
-        return job
-
     def refused(self, error: Exception, request: Request) -> Job:
         """Return the job of a request that was refused before its body was read."""
         job = Job(request, Plan.ready(Response()))
         job.plan = Plan.ready(self._problem(error, job))
         return job
 
-    def encoded(self, job: Job) -> bytes | None:
-        """Return a point query as it is sent to a reader; none if a thread is to do the work."""
-        if job.plan.encode is None or job.plan.lane != "point":
-            return None
-        try:
-            return job.plan.encode()
-        except RtaskError:
-            return None  # the thread meets it again and answers it
-
     def start_reader(self) -> None:
         """Start a reader in the background, if none is being started yet."""
         readers = self.context.kb.readers
         if not readers.possible or (self._starting is not None and not self._starting.done()):
             return
-        self._starting = self.pool.submit(readers.start, False)
-
-    def arrived(self, job: Job, outcome: Answer | ReaderStream | Instead) -> Response | None:
-        """Return the response to a point query that was asked on the event loop; does not wait.
-
-        Returns
-        -------
-        None if it is to be submitted to a thread, together with the stream if that was found.
-        """
-        if isinstance(outcome, Answer):
-            assert job.plan.whole is not None
-            job.plan.run = partial(job.plan.whole, outcome)
-            return self.run(job)
-        if outcome is Instead.ASK_AMONG_LONG:
-            self.demote(job)
-        elif outcome is Instead.ASK_IN_THREAD:
-            return self._look_up(job)
-        return None
-
-    def _look_up(self, job: Job) -> Response | None:
-        """Answer a look-up at once from the store; none if it is not one, or not a small one."""
-        response = job.plan.look_up() if job.plan.look_up else None
-        if response is None:
-            return None
-        job.plan.run = lambda: response
-        return self.run(job)
-
-    def submit(self, job: Job, stream: ReaderStream | None = None) -> Future[Response]:
-        """Start the work of a request on the thread pool of its lane.
-
-        Parameters
-        ----------
-        stream
-            A long answer that has begun to arrive.
-        """
-        if stream is not None:
-            assert job.plan.resume is not None
-            job.plan.run = partial(job.plan.resume, stream)
-        if job.plan.elsewhere is not None:
-            return self._submit_elsewhere(job, job.plan.elsewhere)
-        if job.plan.lane == "point":
-            return self._submit_point(job)
-        pool = self.query_pool if job.plan.lane == "query" else self.pool
-        return pool.submit(self.run, job)
-
-    def _submit_elsewhere(self, job: Job, elsewhere: Elsewhere) -> Future[Response]:
-        """Start work that threads of its own do; the one that ends it makes the answer."""
-        answer: Future[Response] = Future()
-        try:
-            work = elsewhere.start()
-        except RtaskError as error:
-            answer.set_result(self._finish(self._problem(error, job), job))
-        else:
-            work.add_done_callback(lambda _: answer.set_result(self.run(job)))
-        return answer
-
-    def _submit_point(self, job: Job) -> Future[Response]:
-        """Start a query that looks quick; if it is not, continue it among the long ones."""
-        answer: Future[Response] = Future()
-
-        def first() -> None:
-            if not answer.set_running_or_notify_cancel():
-                return
-            try:
-                answer.set_result(self.run(job))
-            except SlowerThanItLooksError:
-                self.demote(job)
-                self.query_pool.submit(second)
-            except BaseException as error:  # noqa: BLE001 - the future carries it
-                answer.set_exception(error)
-
-        def second() -> None:
-            try:
-                answer.set_result(self.run(job))
-            except BaseException as error:  # noqa: BLE001 - the future carries it
-                answer.set_exception(error)
-
-        self.point_pool.submit(first)
-        return answer
-
-    @staticmethod
-    def demote(job: Job) -> None:
-        """Plan a query that took longer than it looked among the long ones."""
-        assert job.plan.again is not None
-        job.plan.run, job.plan.lane, job.plan.again = job.plan.again, "query", None
+        self._starting = self.lanes.work.submit(readers.start, False)
 
     def run(self, job: Job) -> Response:
         """Do the work of a request; errors become answers."""
@@ -261,8 +115,8 @@ class Application:
         except Exception as error:  # noqa: BLE001 - every error is an answer
             response = self._problem(error, job)
         response = compressed(response, job.request)
-        if job.plan.keep is not None:
-            job.plan.keep(response)
+        if job.plan.query is not None:
+            job.plan.query.keep(response)
         return self._finish(response, job)
 
     def give_up(self, work: Future[Response], job: Job) -> Response | None:
@@ -308,8 +162,7 @@ class Application:
         """
         self.context.queries.stop_all()
         stuck = self.context.queries.has_stuck_threads()
-        for pool in (self.query_pool, self.point_pool, self.pool):
-            pool.shutdown(wait=not stuck, cancel_futures=True)
+        self.lanes.close(wait=not stuck)
         self._stop_listening()
         self.context.close()
         return not stuck
@@ -325,27 +178,27 @@ class Application:
             metrics.count("rtask_query_total", form=job.plan.form, outcome=slug_of(error))
         return response
 
+    def _refused(self, error: RtaskError, job: Job) -> Response:
+        return self._finish(self._problem(error, job), job)
+
     def _finish(self, response: Response, job: Job) -> Response:
         # A query has at least what had been committed when it came; a write has its own commit.
         is_query = job.plan.form not in ("", "UPDATE")
         version = job.version if is_query else self.context.versions.current()
-        headers = [*self.steady_fields(job.request), ("RTASK-Request-Id", job.request.id)]
+        headers = [
+            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
+            *cors_headers(job.request, self.context.config),
+            ("RTASK-Request-Id", job.request.id),
+        ]
+        if job.request.method in ("GET", "HEAD"):
+            sent = job.request.headers
+            private = "authorization" in sent or "cookie" in sent
+            headers.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
         if not any(name.lower() == "rtask-version" for name, _ in response.headers):
             headers.append(("RTASK-Version", version))
         if self.context.following is not None:
             headers += staleness_headers(self.context.following)
         return response.with_headers(*headers)
-
-    def steady_fields(self, request: Request) -> list[tuple[str, str]]:
-        """Return the header fields of a response that depend on the header of the request only."""
-        fields = [
-            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
-            *cors_headers(request, self.context.config),
-        ]
-        if request.method in ("GET", "HEAD"):
-            private = "authorization" in request.headers or "cookie" in request.headers
-            fields.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
-        return fields
 
     def _route(self, job: Job) -> None:
         context, request = self.context, job.request
@@ -377,7 +230,15 @@ class Application:
         minimum = request.header("rtask-min-version")
         if minimum:
             wait_for = minimum_version(context.kb, minimum)
-            job.plan = Plan(lambda: wait_for(self.router.plan(request, caller, address).run))
+
+            def late() -> Response:
+                plan = self.router.plan(request, caller, address)
+                if plan.lane == "point" and plan.query is not None:
+                    # On a thread that may wait: nothing is gained by trying whether it is quick.
+                    return wait_for(plan.query.run)
+                return wait_for(plan.run)
+
+            job.plan = Plan(late)
             return
         self._plan(job, request, caller, address)
 

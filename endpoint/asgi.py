@@ -10,22 +10,23 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any, cast
 
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
-from endpoint.application import Application, Job
+from endpoint.application import Application
 from endpoint.follow.changes import Changes
 from endpoint.follow.event_stream import EventStream
 from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.page_calls import Seen, impatient, replay, with_length
 from endpoint.http.plan import Plan
+from endpoint.http.progress_stream import send_with_progress
 from endpoint.http.response_stream import Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
+from endpoint.lanes import Job
 from endpoint.point_lines import Instead, PointLines, PointQuery
 from endpoint.rosbridge.connections import Connections
 from endpoint.rosbridge.session import Bridge
@@ -162,35 +163,21 @@ class AsgiApplication:
             job = application.admit(request)
         else:
             loop = asyncio.get_running_loop()
-            job = await loop.run_in_executor(application.pool, application.admit, request)
-        await self.complete(job, wire)
+            job = await loop.run_in_executor(application.lanes.work, application.admit, request)
+        await self._complete(job, wire)
 
-    async def complete(
-        self,
-        job: Job,
-        wire: Wire,
-        stream: ReaderStream | None = None,
-        response: Response | None = None,
-        work: Future[Response] | None = None,
-    ) -> None:
-        """Do the work of a request that was admitted, and send the answer.
-
-        Parameters
-        ----------
-        stream
-            An answer that has begun to arrive, but is not whole.
-        response
-            The answer, if only the sending is left.
-        work
-            Makes the answer, if it has been started.
-        """
+    async def _complete(self, job: Job, wire: Wire) -> None:
+        """Do the work of a request that was admitted, and send the answer."""
         application = self._application
         try:
-            if response is not None:
-                pass
-            elif stream is not None or work is not None:
-                response = await self._work(job, wire, stream, work)
-            elif job.plan.lane == "loop":
+            if job.plan.progress is not None:
+                answer, events = self._work(job, wire), job.plan.progress
+                response, sent, whole = await send_with_progress(
+                    answer, events, job.request.method, wire
+                )
+                application.report(job, response, sent, whole=whole)
+                return
+            if job.plan.lane == "loop":
                 response = application.run(job)
             else:
                 response = await self._answer(job, wire)
@@ -202,7 +189,7 @@ class AsgiApplication:
     async def _answer(self, job: Job, wire: Wire) -> Response:
         """Answer a point query from a reader's pipe; leave the rest to threads."""
         application = self._application
-        payload = application.encoded(job)
+        payload = application.lanes.payload(job)
         if payload is None:
             return await self._work(job, wire)
         loop = asyncio.get_running_loop()
@@ -217,27 +204,17 @@ class AsgiApplication:
         finally:
             watch.cancel()
             self.points.forget(query)
-        response = application.arrived(job, outcome)
+        response = application.lanes.after_pipe(job, outcome)
         if response is not None:
             return response
         return await self._work(job, wire, outcome if isinstance(outcome, ReaderStream) else None)
 
-    async def _work(
-        self,
-        job: Job,
-        wire: Wire,
-        stream: ReaderStream | None = None,
-        work: Future[Response] | None = None,
-    ) -> Response:
+    async def _work(self, job: Job, wire: Wire, stream: ReaderStream | None = None) -> Response:
         """Wait for a thread to do the work, for its deadline, or for the client to leave."""
         application, plan = self._application, job.plan
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Response] = loop.create_future()
-        gone_s = 0.0
-        if work is None:
-            work = application.submit(job, stream)
-        else:
-            gone_s = time.perf_counter() - job.started
+        work = application.lanes.submit(job, stream)
 
         def deliver() -> None:
             if answer.done():
@@ -255,7 +232,7 @@ class AsgiApplication:
         work.add_done_callback(lambda _: call_soon(loop, deliver))
         timers = []
         if plan.timeout_s is not None:
-            timers.append(loop.call_later(max(plan.timeout_s - gone_s, 0.0), on_patience_expired))
+            timers.append(loop.call_later(plan.timeout_s, on_patience_expired))
         if plan.running is not None:
             timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
         if plan.elsewhere is not None:

@@ -14,8 +14,15 @@ import click
 from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
-from rtask.cli.options import data_option, exit_if_empty, json_option
-from rtask.errors import UsageError
+from rtask.cli.options import (
+    announce_undo,
+    data_option,
+    exit_if_empty,
+    json_option,
+    listing_option,
+    shown_rows,
+)
+from rtask.errors import RtaskError, UsageError
 
 if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
@@ -56,6 +63,7 @@ def serve(
     from endpoint import server
     from endpoint.access.tokens import TokenStore
     from endpoint.context import ServerContext
+    from endpoint.follow.asked_records import store_waiting
     from endpoint.follow.follower import Follower
     from endpoint.monitoring.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
@@ -112,6 +120,8 @@ def serve(
             if made is not None:
                 made.context.be_copy(follower.record)
             follower.start()
+        elif made is not None:
+            store_waiting(made, tokens)
         ended = server.serve(context, listener, ready)
         writer.close()
     if not ended:
@@ -134,13 +144,33 @@ def _opened(store: str, folder: Path | None, plain: bool, flush: str) -> ServedG
             f"independent: rtask promote {folder}"
         )
     if not store:
-        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+        return _open_folder(folder, plain, flush)
     token = os.environ.get("RTASK_STORE_TOKEN")
     if not plain:
         opened: object = rtask.open(store, token=token, folder=folder)
         if isinstance(opened, KnowledgeBase):
             return opened
     return RemoteStore(store, token)
+
+
+def _open_folder(folder: Path | None, plain: bool, flush: str) -> KnowledgeBase:
+    """Open a folder, or memory for ``None``; for reading only while the folder's disk is full."""
+    import rtask
+    from rtask.kb.durability.disk_space import full_disk, means_full
+
+    try:
+        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+    except (RtaskError, OSError, RuntimeError) as error:
+        if folder is None or not means_full(error):
+            raise
+        try:
+            kb = rtask.open(folder, mode="r", plain=plain)
+        except RtaskError:
+            raise error from None
+    full = full_disk(folder, "to write; make room, and start the server again")
+    kb.refuse_writes(full)
+    click.echo(f"Warning: {full}. Until then it serves reads only.", err=True)
+    return kb
 
 
 def _copy_of(url: str, token: str | None, folder: Path | None, flush: str) -> KnowledgeBase:
@@ -203,15 +233,17 @@ def create(
         return
     click.echo(text)
     click.echo(f"{_words(made)}; it is shown only now, keep it secret", err=True)
+    announce_undo("token", "revoke", made.id)
 
 
 @token.command("list")
 @data_option
+@listing_option
 @json_option
-def list_tokens(data: Path, as_json: bool) -> None:
+def list_tokens(data: Path, limit: int | None, as_json: bool) -> None:
     """List tokens, without their secrets. Exit code 1 if there are none."""
     with closing(_tokens(data)) as tokens:
-        listed = tokens.all()
+        listed = shown_rows(tokens.all(), limit, as_json)
     if as_json:
         click.echo(json.dumps([_members(token) for token in listed]))
     for token in [] if as_json else listed:
@@ -231,7 +263,9 @@ def revoke(token_id: str, data: Path, as_json: bool) -> None:
     _audit(data, "token-revoked", token_id)
     if as_json:
         click.echo(json.dumps({"id": token_id, "revoked": True}))
-    click.echo(f"token {token_id} is revoked", err=True)
+    click.echo(
+        f"token {token_id} is revoked, for good; `rtask token create` makes another", err=True
+    )
 
 
 @token.command("expire")

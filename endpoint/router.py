@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 
 from endpoint.access.auth import Caller, limited_refusal, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
+from endpoint.api.agent_messages import called_tools
+from endpoint.api.agents import plan_agents
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
 from endpoint.api.datasets import plan_dataset
@@ -23,9 +25,11 @@ from endpoint.api.tools import plan_tools
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
 from endpoint.follow.replication import require_replicate, snapshot
+from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
+from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol
@@ -43,9 +47,11 @@ from endpoint.sparql.request import (
     is_update,
     parse_operation,
 )
+from rtask.asking.tools.toolbox import Toolbox
+from rtask.engine.context import SCOPES
 from rtask.errors import RtaskError
 from rtask.services.definition import Definition
-from rtask.wire.effect import Effect
+from rtask.wire.effect import Effect, strongest
 
 Handler = Callable[[Request, Caller, str], Plan]
 
@@ -53,7 +59,7 @@ _KINDS = {"/sparql": (QUERY, UPDATE), "/query": (QUERY,), "/update": (UPDATE,)}
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
 # A query may be sent by POST; what the protocol writes is counted once it has been parsed.
-_UNCOUNTED = frozenset(("protocol", "check", "ticket"))
+_UNCOUNTED = frozenset(("protocol", "check", "ticket", "agents"))
 
 
 class Router:
@@ -82,6 +88,7 @@ class Router:
         self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions, past)
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
+        self._calls = AgentCalls()
         self._handlers = self._made_handlers()
 
     def _made_handlers(self) -> Mapping[str, Handler]:
@@ -99,7 +106,10 @@ class Router:
             "service": lambda request, caller, address: plan_service(
                 services, auth, request, caller, address
             ),
-            "tools": lambda request, caller, address: plan_tools(services, auth, request, caller),
+            "agents": self._agents,
+            "tools": lambda request, caller, address: plan_tools(
+                services, auth, request, caller, self._calls
+            ),
             "dataset": lambda request, caller, address: plan_dataset(
                 services.datasets, auth, request, caller, address
             ),
@@ -161,6 +171,9 @@ class Router:
         if route.handler == "operation":
             operation = self._context.engine.operations.get(address.removeprefix(ENGINE))
             return "reads" if operation is None else operation.effect
+        if route.handler == "agents":
+            toolbox = self._toolbox()
+            return strongest(*(toolbox.effect_of(name) for name in called_tools(request)))
         try:
             definition, method = self._called(address)
         except RtaskError:
@@ -179,16 +192,15 @@ class Router:
         handler = match.routes[0].handler if match.routes else ""
         if handler == "proposals":
             return True
-        if handler == "reasoner":
+        if handler == "reasoner" or (handler == "agents" and "explain" in called_tools(request)):
             return not getattr(self._context.kb, "reasons", False)
         if handler != "service" or request.method != "POST":
             return False
         try:
-            definition, _ = self._called(address)
+            definition, method = self._called(address)
         except RtaskError:
             return True
-        is_elsewhere = any(resource.type == "binary" for resource in definition.resources.values())
-        return is_elsewhere or definition.executor == "outward"
+        return not is_at_copy(definition, definition.methods[method])
 
     def _called(self, address: str) -> tuple[Definition, str]:
         """Return the service and the method at ``/services/<ns>/<name>/<method>``.
@@ -216,6 +228,21 @@ class Router:
         allow = ("Allow", ", ".join(find(address).allow))
         headers = (allow, *preflight_headers(request, self._context.config))
         return Plan.ready(Response(204, headers=headers))
+
+    def _toolbox(self) -> Toolbox:
+        context = self._context
+        own = embedded(context.kb, "the graph for agents")
+        config = context.config
+        return Toolbox(own, context.engine, lambda access: SCOPES[access.role], config.timeout_s)
+
+    def _agents(self, request: Request, caller: Caller, address: str) -> Plan:
+        context = self._context
+        if self.effect(request, address) == "writes":
+            context.limiter.admit_write(caller)
+        context.queries.check_room()
+        return plan_agents(
+            self._toolbox(), context.auth, request, caller, self._calls, context.config.timeout_s
+        )
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context

@@ -1,7 +1,7 @@
 """The addresses for programs, one a line: what each takes, does to the graph, and who answers it.
 
-Dispatch, OPTIONS, 405 with ``Allow``, the effects in OpenAPI, what a follower passes on, pages that
-share an address, and what the server's protocol answers by itself all follow from this table.
+Dispatch, OPTIONS, 405 with ``Allow``, the effects in OpenAPI, what a follower passes on, and pages
+that share an address all follow from this table.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from werkzeug.routing import Map, Rule
 
 from rtask.wire.effect import Effect
 
-__all__ = ["ROUTES", "Lane", "Match", "Route", "find", "pattern_of", "serves"]
+__all__ = ["ROUTES", "Lane", "Match", "Route", "find", "serves"]
 
-Lane = Literal["query", "call", "stream", "work"]
-"""``query`` and ``call`` may be answered by the server's protocol itself, ``stream`` by an open
-connection, ``work`` by a thread or at once."""
+Lane = Literal["stream", "work"]
+"""``stream``: by an open connection; ``work``: at once, by a reader, or by a thread."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +64,18 @@ _READ_ONLY = "this is read with GET; robots write by /engine/"
 _SERVICE, _DATASET = "/services/<ns>/<name>", "/datasets/<ns>/<name>"
 
 ROUTES: tuple[Route, ...] = (
-    Route("/sparql", _BOTH, None, "protocol", "query", limited=True, pages=_GET),
-    Route("/query", _BOTH, "reads", "protocol", "query", limited=True),
+    Route("/sparql", _BOTH, None, "protocol", limited=True, pages=_GET),
+    Route("/query", _BOTH, "reads", "protocol", limited=True),
     Route("/update", _POST, "writes", "protocol", limited=True),
     Route("/sparql/check", _POST, "reads", "check"),
     Route("/store", _GET, "reads", "store", limited=True),
     Route("/store", _CHANGE, "writes", "store", limited=True),
     Route("/store/<path:rest>", _GET, "reads", "store", limited=True),
     Route("/store/<path:rest>", _CHANGE, "writes", "store", limited=True),
-    Route("/engine/<path:name>", _POST, None, "operation", "call"),
+    Route("/engine/<path:name>", _POST, None, "operation"),
     Route("/services", _GET, "reads", "service", pages=_BOTH),
     Route(_SERVICE, _GET, "reads", "service", pages=_BOTH),
-    Route(_SERVICE + "/<method>", _POST, None, "service", "call"),
+    Route(_SERVICE + "/<method>", _POST, None, "service"),
     Route("/services/<path:rest>", _GET, "reads", "service"),
     Route("/jobs", _GET, "reads", "service", pages=_BOTH),
     Route("/jobs/<path:id>", _GET, "reads", "service", pages=_BOTH),
@@ -92,7 +91,8 @@ ROUTES: tuple[Route, ...] = (
     Route(_DATASET + "/files/<path:path>", _GET, "reads", "dataset"),
     Route(_DATASET + "/files/<path:path>", ("PUT", "DELETE"), "writes", "dataset"),
     Route("/datasets/<path:rest>", _GET, "reads", "dataset"),
-    Route("/mcp", _POST, "writes", "tools", advice="send JSON-RPC by POST"),
+    Route("/mcp", _POST, None, "agents", advice="send JSON-RPC by POST"),
+    Route("/mcp/services", _POST, "writes", "tools", advice="send JSON-RPC by POST"),
     Route("/reasoner/rules", _GET, "reads", "reasoner"),
     Route("/reasoner/rules", ("POST", "DELETE"), "writes", "reasoner"),
     Route("/reasoner/rules/<path:name>", _GET, "reads", "reasoner"),
@@ -208,20 +208,3 @@ def serves(path: str) -> bool:
     [True, True, True, False]
     """
     return bool(find(path.rstrip("/") or "/").routes)
-
-
-def pattern_of(lane: Lane, method: str) -> re.Pattern[bytes]:
-    """Return an expression for the addresses of a lane that take a method.
-
-    Its variable parts hold letters, digits and the signs of versions only; other addresses are
-    matched by :func:`find`.
-
-    >>> bool(pattern_of("query", "GET").fullmatch(b"/sparql/"))
-    True
-    """
-    patterns = [
-        re.sub(r"<[^>]+>", "[A-Za-z0-9_@.*]+", re.escape(route.pattern).replace("\\<", "<"))
-        for route in ROUTES
-        if route.lane == lane and method in route.methods
-    ]
-    return re.compile(f"(?:{'|'.join(patterns)})/?".encode())

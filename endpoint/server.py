@@ -11,7 +11,6 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from types import FrameType
 
 import uvicorn
@@ -21,7 +20,7 @@ from endpoint.activity.watch import watch
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
-from endpoint.direct import DirectProtocol, HeadQueries
+from endpoint.http.server_protocol import GuardedProtocol
 from endpoint.rosbridge.activity_topic import announce_activity
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
@@ -141,10 +140,9 @@ def _allow_open_files() -> None:
 
 
 def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
-    head_queries = HeadQueries(asgi.application, asgi.points)
     return uvicorn.Config(
         asgi,
-        http=partial(DirectProtocol, asgi=asgi, head_queries=head_queries),  # type: ignore[arg-type]
+        http=GuardedProtocol,
         log_config=None,
         access_log=False,
         server_header=False,

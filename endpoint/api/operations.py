@@ -79,7 +79,7 @@ def authorise(auth: Authenticator, request: Request, caller: Caller, scope: str,
 
 
 def json_object(request: Request) -> dict[str, Any]:
-    """Return the JSON object in the body of a request.
+    """Return the JSON object in the body of a request; an empty one has no members.
 
     Raises
     ------
@@ -87,6 +87,22 @@ def json_object(request: Request) -> dict[str, Any]:
         415.
     UsageError
         It is not JSON, or not an object.
+    """
+    args = json_value(request)
+    if not isinstance(args, dict):
+        raise UsageError("expected one JSON object")
+    return args
+
+
+def json_value(request: Request) -> Any:
+    """Return the JSON in the body of a request.
+
+    Raises
+    ------
+    RefusedError
+        415.
+    UsageError
+        It is not JSON.
     """
     media_type, _ = request.content_type
     if media_type != JSON_TYPE:
@@ -97,7 +113,7 @@ def json_object(request: Request) -> dict[str, Any]:
             headers=(("Accept-Post", JSON_TYPE),),
         )
     try:
-        args = json.loads(request.body.decode("utf-8-sig") or "{}")
+        sent = json.loads(request.body.decode("utf-8-sig") or "{}")
     except json.JSONDecodeError as error:
         raise UsageError(
             f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
@@ -106,11 +122,9 @@ def json_object(request: Request) -> dict[str, Any]:
         ) from None
     except (ValueError, RecursionError):
         raise UsageError("not JSON that can be read") from None
-    if not isinstance(args, dict):
-        raise UsageError("expected one JSON object")
-    if _HALF_PAIR.search(request.body) and not _is_unicode(args):
+    if _HALF_PAIR.search(request.body) and not _is_unicode(sent):
         raise UsageError("a text holds half of a surrogate pair, which is not Unicode")
-    return args
+    return sent
 
 
 def _is_unicode(value: Any) -> bool:

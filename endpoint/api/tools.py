@@ -1,7 +1,6 @@
-"""Methods of services as tools of agents (Model Context Protocol, 2025-06-18, streamable HTTP).
+"""Methods of services as tools of agents, at ``POST /mcp/services`` (Model Context Protocol).
 
-``POST /mcp`` takes one JSON-RPC 2.0 message and answers with JSON; there are no sessions and no
-streams. An agent gets the tools that its token may call.
+An agent gets the tools that its token may call.
 """
 
 from __future__ import annotations
@@ -12,11 +11,13 @@ from concurrent.futures import Future
 from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
-from endpoint.api.operations import authorise, json_object
-from endpoint.http.messages import JSON_TYPE, Request, Response
+from endpoint.api.agent_messages import plan_messages, response_of
+from endpoint.api.operations import authorise
+from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.messages import Request
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
-from rtask import __version__
+from rtask.asking.tools.protocol import BAD_PARAMS, NO_METHOD, fault, greeting, problem_of, reply
 from rtask.engine.context import SCOPES
 from rtask.errors import RtaskError
 from rtask.services import ServiceHost
@@ -25,46 +26,29 @@ from rtask.services.definition import Definition, Method
 from rtask.services.description import request_schema
 from rtask.services.task import Task
 
-ADDRESS = "/mcp"
-VERSIONS = ("2025-06-18", "2025-03-26")
-"""Versions of the protocol, the newest first."""
-
 _DATA = "data_resources"
-_INVALID, _NO_METHOD, _BAD_PARAMS = -32600, -32601, -32602
+_INSTRUCTIONS = (
+    "Perception, grasp planning and motion for robots. Lengths are in m, angles in rad. The graph "
+    "itself is at /mcp."
+)
 
 
-def plan_tools(host: ServiceHost, auth: Authenticator, request: Request, caller: Caller) -> Plan:
-    """Prepare the answer to a message of an agent.
+def plan_tools(
+    host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, calls: AgentCalls
+) -> Plan:
+    """Plan the answer to the messages of an agent; errors as :func:`plan_messages`."""
 
-    Raises
-    ------
-    RefusedError
-        405 for anything but POST: there is no stream to open and no session to end.
-    """
-    auth.check_origin(request, caller)
-    message = json_object(request)
-    if "id" not in message:  # a notification
-        return Plan.ready(Response(202))
-    if not isinstance(message["id"], str | int | None):
-        message["id"] = None
-        return _told(message, _error(_INVALID, "id: expected a text or a whole number"))
-    if message.get("jsonrpc") != "2.0" or not isinstance(message.get("method"), str):
-        return _told(message, _error(_INVALID, "expected a JSON-RPC 2.0 request"))
-    params = message.get("params", {})
-    if not isinstance(params, dict):
-        return _told(message, _error(_BAD_PARAMS, "params: expected an object"))
-    if message["method"] == "tools/call":
-        return _plan_call(host, auth, request, caller, message, params)
-    return Plan(lambda: _reply(message, _answer(host, caller, message["method"], params)))
+    def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
+        problem = problem_of(message)
+        if problem is not None:
+            return Plan.ready(response_of(reply(message, problem)))
+        params = message.get("params", {})
+        if message["method"] == "tools/call":
+            return _plan_call(host, auth, request, caller, message, call, calls)
+        answered = _answer(host, caller, message["method"], params)
+        return Plan(lambda: response_of(reply(message, answered)))
 
-
-def _told(message: dict[str, Any], members: dict[str, Any]) -> Plan:
-    return Plan.ready(_reply(message, members))
-
-
-def _reply(message: dict[str, Any], members: dict[str, Any]) -> Response:
-    text = json.dumps({"jsonrpc": "2.0", "id": message["id"], **members}, ensure_ascii=False)
-    return Response(200, text.encode(), JSON_TYPE)
+    return plan_messages(auth, request, caller, calls, plan_message)
 
 
 def _answer(
@@ -72,28 +56,14 @@ def _answer(
 ) -> dict[str, Any]:
     match method:
         case "initialize":
-            return {"result": _greeting(params.get("protocolVersion"))}
+            return {"result": greeting(params, _INSTRUCTIONS, has_resources=False)}
         case "ping":
             return {"result": {}}
         case "tools/list":
-            return {"result": {"tools": [_tool(*one) for one in _tools(host, caller)]}}
-        case other:
-            return _error(_NO_METHOD, f"no method {other}; known: initialize, ping, tools/list, "
-                          "tools/call")  # fmt: skip
-
-
-def _error(code: int, words: str) -> dict[str, Any]:
-    return {"error": {"code": code, "message": words}}
-
-
-def _greeting(wanted: Any) -> dict[str, Any]:
-    return {
-        "protocolVersion": wanted if wanted in VERSIONS else VERSIONS[0],
-        "capabilities": {"tools": {}},
-        "serverInfo": {"name": "rtask", "version": __version__},
-        "instructions": "Perception, grasp planning and motion for robots, and what robots "
-        "learned about objects. Lengths are in m, angles in rad.",
-    }
+            return {"result": {"tools": [_tool(*pair) for pair in _tools(host, caller)]}}
+        case _:
+            return fault(NO_METHOD, "no such method; known: initialize, ping, tools/list, "
+                         "tools/call")  # fmt: skip
 
 
 def _tools(host: ServiceHost, caller: Caller) -> Iterator[tuple[Definition, Method]]:
@@ -110,21 +80,22 @@ def _name(definition: Definition, method: Method) -> str:
 
 
 def _tool(definition: Definition, method: Method) -> dict[str, Any]:
-    wanted = request_schema(method)
-    files = {name: one for name, one in definition.resources.items() if one.type == "binary"}
+    schema = request_schema(method)
+    files = {name: need for name, need in definition.resources.items() if need.type == "binary"}
     if files:
-        wanted["properties"] = {**wanted.get("properties", {}), _DATA: {
+        schema["properties"] = {**schema.get("properties", {}), _DATA: {
             "type": "object",
             "description": "names of the datasets to use, <namespace>/<name>",
             "properties": {
-                name: {"type": "string", "description": one.summary} for name, one in files.items()
+                name: {"type": "string", "description": need.summary}
+                for name, need in files.items()
             },
         }}  # fmt: skip
     return {
         "name": _name(definition, method),
         "title": method.summary,
         "description": f"{method.summary}. {method.description}".strip(),
-        "inputSchema": {"type": "object", **wanted},
+        "inputSchema": {"type": "object", **schema},
         "annotations": {"readOnlyHint": method.effect == "reads"},
     }
 
@@ -135,15 +106,15 @@ def _plan_call(
     request: Request,
     caller: Caller,
     message: dict[str, Any],
-    params: dict[str, Any],
+    call: AgentCall,
+    calls: AgentCalls,
 ) -> Plan:
-    name, given = params.get("name"), params.get("arguments", {})
-    if not isinstance(given, dict):
-        return _told(message, _error(_BAD_PARAMS, "arguments: expected an object"))
-    known = {_name(*one): one for one in _tools(host, caller)}
-    if not isinstance(name, str) or name not in known:
-        return _told(message, _error(_BAD_PARAMS, f"no tool {name!r}; ask tools/list"))
-    definition, method = known[name]
+    name, given = message["params"].get("name"), message["params"].get("arguments", {})
+    offered = {_name(*pair): pair for pair in _tools(host, caller)}
+    if not isinstance(name, str) or name not in offered:
+        words = "there is no such tool; ask tools/list"
+        return Plan.ready(response_of(reply(message, fault(BAD_PARAMS, words))))
+    definition, method = offered[name]
     args = dict(given)
     data = args.pop(_DATA, None)
     authorise(auth, request, caller, method.scope, name)
@@ -153,19 +124,24 @@ def _plan_call(
         )
         task = host.prepare(asked)
     except RtaskError as error:
-        return _told(message, _refused(error))
+        return Plan.ready(response_of(reply(message, _refused(error))))
+    task.call.on_progress(call.report)
+    call.on_stop(task.cancel)
 
     def start() -> Future[Any]:
+        task.done.add_done_callback(lambda _: remove())
         try:
             host.start(task)
         except RtaskError as error:  # such as a full queue
             task.fail(error)
         return task.done
 
+    remove = calls.add(caller.key, message.get("id"), call)
     return Plan(
-        lambda: _reply(message, _result(task)),
+        lambda: response_of(reply(message, _result(task))),
         timeout_s=task.call.timeout_s,
         elsewhere=Elsewhere(start, task.expire, task.cancel),
+        progress=call.progress,
     )
 
 

@@ -1,20 +1,23 @@
 """The writer's side of records that followers pass on: ``POST /replicate/asked``.
 
-A follower answers robots from its copy and sends what is to be stored of that, with the name and
-role of each robot, whose token it has checked. A record of a robot whose tokens were revoked
-meanwhile is refused.
+What a follower still had when it was promoted is stored here as well. A follower answers robots
+from its copy and sends what is to be stored of that, with the name and role of each robot, whose
+token it has checked. A record of a robot whose tokens were revoked meanwhile is refused.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from functools import partial
 from typing import Any, cast
 
 from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.operations import json_object
+from endpoint.follow.record_spool import FILE, RecordSpool
 from endpoint.follow.replication import require_replicate
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan
@@ -24,7 +27,7 @@ from rtask.engine.records.asked import record_of
 from rtask.errors import ForbiddenError, RtaskError, UnsupportedError, UsageError
 from rtask.kb.commit.access import Access, Role
 
-__all__ = ["plan_asked_records"]
+__all__ = ["plan_asked_records", "store_waiting"]
 
 _MAX_RECORDS = 1_000
 
@@ -52,17 +55,38 @@ def plan_asked_records(
         raise UsageError(f"records: expected a list of at most {_MAX_RECORDS}")
 
     def run() -> Response:
-        refused = []
-        for entry in entries:
-            try:
-                _store(engine, tokens, entry)
-            except RtaskError as error:
-                name = entry.get("id") if isinstance(entry, dict) else None
-                refused.append({"id": name, "reason": str(error)})
+        refused = _store_all(engine, tokens, entries)
         text = json.dumps({"stored": len(entries) - len(refused), "refused": refused})
         return Response(200, text.encode(), JSON_TYPE)
 
     return Plan(run)
+
+
+def store_waiting(engine: Engine, tokens: TokenStore) -> None:
+    """Store the records that a follower could not pass on before it was promoted.
+
+    They stay in its folder until a server that takes writes is started there; those of robots
+    whose tokens were revoked are dropped, with a line in the log.
+    """
+    folder = engine.context.kb.folder
+    if folder is None or not (folder / FILE).exists():
+        return
+    with closing(RecordSpool(folder / FILE, partial(_store_all, engine, tokens))) as waiting:
+        waiting.send_all()
+
+
+def _store_all(
+    engine: Engine, tokens: TokenStore, entries: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Store records, and return those that were refused, each with ``id`` and ``reason``."""
+    refused = []
+    for entry in entries:
+        try:
+            _store(engine, tokens, entry)
+        except RtaskError as error:
+            name = entry.get("id") if isinstance(entry, dict) else None
+            refused.append({"id": name, "reason": str(error)})
+    return refused
 
 
 def _store(engine: Engine, tokens: TokenStore, entry: Any) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 
 from endpoint.access.tokens import TokenStore
-from endpoint.follow.record_spool import RecordSpool
+from endpoint.follow.record_spool import FILE, RecordSpool
 from endpoint.follow.replication import ASKED, RECORDS, SNAPSHOT
 from endpoint.follow.versions import minimum_version
 from endpoint.http.messages import RefusedError, Request, Response
@@ -166,7 +166,7 @@ class Follower:
         ]
         assert kb.folder is not None
         self._dropped = 0
-        self._records = RecordSpool(kb.folder / "asked.db", self._send_records, self._count_dropped)
+        self._records = RecordSpool(kb.folder / FILE, self._send_records, self._count_dropped)
         kb.follow(self.url)
         kb.blobs.fetch = self._fetch
 

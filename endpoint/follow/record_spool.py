@@ -22,9 +22,12 @@ from rtask.kb.commit.access import Access
 from rtask.kb.feed.outage import Outage
 from rtask.rdf.namespaces import uuid7
 
-__all__ = ["MAX_BYTES", "MAX_RECORDS", "RecordSpool"]
+__all__ = ["FILE", "MAX_BYTES", "MAX_RECORDS", "RecordSpool"]
 
 _log = logging.getLogger(__name__)
+FILE = "asked.db"
+"""Name of the queue in a follower's folder."""
+
 MAX_RECORDS = 10_000
 MAX_BYTES = 100 << 20
 _BATCH = 200
@@ -150,13 +153,28 @@ class RecordSpool:
                     self._changed.wait_for(lambda: self._is_closed, _RETRY_S)
                 continue
             self._outage.ended()
-            for record in refused:
-                _log.warning("the writer refused a record of a robot: %s", record.get("reason"))
-            if refused:
-                self._lost("refused", len(refused))
+            self._report(refused)
             with self._changed:
                 self._delete(rows)
                 self._changed.notify_all()
+
+    def send_all(self) -> None:
+        """Send everything in the calling thread, where no other thread was started.
+
+        Raises
+        ------
+        RtaskError
+            The records, from the first that was not taken on, stay for the next time.
+        """
+        while rows := self._rows(_BATCH):
+            self._report(self._send([json.loads(text) for _, text in rows]))
+            self._delete(rows)
+
+    def _report(self, refused: Sequence[Mapping[str, Any]]) -> None:
+        for record in refused:
+            _log.warning("a record of a robot was refused: %s", record.get("reason"))
+        if refused:
+            self._lost("refused", len(refused))
 
     def wait_until_sent(self, timeout_s: float) -> bool:
         """Wait until the writer has what is kept now, and return whether it does.

@@ -7,13 +7,15 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal, Protocol
 
 from endpoint.http.messages import Response
 from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 
 MAX_SHOWN_TEXT = 2_000
+
+Lane = Literal["loop", "point", "query", "work"]
 
 
 @dataclass(slots=True)
@@ -91,6 +93,63 @@ class Elsewhere:
     stop: Callable[[], object]
 
 
+class PlannedQuery(Protocol):
+    """The steps of a query on its way to an answer; :mod:`endpoint.lanes` draws the way."""
+
+    def run(self) -> Response:
+        """Answer among the long queries."""
+
+    def encode(self) -> bytes | None:
+        """Return the query as it is sent to a reader; None if a thread is to do the work."""
+
+    def whole(self, answer: Answer) -> Response:
+        """Return the response for a whole answer from a reader."""
+
+    def resume(self, stream: ReaderStream) -> Response:
+        """Answer from what a reader has begun to send; waits for the rest."""
+
+    def look_up(self) -> Response | None:
+        """Answer from the store in the calling thread at once; None if that is not possible."""
+
+    def keep(self, response: Response) -> None:
+        """Take the response, before it is sent, for the answer cache."""
+
+
+class Progress:
+    """Messages about work in progress, to be sent as events before its answer.
+
+    Parameters
+    ----------
+    request_id
+        Id of the request in its protocol.
+    """
+
+    def __init__(self, request_id: object = None) -> None:
+        self.request_id = request_id
+        self._lock = threading.Lock()
+        self._waiting: list[dict[str, Any]] = []
+        self._listener: Callable[[], None] | None = None
+
+    def add(self, message: dict[str, Any]) -> None:
+        """Append a message; may be called from any thread."""
+        with self._lock:
+            self._waiting.append(message)
+            listener = self._listener
+        if listener is not None:
+            listener()
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call back after each message from now on."""
+        with self._lock:
+            self._listener = listener
+
+    def drain(self) -> list[dict[str, Any]]:
+        """Return the messages since the last call."""
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+        return waiting
+
+
 @dataclass(slots=True)
 class Plan:
     """A request that was understood; running it does the work.
@@ -108,35 +167,23 @@ class Plan:
         Of SPARQL requests, for the log.
     running
         The query to list, and to stop on request, while it runs.
-    again
-        Does the work in the lane ``query`` if it turns out not to be quick.
-    encode
-        For the lane ``point`` on an event loop: returns the query as it is sent to a reader, or
-        none if a thread is to do the work.
-    whole, resume
-        Return the response for an answer that came as a whole, and for a long one that has begun
-        to arrive; the latter waits.
-    look_up
-        Answers a look-up in the calling thread, if no reader is free at once; or returns none.
-    keep
-        Is given the response before it is sent, for the answer cache.
+    query
+        The query, if it is one: how it is answered in each of its lanes.
     elsewhere
         The work, if threads of its own do it.
+    progress
+        What is sent as events before the answer, where the client asked for that.
     """
 
     run: Callable[[], Response]
     timeout_s: float | None = None
-    lane: str = "work"
+    lane: Lane = "work"
     form: str = ""
     text: str = ""
     running: RunningQuery | None = None
-    again: Callable[[], Response] | None = None
-    encode: Callable[[], bytes | None] | None = None
-    whole: Callable[[Answer], Response] | None = None
-    resume: Callable[[ReaderStream], Response] | None = None
-    look_up: Callable[[], Response | None] | None = None
-    keep: Callable[[Response], None] | None = None
+    query: PlannedQuery | None = None
     elsewhere: Elsewhere | None = None
+    progress: Progress | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:

@@ -104,6 +104,9 @@ class Audit:
     def close(self) -> None:
         """Close the file."""
         with self._lock:
-            if self._file is not None:
-                self._file.close()
-                self._file = None
+            file, self._file = self._file, None
+            try:
+                if file is not None:
+                    file.close()
+            except OSError as error:
+                _log.error("the end of the audit trail cannot be written: %s", error)

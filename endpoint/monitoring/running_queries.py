@@ -36,25 +36,18 @@ class RunningQueries:
         RefusedError
             503 if as many queries run and wait as may.
         """
-        if not self.try_begin(query):
-            raise RefusedError(
-                503,
-                "busy",
-                f"{self.allowed} queries are running and as many are waiting; try again",
-                headers=(("Retry-After", "1"),),
-            )
-        return lambda: self.end(query)
-
-    def try_begin(self, query: RunningQuery) -> bool:
-        """Register a query if there is room; call :meth:`end` when it has ended."""
         with self._lock:
             if len(self._running) >= 2 * self.allowed:
-                return False
+                raise RefusedError(
+                    503,
+                    "busy",
+                    f"{self.allowed} queries are running and as many are waiting; try again",
+                    headers=(("Retry-After", "1"),),
+                )
             self._running[id(query)] = query
-            return True
+        return lambda: self._end(query)
 
-    def end(self, query: RunningQuery) -> None:
-        """Forget a query that has ended."""
+    def _end(self, query: RunningQuery) -> None:
         with self._lock:
             self._running.pop(id(query), None)
 
@@ -92,11 +85,6 @@ class RunningQueries:
         """Tell whether threads of abandoned queries are still running."""
         return any(not work.done() for work in self._abandoned)
 
-    @property
-    def has_room(self) -> bool:
-        """Whether few enough abandoned queries are still running."""
-        return len(self._abandoned) < MAX_ABANDONED
-
     def check_room(self) -> None:
         """Refuse a query while too many abandoned ones are still running.
 
@@ -105,7 +93,7 @@ class RunningQueries:
         RefusedError
             503, with the time to wait.
         """
-        if not self.has_room:
+        if len(self._abandoned) >= MAX_ABANDONED:
             raise RefusedError(
                 503,
                 "busy",

@@ -85,12 +85,27 @@ class Progress:
 
 @dataclass(frozen=True)
 class Action:
-    """An action of the server."""
+    """An action of the server.
+
+    Parameters
+    ----------
+    name
+        With the leading slash.
+    type
+        ROS name of its type.
+    scope
+        Scope that a caller needs.
+    handler
+        Takes the arguments, the caller's rights and where to report progress.
+    at_copy
+        Whether a follower carries it out too, from its copy of the graph.
+    """
 
     name: str
     type: str
     scope: str
     handler: Callable[[JsonObject, Access, Progress], JsonObject]
+    at_copy: bool = False
 
 
 @dataclass
@@ -184,6 +199,11 @@ class Actions:
     def names(self) -> list[str]:
         """Return the names of all actions, sorted."""
         return sorted({*self._offered, *(provider.name for provider in self.providers.listing())})
+
+    def is_at_copy(self, name: str) -> bool:
+        """Return whether a follower carries an action out itself; not one that it does not have."""
+        action = self._offered.get("/" + name.lstrip("/"))
+        return action is not None and action.at_copy
 
     def send(self, peer: Peer, access: Access, message: JsonObject, name: str) -> None:
         """Accept a goal; errors become its result."""
@@ -353,7 +373,8 @@ class Actions:
 
 def plan_grasps_action(engine: Engine) -> list[Action]:
     """Return the action `/rtask/plan_grasps`, if the engine can recognise objects."""
-    if "recognise_for_grasp" not in engine.operations:
+    recognise = engine.operations.get("recognise_for_grasp")
+    if recognise is None:
         return []
 
     def plan(args: JsonObject, access: Access, progress: Progress) -> JsonObject:
@@ -374,7 +395,9 @@ def plan_grasps_action(engine: Engine) -> list[Action]:
             "seconds": round(time.monotonic() - started, 6),
         }
 
-    return [Action("/rtask/plan_grasps", "rtask/PlanGrasps", "read", plan)]
+    return [
+        Action("/rtask/plan_grasps", "rtask/PlanGrasps", "read", plan, recognise.effect != "writes")
+    ]
 
 
 def _check_samples(samples: Any) -> None:

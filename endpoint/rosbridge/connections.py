@@ -137,13 +137,13 @@ class Connection:
         self._transmit = transmit
         self._outbox = Outbox(asyncio.get_running_loop())
         self._session = Session(bridge, self._outbox.put, caller.access)
-        self._engine = bridge.engine
+        self._bridge = bridge
         self._upstream: Upstream | None = None
         self._closing = False
 
     def pass_on(self, following: Following, request: Request) -> None:
         """From now on, pass what does not only read to the server that is followed."""
-        self._upstream = Upstream(following, self._engine, request, self._deliver, self.close)
+        self._upstream = Upstream(following, self._bridge, request, self._deliver, self.close)
 
     def link(self) -> Link:
         """Return what others see of the connection, and how they close it."""

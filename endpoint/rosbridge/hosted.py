@@ -44,6 +44,7 @@ def hosted_service(host: ServiceHost, definition: Definition, method: Method) ->
     return Service(
         ros_service(definition.name, method.name), ros_type(definition, method), method.scope,
         handler, request=method.request, answer=method.answer, prepare=prepare,
+        at_copy=is_at_copy(definition, method),
     )  # fmt: skip
 
 
@@ -85,9 +86,19 @@ def hosted_actions(host: ServiceHost | None) -> list[Action]:
             return task.result().as_json()
 
         name, type_ = ros_service(definition.name, method.name), ros_type(definition, method)
-        return Action(name, type_, method.scope, handler)
+        return Action(name, type_, method.scope, handler, is_at_copy(definition, method))
 
     return [of(definition, method) for definition, method in _methods(host)]
+
+
+def is_at_copy(definition: Definition, method: Method) -> bool:
+    """Return whether a follower carries a method out itself.
+
+    It does not where the method writes, or needs something that only the writer has: datasets, or
+    the workers of a service.
+    """
+    has_datasets = any(resource.type == "binary" for resource in definition.resources.values())
+    return method.effect != "writes" and not has_datasets and definition.executor != "outward"
 
 
 def _methods(host: ServiceHost) -> Iterator[tuple[Definition, Method]]:

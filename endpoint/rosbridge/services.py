@@ -88,6 +88,8 @@ class Service:
         ended; used in place of ``handler`` where there is one.
     positional
         Names of the arguments in order, for callers that send a list, where none is declared.
+    at_copy
+        Whether a follower answers it too, from its copy of the graph.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Service:
     answer: AnswerClass | None = None
     prepare: Callable[[JsonObject, Access, float], Prepared] | None = None
     positional: tuple[str, ...] = ()
+    at_copy: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -121,6 +124,11 @@ class ServiceTable:
 
     def __init__(self, services: list[Service]) -> None:
         self._services = {service.name: service for service in services}
+
+    def is_at_copy(self, name: str) -> bool:
+        """Return whether a follower answers a service itself; not one that it does not have."""
+        service = self._services.get("/" + name.lstrip("/"))
+        return service is not None and service.at_copy
 
     def add(self, service: Service) -> None:
         """Add a service."""
@@ -178,6 +186,7 @@ def engine_services(engine: Engine) -> list[Service]:
             handler(name),
             request=operation.request,
             answer=operation.answer,
+            at_copy=operation.effect != "writes",
         )
         for name, operation in engine.operations.items()
     ]

@@ -52,7 +52,7 @@ MAX_ANSWER_BYTES = 64 << 20
 CALL_S = 60.0
 LEVELS = ("none", "error", "warning", "info")
 SERVICES = "/services/"
-_CANCEL_ALL = "/_action/cancel_goal"
+CANCEL_ALL = "/_action/cancel_goal"
 _numbers = itertools.count(1)
 
 
@@ -238,9 +238,9 @@ class Session:
         try:
             if not isinstance(name, str):
                 raise UsageError("service: expected a string")
-            if message.get("id") is None and name.endswith(_CANCEL_ALL):
+            if message.get("id") is None and name.endswith(CANCEL_ALL):
                 # roslib cancels all goals this way, and logs an error for each answer to it.
-                self.bridge.actions.cancel(self, "/" + name.removesuffix(_CANCEL_ALL).lstrip("/"))
+                self.bridge.actions.cancel(self, "/" + name.removesuffix(CANCEL_ALL).lstrip("/"))
                 return
             packing = Packing.from_message(message)
             provider = self.bridge.providers.find("/" + name.lstrip("/"))

@@ -1,7 +1,7 @@
 """A robot's second connection, from a follower to the writer.
 
-What reads the graph, and what records that it was asked, is answered by the follower, near the
-robot. Everything else goes on to the writer as it came: writes, topics, actions, and services that
+Services and actions that read the graph, or record that they were asked, are answered by the
+follower, near the robot. Everything else goes on to the writer as it came: writes, topics, and what
 robots and workers offer. So robots hear each other wherever they are connected.
 """
 
@@ -19,7 +19,7 @@ from endpoint.http.messages import Request
 from endpoint.http.websocket import SERVICE_RESTART
 from endpoint.rosbridge.messages import JsonObject, encode, parse, service_response, with_id
 from endpoint.rosbridge.packing import Frame
-from endpoint.rosbridge.services import Engine
+from endpoint.rosbridge.session import CANCEL_ALL, Bridge
 from rtask.errors import UsageError
 
 __all__ = ["Upstream"]
@@ -37,8 +37,8 @@ class Upstream:
     ----------
     following
         The writer.
-    engine
-        Its operations that only read are answered here.
+    bridge
+        Its services and actions that do not write are answered here.
     request
         The robot's handshake, whose token is shown to the writer, too.
     deliver
@@ -50,17 +50,13 @@ class Upstream:
     def __init__(
         self,
         following: Following,
-        engine: Engine,
+        bridge: Bridge,
         request: Request,
         deliver: Callable[[Frame], Awaitable[None]],
         end: Callable[[int, str], Awaitable[None]],
     ) -> None:
         self._following = following
-        self._here = {
-            f"rtask/{name}"
-            for name, operation in engine.operations.items()
-            if operation.effect != "writes"
-        }
+        self._bridge = bridge
         token = request.headers.get("authorization")
         self._headers = {} if token is None else {"Authorization": token}
         self._deliver = deliver
@@ -101,9 +97,14 @@ class Upstream:
         except UsageError:
             return True  # the session says what is wrong with it
         op = message.get("op")
+        if op in ("send_action_goal", "cancel_action_goal"):
+            return self._bridge.actions.is_at_copy(str(message.get("action")))
         if op != "call_service":
             return not isinstance(op, str) or op in _HERE
-        return str(message.get("service")).lstrip("/") in self._here
+        name = str(message.get("service"))
+        if name.endswith(CANCEL_ALL):
+            return self._bridge.actions.is_at_copy(name.removesuffix(CANCEL_ALL))
+        return self._bridge.services.is_at_copy(name)
 
     async def _run(self) -> None:
         """Connect, and pass frames both ways until one side leaves."""

@@ -119,16 +119,17 @@ def plan_query(
     running = RunningQuery(request.id, caller.key, caller.name, query.text, timeout_s)
     deadline = running.started + timeout_s
     question = Question(query, media_type, wants_gzip(request), headers, running, deadline)
-    planned = _PlannedQuery(question, lookup, timeout_s, config, asked)
     if query.as_of:
-        planned.require_local()
-        run = partial(planned.run_past, parse_as_of(query.as_of))
+        past = _Query(question, lookup, None, timeout_s, config, asked)
+        past.require_local()
+        run = partial(past.run_past, parse_as_of(query.as_of))
         return Plan(run, timeout_s + GRACE_S, "query", form, query.text, running)
     keep = None
     if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
         keep = asked.cache.keeper(request, caller.access, form, query.text, etag)
+    planned = _Query(question, lookup, keep, timeout_s, config, asked)
     if lookup and asked.lookups.in_memory and (response := planned.look_up()) is not None:
-        return Plan(lambda: response, None, "loop", form, query.text, keep=keep)
+        return Plan(lambda: response, None, "loop", form, query.text, query=planned)
     is_point = lookup or is_quick(query.text)
     return Plan(
         planned.run_point if is_point else planned.run,
@@ -137,25 +138,30 @@ def plan_query(
         form,
         query.text,
         running,
-        planned.run,
-        planned.encode,
-        planned.whole,
-        planned.resume,
-        planned.look_up,
-        keep,
+        planned,
     )
 
 
-class _PlannedQuery:
-    """The ways to answer one query; its reader is killed at the deadline."""
+class _Query:
+    """The steps of one query, as :mod:`endpoint.lanes` takes them.
 
-    __slots__ = ("_asked", "_config", "_lookup", "_question", "_timeout_s")
+    Its reader is killed at the deadline.
+    """
+
+    __slots__ = ("_asked", "_config", "_keep", "_lookup", "_question", "_timeout_s")
 
     def __init__(
-        self, question: Question, lookup: bool, timeout_s: float, config: Config, asked: Asked
+        self,
+        question: Question,
+        lookup: bool,
+        keep: Callable[[Response], None] | None,
+        timeout_s: float,
+        config: Config,
+        asked: Asked,
     ) -> None:
         self._question = question
         self._lookup = lookup
+        self._keep = keep
         self._timeout_s = timeout_s
         self._config = config
         self._asked = asked
@@ -200,6 +206,11 @@ class _PlannedQuery:
         if not self._lookup or not query.inferred or query.default_graphs or query.named_graphs:
             return None
         return self._asked.lookups.try_now(self._question)
+
+    def keep(self, response: Response) -> None:
+        """Take the response, before it is sent, for the answer cache."""
+        if self._keep is not None:
+            self._keep(response)
 
     def _guarded(self, work: Callable[[], Response]) -> Response:
         try:

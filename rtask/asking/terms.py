@@ -1,8 +1,9 @@
 """Terms as people paste them: every form that a command, a page or an error prints is read here.
 
 A term is ``<IRI>``, a full IRI, a prefixed name (slashes allowed, ``kb:`` for the base of the
-graph), either of these with the label that is printed behind it, a name in quotes, or a literal as
-in Turtle. What is left over after a term is an error that shows it.
+graph), either of these with the label that is printed behind it, a name, or a literal as in Turtle.
+A name needs quotes only where a literal could stand as well. What is left over after a term is an
+error that shows it.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ _STRING = re.compile(
 _SUFFIX = re.compile(r"@[A-Za-z]+(?:-[A-Za-z0-9]+)*|\^\^(?:<[^>\s]*>|\S+)")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|true|false")
 _PREFIXED = re.compile(r"([A-Za-z][\w.\-]*|):(\S*)")
+_BARE_NAME = re.compile(r"[^\W_][^:<>\"'\[\](){}]*")
 _ESCAPED = re.compile(r"\\([_~.\-!$&'()*+,;=/?#@%])")
 _SCHEMES = ("urn", "mailto", "tag", "file", "data", "did", "info", "doi")
 _LANGUAGES = (None, "en", "de", "fr", "es", "it", "nl")
@@ -95,7 +97,7 @@ class Reader:
         object.__setattr__(self, "prefixes", {**ontology.PREFIXES, **own})
 
     def statement(self, subject: str, predicate: str, value: str) -> TripleKey:
-        """Return a statement; a value in quotes is a name where the property relates things.
+        """Return a statement; a value without prefix is a name where the property relates things.
 
         Raises
         ------
@@ -110,14 +112,8 @@ class Reader:
         about = self.term(subject, "subject")
         if not isinstance(about, NamedNode):
             raise UsageError(f"the subject is an IRI or a name in quotes, not {subject!r}")
-        object_term = self.term(value)
-        if (
-            isinstance(object_term, Literal)
-            and _is_plain(object_term)
-            and self._takes_resources(predicate_term)
-        ):
-            object_term = self.thing(object_term.value)
-        return about, predicate_term, stored(object_term)
+        role: Role = "subject" if self._takes_resources(predicate_term) else "object"
+        return about, predicate_term, stored(self.term(value, role))
 
     def _takes_resources(self, predicate: NamedNode) -> bool:
         return predicate == RDF_TYPE or self.takes_resources(predicate)
@@ -143,6 +139,9 @@ class Reader:
         text = text.strip()
         if role == "predicate" and text == "a":
             return RDF_TYPE
+        # A shell takes the quotes of a name away before a command sees it.
+        if role == "subject" and _BARE_NAME.fullmatch(text) and self.named(text):
+            return self.thing(text)
         term_read, end = self._read(text)
         rest = text[end:].strip()
         if rest and not (isinstance(term_read, NamedNode) and self._is_label(rest, term_read)):

@@ -39,6 +39,7 @@ _BUILT_IN = {
     "history": "rtask.cli.contents:history",
     "learn": "rtask.cli.grasping.learning:learn",
     "load": "rtask.cli.load:load",
+    "mcp": "rtask.cli.agents:mcp",
     "model": "rtask.cli.ontology:model",
     "objects": "rtask.cli.objects:objects",
     "ontology": "rtask.cli.ontology:ontology",
@@ -71,7 +72,7 @@ _SECTIONS = {
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),
-    "Robots and services": ("robot", "ros", "service", "dataset"),
+    "Robots and services": ("robot", "ros", "service", "dataset", "mcp"),
     "Look after": (
         "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
         "rebuild", "backup", "restore", "promote", "proposals", "help",

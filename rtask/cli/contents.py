@@ -15,8 +15,10 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
 from rtask.cli.progress import Working
 from rtask.errors import UsageError
@@ -72,6 +74,7 @@ def _stats_of_server(data: Path, server: str) -> dict[str, Any]:
 @click.option("--from", "start", help="Only commits at this time (ISO 8601) or later.")
 @click.option("--until", "end", help="Only commits before this time.")
 @click.option("--statements", "-s", is_flag=True, help="List the statements of each commit.")
+@listing_option
 @json_option
 def history(
     subject: str | None,
@@ -83,9 +86,10 @@ def history(
     start: str | None,
     end: str | None,
     statements: bool,
+    limit: int | None,
     as_json: bool,
 ) -> None:
-    """List commits: who wrote or withdrew what, and when.
+    """List commits: who wrote or withdrew what, and when; with --limit the latest.
 
     With SUBJECT, only commits about it. Exit code 1 if there are none.
     """
@@ -98,6 +102,7 @@ def history(
         entries = kb.history(
             about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
+    entries = shown_rows(entries, limit, as_json, newest=True)
     if as_json:
         print_json([_entry_row(entry, statements) for entry in entries])
     else:

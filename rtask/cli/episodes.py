@@ -14,8 +14,10 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
 from rtask.cli.progress import Working
 from rtask.errors import UsageError
@@ -51,13 +53,17 @@ _since = click.option(
 @data_option
 @agent_option("Only those of this robot.")
 @_since
+@listing_option
 @json_option
-def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_json: bool) -> None:
+def list_episodes(
+    data: Path, agent: str | None, since: dt.datetime | None, limit: int | None, as_json: bool
+) -> None:
     """List attempts: when, who, with what, and what the robot judged."""
     from rtask.interop.episodes.episode import episodes_of
 
     with open_to_read(data) as kb:
         recorded = episodes_of(kb, robot=agent, since=since)
+    recorded = shown_rows(recorded, limit, as_json, newest=True)
     if as_json:
         print_json([episode.to_json() for episode in recorded])
     for episode in [] if as_json else recorded:

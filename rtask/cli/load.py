@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from rtask.cli.options import data_option, json_option, print_json, shapes_option
+from rtask.cli.options import (
+    announce_undo,
+    data_option,
+    json_option,
+    print_json,
+    shapes_option,
+)
 from rtask.cli.progress import LoadProgress
+
+if TYPE_CHECKING:
+    from rtask.knowledge_base import KnowledgeBase
+    from rtask.loader.report import LoadReport
 
 
 @click.command()
@@ -82,6 +93,7 @@ def load(
     if shapes and validate == "off":
         validate = "refuse"
     with rtask.open(data, reason=not no_reason, validate=validate, shapes=shapes) as kb:
+        before = {str(graph) for graph in kb.store.named_graphs()}
         for source in sources:
             report = kb.load(
                 source,
@@ -115,5 +127,23 @@ def load(
                 click.echo(f"unknown term: {name}", err=True)
             for text in report.warnings:
                 click.echo(f"warning: {text}", err=True)
+        if not as_json and not dry_run:
+            _announce_undo(kb, reports, before)
     if as_json:
         print_json([report.to_dict() for report in reports])
+
+
+def _announce_undo(kb: KnowledgeBase, reports: list[LoadReport], before: set[str]) -> None:
+    """Print how to remove the graphs that were not there before; others had statements already."""
+    from rtask.rdf.namespaces import RDF
+    from rtask.rdf.terms import iri
+
+    ontology_class = iri("http://www.w3.org/2002/07/owl#Ontology")
+    files = [file for report in reports for file in report.files if file.added and file.graph]
+    for graph in dict.fromkeys(file.graph for file in files):
+        if f"<{graph}>" in before:
+            continue
+        if kb.match(None, RDF.type, ontology_class, graph):
+            announce_undo("ontology", "unload", graph)
+        else:
+            announce_undo("update", f"DROP GRAPH <{graph}>")

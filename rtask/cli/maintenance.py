@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import open_to_change, open_to_read
-from rtask.cli.options import data_option, json_option, print_json, shapes_option
+from rtask.cli.options import (
+    data_option,
+    json_option,
+    listing_option,
+    print_json,
+    shapes_option,
+    shown_rows,
+)
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
 
@@ -235,8 +242,11 @@ def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
 @data_option
 @click.option("--release", "action", flag_value="release", help="Put them back into their graphs.")
 @click.option("--forget", "action", flag_value="forget", help="Delete them.")
+@listing_option
 @json_option
-def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json: bool) -> None:
+def quarantine(
+    records: tuple[str, ...], data: Path, action: str | None, limit: int | None, as_json: bool
+) -> None:
     """List statements that contradict the others; put them back, or delete them.
 
     A knowledge base that is opened with on_inconsistency="quarantine" sets such statements aside
@@ -258,6 +268,7 @@ def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json
             entry for entry in kb.quarantined() if not records or entry.node.value in records
         ]
     if as_json:
+        quarantined = shown_rows(quarantined, limit, as_json)
         print_json(
             [
                 {
@@ -275,6 +286,6 @@ def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json
             ]
         )
         return
-    for entry in quarantined:
+    for entry in shown_rows(quarantined, limit, as_json):
         click.echo(f"{entry.node.value}\n  {entry.quad}\n  {entry.reason}")
     click.echo(f"{len(quarantined)} in quarantine")

@@ -11,11 +11,14 @@ import click
 from rtask.cli.connection import connection, open_graph, open_to_read
 from rtask.cli.options import (
     agent_option,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
 from rtask.cli.things import resolve_object
 
@@ -53,19 +56,20 @@ def objects() -> None:
 @objects.command("list")
 @data_option
 @server_option
+@listing_option
 @json_option
-def list_(data: Path, server: str | None, as_json: bool) -> None:
+def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """List the known objects, with the numbers of their views and grasps."""
     from rtask.rdf.namespaces import PREFIXES
 
     with open_graph(data, server) as kb:
-        rows = kb.select(PREFIXES + _OBJECTS).to_dicts()
+        rows = shown_rows(kb.select(PREFIXES + _OBJECTS).to_dicts(), limit, as_json)
     if as_json:
         print_json(rows)
     for row in [] if as_json else rows:
         kind = f" ({row['kind']})" if row["kind"] else ""
         counts = f"{row['views']:4d} views  {row['grasps']:4d} grasps"
-        click.echo(f"{counts}  {row['name']}{kind}  {row['object']}")
+        click.echo(f"{counts}  {row['name'] or '-'}{kind}  {row['object']}")
     exit_if_empty(rows, "no objects yet; `rtask teach` shows one")
 
 
@@ -265,6 +269,12 @@ def _carry_out(
         click.echo(
             f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip()
         )
+        if given.get("purge"):
+            click.echo("this cannot be undone: what --purge deletes is gone", err=True)
+        else:
+            announce_undo("objects", "undo", done["commit"])
     else:
         (named,) = done["objects"]
         click.echo(f"{done['commit'] or 'known already'}: {named['label']} {named['object']}")
+        if done["commit"]:
+            announce_undo("objects", "undo", done["commit"])

@@ -9,6 +9,7 @@ import click
 
 from rtask.cli.connection import open_graph, open_to_change
 from rtask.cli.options import (
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
@@ -135,6 +136,11 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
     for term, count in unloaded.used.items():
         click.echo(f"{count} statements use {term}")
     click.echo(f"{'would remove' if dry_run else 'removed'} {unloaded.statements} statements")
+    if not dry_run:
+        from rtask.loader.catalogue import OntologyCatalogue
+
+        is_bundled = OntologyCatalogue().find(unloaded.ontology) is not None
+        announce_undo("load", unloaded.ontology if is_bundled else "ITS-FILE")
 
 
 @ontology.command()

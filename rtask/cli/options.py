@@ -3,29 +3,37 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 __all__ = [
     "agent_option",
+    "announce_undo",
     "budget_option",
     "data_option",
     "exit_if_empty",
     "exit_undecided",
     "json_option",
     "limit_option",
+    "listing_option",
     "prefixes",
     "print_json",
     "read_text",
     "resource",
     "server_option",
+    "shown_rows",
     "term",
 ]
 
+
+Row = TypeVar("Row")
+_LINES = 100
 
 data_option = click.option(
     "--data",
@@ -69,6 +77,45 @@ def limit_option(default: int, help: str) -> Callable[..., Any]:
     return click.option(
         "--limit", "-n", type=click.IntRange(min=1), default=default, show_default=True, help=help
     )
+
+
+listing_option = click.option(
+    "--limit",
+    "-n",
+    type=click.IntRange(min=1),
+    help="Largest number of lines; says how many are left out.  [default: 100; with --json all]",
+)
+
+
+def shown_rows(
+    rows: Sequence[Row], limit: int | None, as_json: bool, *, newest: bool = False
+) -> list[Row]:
+    """Return what of a listing is printed, and say on standard error what is left out.
+
+    Parameters
+    ----------
+    limit
+        Value of `listing_option`.
+    newest
+        Whether the last rows are shown instead of the first.
+    """
+    bound = limit if limit is not None or as_json else _LINES
+    if bound is None or len(rows) <= bound:
+        return list(rows)
+    which = "earlier" if newest else "more"
+    click.echo(f"{len(rows) - bound} {which} left out: --limit {len(rows)} lists all", err=True)
+    return list(rows[-bound:] if newest else rows[:bound])
+
+
+def announce_undo(*command: str) -> None:
+    """Print, on standard error, the command that undoes a change, for the same graph or server."""
+    context = click.get_current_context()
+    where: list[str] = []
+    for name in ("data", "server"):
+        value = context.params.get(name)
+        if value and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            where += [f"--{name}", str(value)]
+    click.echo(f"undo: rtask {shlex.join([*command, *where])}", err=True)
 
 
 def exit_undecided(answer: object) -> None:

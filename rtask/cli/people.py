@@ -10,12 +10,15 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import (
     agent_option,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
     limit_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
 from rtask.errors import UsageError
 
@@ -140,8 +143,11 @@ def contributors() -> None:
 @click.argument("name", required=False)
 @data_option
 @server_option
+@listing_option
 @json_option
-def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> None:
+def list_(
+    name: str | None, data: Path, server: str | None, limit: int | None, as_json: bool
+) -> None:
     """List robots by how truthfully they report, the least first; NAME restricts it to one.
 
     Robots that try the same grasp of the same object with the same kind of hand should find the
@@ -150,6 +156,7 @@ def list_(name: str | None, data: Path, server: str | None, as_json: bool) -> No
     request: dict[str, Any] = {} if name is None else {"contributor": name}
     with connection(data, server) as client:
         compared = client.compare_contributors(**request)["contributors"]
+    compared = shown_rows(compared, limit, as_json)
     if as_json:
         print_json(compared)
     else:
@@ -185,4 +192,4 @@ def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_js
         f"{done['objects']} objects withdrawn; {done['kept']} objects stay, because others build "
         f"on them; {done['grasps']} grasps have a new belief"
     )
-    click.echo(f"to undo it: rtask objects undo {done['commit']}")
+    announce_undo("objects", "undo", done["commit"])

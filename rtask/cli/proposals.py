@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import open_to_change, open_to_read
-from rtask.cli.options import data_option, exit_if_empty, json_option, print_json
+from rtask.cli.options import (
+    data_option,
+    exit_if_empty,
+    json_option,
+    listing_option,
+    print_json,
+    shown_rows,
+)
 
 if TYPE_CHECKING:
     from rtask.kb.proposals.proposal import Proposal
@@ -25,21 +32,27 @@ def proposals() -> None:
 @data_option
 @click.option("--state", type=click.Choice(_STATES), help="Only those in this state.")
 @click.option("--author", metavar="NAME", help="Only those of this robot or person.")
+@listing_option
 @json_option
-def list_command(data: Path, state: str | None, author: str | None, as_json: bool) -> None:
+def list_command(
+    data: Path, state: str | None, author: str | None, limit: int | None, as_json: bool
+) -> None:
     """List proposals, the oldest first.
 
     Exit code 1 if there is none.
     """
     with open_to_read(data) as kb:
-        found = [
-            one for one in kb.proposals.find(author=author) if state is None or one.state == state
+        matching = [
+            proposal
+            for proposal in kb.proposals.find(author=author)
+            if state is None or proposal.state == state
         ]
+    matching = shown_rows(matching, limit, as_json)
     if as_json:
-        print_json([one.to_dict() for one in found])
-    for one in () if as_json else found:
-        click.echo(_line(one))
-    exit_if_empty(found)
+        print_json([proposal.to_dict() for proposal in matching])
+    for proposal in () if as_json else matching:
+        click.echo(_line(proposal))
+    exit_if_empty(matching)
 
 
 @proposals.command()

@@ -10,11 +10,14 @@ import click
 from rtask.cli.connection import open_to_change, open_to_read, reasoner_of
 from rtask.cli.options import (
     agent_option,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
 from rtask.cli.progress import announce_compilation
 
@@ -87,6 +90,8 @@ def add(
         print_json({"rules": [rule.label for rule in parsed], **facts})
     elif facts["changed"]:
         click.echo(f"{_counted(len(new))} added, {facts['derived']} statements derived")
+        if not replace:
+            announce_undo("rules", "remove", *(rule.label for rule in new))
     else:
         click.echo("nothing new: these rules are there already")
 
@@ -94,10 +99,11 @@ def add(
 @rules.command("list")
 @data_option
 @server_option
+@listing_option
 @json_option
-def list_rules(data: Path, server: str | None, as_json: bool) -> None:
+def list_rules(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """List the rules of the user with author and date."""
-    stored = _present(data, server)
+    stored = shown_rows(_present(data, server), limit, as_json)
     if as_json:
         print_json([rule.to_dict() for rule in stored])
     else:

@@ -102,7 +102,9 @@ class Engine:
     ) -> None:
         if kb.plain:
             raise UnsupportedError("a plain knowledge base has no ontology for the engine")
-        folder = kb.folder / "index" if index_dir is None and kb.folder else index_dir
+        folder = index_dir
+        if folder is None and kb.folder is not None and not kb.refuses_writes:
+            folder = kb.folder / "index"
         network = embedder or os.environ.get("RTASK_EMBEDDER")
         self.context = Context(
             kb, None if folder is None else Path(folder), policy or Policy(),

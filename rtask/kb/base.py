@@ -120,6 +120,11 @@ class GraphBase:
         return self.settings.epoch
 
     @property
+    def refuses_writes(self) -> bool:
+        """Whether nothing may be written in its folder, because its disk is full."""
+        return self._writer.refusal is not None
+
+    @property
     def reasons(self) -> bool:
         """Whether the reasoner runs on each commit."""
         return self._inference is not None

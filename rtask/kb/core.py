@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rtask.errors import RemoteError
+from rtask.errors import RemoteError, RtaskError
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import ValidationReport
 from rtask.kb.durability.journal import JournalFile, Record
@@ -148,6 +148,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
 
     def backup(self, target: Path | str, *, blobs: bool = True) -> dict[str, Any]:
         """Copy to a new folder; see :func:`rtask.kb.maintenance.backup.backup`."""
+        self._writer.require_no_refusal()
         return backup(self._files, self._writer, Path(target), blobs)
 
     def journal_tail(self, after: int) -> JournalTail:
@@ -165,8 +166,16 @@ class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
 
     def publish(self, **facts: Any) -> None:
         """Add facts to the lock file for other processes, e.g. the ``url`` serving the folder."""
-        if self._files.lock is not None:
+        if self._files.lock is None:
+            return
+        try:
             self._files.lock.publish(**facts)
+        except OSError as error:  # a full disk; without the facts others only find less
+            _log.warning("%s is not told to other processes: %s", ", ".join(facts), error)
+
+    def refuse_writes(self, reason: RtaskError) -> None:
+        """Give a reason to those that try to write what is open for reading only."""
+        self._writer.refusal = reason
 
     def checkpoint(self) -> None:
         """Force the store to disk, so that opening need not replay the journal."""

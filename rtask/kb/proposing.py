@@ -1,4 +1,4 @@
-"""Methods for changes that wait for a decision: propose and adopt."""
+"""Methods for changes that wait for a decision: try, propose and adopt."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from pyoxigraph import Quad
 
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.commit import Commit
+from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.transaction import Transaction
 from rtask.kb.proposals.proposal import Proposal
+from rtask.kb.proposals.trial import Trial, try_change
 from rtask.kb.writing import Writing
+from rtask.rdf.terms import stored_quad
 
 __all__ = ["Proposing"]
 
@@ -48,6 +50,38 @@ class Proposing(Writing):
         """
         seq = self.seq if rests_on is None else rests_on
         return self.proposals.add(added, removed, author or "", seq, reason)
+
+    def try_change(
+        self,
+        added: Iterable[Quad],
+        removed: Iterable[Quad] = (),
+        *,
+        agent: str | None = None,
+        access: Access | None = None,
+    ) -> Trial:
+        """Return what a change would do, with reasoning and shapes, and store nothing.
+
+        Parameters
+        ----------
+        added, removed
+            Statements to assert and to withdraw, each with its graph.
+        agent, access
+            With whose rights; by default those of the program that opened the knowledge base.
+
+        Raises
+        ------
+        RtaskError
+            As :meth:`update`, where the change would be refused.
+        """
+        rights = self.access(agent, access)
+        overlay = self._writer.begin()
+        try:
+            for quad in removed:
+                overlay.remove(stored_quad(quad))
+            overlay.add_all(map(stored_quad, added))
+            return try_change(self._writer.committer, overlay, Request(rights))
+        finally:
+            self._writer.cancel()
 
     def adopt(self, number: int, *, access: Access | None = None) -> Commit:
         """Carry a proposal out as one commit, checked against what holds now.

@@ -30,7 +30,7 @@ class Writing(Searching):
         A named agent has a robot's rights unless ``access`` grants others. Without a name, the
         caller is the program that opened the knowledge base, which is an admin.
         """
-        rights = access or (Access(agent, "robot") if agent else Access())
+        rights = access or (Access(agent, "robot", of_owner=True) if agent else Access())
         return rights.bind(self.graphs, self.catalogue.is_ontology, self.plain)
 
     def may_write(self, agent: str | None, graph: NamedNode | str) -> bool:

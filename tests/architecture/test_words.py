@@ -15,7 +15,7 @@ VAGUE = frozenset(
 # Upper bounds on vague words per 1,000 names; lower them as the rooms improve.
 MOST = {
     "rtask": 4.0,
-    "endpoint": 1.0,
+    "endpoint": 2.0,
     "reasoner": 2.6,  # owl:Thing and owl:oneOf are OWL's own
     "grasp": 1.2,
     "features": 2.2,

@@ -60,7 +60,7 @@ def _grasp(number: int, theta: float, attempts: str) -> str:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     folder: Path = tmp_path_factory.mktemp("clouds") / "store"
-    with rtask.open(folder, base="urn:lab/") as kb, kb.transaction(agent="ann") as tx:
+    with rtask.open(folder, base="urn:lab/") as kb, kb.transaction(agent="1") as tx:
         blob = tx.blob(_ply(), "application/ply").value
         grasps = " ".join(
             _grasp(k, 0.5 * k, said) for k, said in enumerate(("+++", "+-", "--", ""), 1)

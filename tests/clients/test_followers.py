@@ -230,6 +230,11 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
             assert again["values"]["decision"]["refusal"], "it is answered, and waits on disk"
             waits = httpx.get(follower.url + "/metrics", headers=admin).text
             assert "rtask_follower_records_waiting 2" in waits
+            goal = {"op": "send_action_goal", "action": "/rtask/plan_grasps", "id": "goal"}
+            near.send(json.dumps({**goal, "args": {"gripper_id": "hand"}}))
+            ended = json.loads(near.recv(timeout=60))
+            assert ended["op"] == "action_result"
+            assert writer.url not in json.dumps(ended), "it is an action that does not write"
             assert _call(near, "/rtask/compare_contributors")["result"] is True
 
 

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.connection import connection
-from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    agent_option,
+    announce_undo,
+    data_option,
+    json_option,
+    print_json,
+    server_option,
+)
 from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.scene_file import View, camera_options, read_view
 from rtask.cli.perception.selecting import selection_options
@@ -90,6 +97,11 @@ def teach(
     what = "new" if entries[0]["new"] else "known"
     stored = sum(entry["stored"] for entry in entries)
     click.echo(f"{stored} view{'' if stored == 1 else 's'} of {name} ({what}): {target}")
+    if entries[0]["new"]:
+        announce_undo("objects", "forget", str(target))
+    elif stored:
+        taught = [entry["view"] for entry in entries if entry["stored"]]
+        announce_undo("objects", "forget", str(target), *taught)
 
 
 @dataclass(frozen=True)

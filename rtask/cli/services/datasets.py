@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import json_option, print_json
+from rtask.cli.options import (
+    json_option,
+    listing_option,
+    print_json,
+    shown_rows,
+)
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,11 +53,12 @@ def _tell(as_json: bool, facts: Any, words: str) -> None:
 
 @dataset.command("list")
 @_server
+@listing_option
 @json_option
-def list_datasets(server: str, as_json: bool) -> None:
+def list_datasets(server: str, limit: int | None, as_json: bool) -> None:
     """List the datasets that may be read."""
     with _connected(server) as client:
-        names = client.names()
+        names = shown_rows(client.names(), limit, as_json)
     _tell(as_json, names, "\n".join(names))
 
 
@@ -85,14 +91,16 @@ def create(
 @dataset.command("show")
 @click.argument("name")
 @_server
+@listing_option
 @json_option
-def show(name: str, server: str, as_json: bool) -> None:
+def show(name: str, server: str, limit: int | None, as_json: bool) -> None:
     """List the files of a dataset: NAME, NAME@3 or NAME@head."""
     with _connected(server) as client:
         found = client.describe(name)
     versions = ", ".join(map(str, found["versions"])) or "none"
     rows = [f"{found['name']}  versions: {versions}  {found['message']}".rstrip()]
-    rows += [f"{size:12d}  /{path}" for path, (_, size) in found["files"].items()]
+    files = shown_rows(list(found["files"].items()), limit, as_json)
+    rows += [f"{size:12d}  /{path}" for path, (_, size) in files]
     _tell(as_json, found, "\n".join(rows))
 
 

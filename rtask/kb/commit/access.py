@@ -56,6 +56,8 @@ class Access:
         tokens included, as a follower does. ``deploy``: carry out calls of services, as a worker
         does. ``read:<IRI>``, for a ``reader`` only and with no other kind of right: read that named
         graph, and no graph for which it has no such right.
+    of_owner
+        Whether the program that opened the store acts in the agent's name, which it may do for any.
 
     Examples
     --------
@@ -72,6 +74,7 @@ class Access:
     graphs: Graphs | None = field(default=None, compare=False, repr=False)
     is_ontology: Callable[[GraphName], bool] | None = field(default=None, compare=False, repr=False)
     plain: bool = field(default=False, compare=False, repr=False)
+    of_owner: bool = field(default=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.role not in _ROLES:
@@ -190,6 +193,8 @@ class Access:
             Naming the statement and the agent.
         """
         named = quad.object
+        if self.of_owner:
+            return
         if quad.predicate.value not in _DONE_BY or not isinstance(named, NamedNode):
             return
         for folder in ("robot", "person"):

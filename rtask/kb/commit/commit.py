@@ -212,17 +212,7 @@ class Committer:
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
-        if self.interrupted:
-            raise StoreError("a write was interrupted; open the knowledge base again")
-        if self.store.is_stuck:
-            self.store.reopen()
-        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
-        self._check_version(request)
-        self._check_rights(change, request)
-        if not (request.trusted or self.plain):
-            require_schema(change, request.access, self.graphs, self.graphs.is_input)
-        if not request.trusted:
-            self._check_literals(change)
+        is_empty = self._check(change, request)
         if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
@@ -240,6 +230,30 @@ class Committer:
             if staged is not None:
                 staged.discard()
             raise
+
+    def rehearse(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None]:
+        """Return what would follow from a change, for the caller to discard; store nothing."""
+        if self._check(change, request):
+            return Derived(), None
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged, _ = self._derive(change, request)
+        return derived, staged
+
+    def _check(self, change: Overlay, request: Request) -> bool:
+        """Refuse what may not be written now; return whether the change is empty."""
+        if self.interrupted:
+            raise StoreError("a write was interrupted; open the knowledge base again")
+        if self.store.is_stuck:
+            self.store.reopen()
+        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
+        self._check_version(request)
+        self._check_rights(change, request)
+        if not (request.trusted or self.plain):
+            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+        if not request.trusted:
+            self._check_literals(change)
+        return is_empty
 
     def _check_version(self, request: Request) -> None:
         if request.if_version is not None and request.if_version != self.last_seq:

@@ -44,6 +44,8 @@ class Writer:
         ``None`` if such changes are not kept.
     follows
         Address of the process whose commits are taken in; nobody else may write then.
+    refusal
+        What is raised where the graph is open for reading only; ``None`` for the usual words.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Writer:
         self._closed = False
         self._aside: threading.Thread | None = None
         self.follows: str | None = None
+        self.refusal: RtaskError | None = None
         self._announcing = threading.RLock()
         self._unannounced: deque[Change] = deque()
         self._listeners: list[Listener] = []
@@ -85,12 +88,23 @@ class Writer:
         """End the derivation under way, whose commit is refused, and any later one that is long."""
         self.committer.stop.set()
 
+    def require_no_refusal(self) -> None:
+        """Raise the reason why nothing is written, if one was given."""
+        if self.refusal is not None:
+            raise self._refusal()
+
+    def _refusal(self) -> RtaskError:
+        reason = self.refusal
+        if reason is None:
+            return ClosedError("the knowledge base is closed or open for reading only")
+        return type(reason)(str(reason), **reason.details)  # each raised one has its own traceback
+
     def begin(self) -> Overlay:
         """Take the lock and return an empty change."""
         self._acquire()
         try:
             if self._closed:
-                raise ClosedError("the knowledge base is closed or open for reading only")
+                raise self._refusal()
             if self.follows is not None:
                 raise ForbiddenError(
                     f"this knowledge base follows {self.follows}; write there", operation="write"

@@ -23,7 +23,7 @@ from pyoxigraph import Store
 
 from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
-from rtask.kb.durability.disk_space import full_disk, means_full
+from rtask.kb.durability.disk_space import Reserve, full_disk, means_full
 from rtask.kb.durability.journal import JournalFile, KeptJournal, NoJournal
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.private_copy import PastCopy, PrivateCopy
@@ -140,6 +140,16 @@ def open_in_memory(settings: Settings) -> Files:
 
 def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     """Open a folder for writing; replay the journal if it was not closed properly."""
+    try:
+        return _open_for_writing(folder, settings, durable)
+    except BaseException as error:
+        if not means_full(error) or not Reserve(folder).give_back():
+            raise
+    _log.warning("the disk is full at %s: the reserve is used to open it", folder)
+    return _open_for_writing(folder, settings, durable)
+
+
+def _open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     lock = _lock(folder, shared=False)
     journal = JournalFile(folder / "journal", durable)
     try:

@@ -433,7 +433,7 @@ def test_a_missing_dataset_is_asked_for_in_the_words_of_the_callers_protocol(ser
     assert refused["detail"].endswith('give it as "$data": {"model": "<namespace>/<name>"}')
     params = {"name": "lab_Reader_read", "arguments": {}}
     message = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
-    told = http.post("/mcp", json=message).json()["result"]["content"][0]["text"]
+    told = http.post("/mcp/services", json=message).json()["result"]["content"][0]["text"]
     assert told.endswith('give it as "data_resources": {"model": "<namespace>/<name>"}')
     words = ["service", "call", "lab/Reader", "read", "--server", server.url]
     called = CliRunner().invoke(cli, words)
@@ -446,15 +446,15 @@ def test_a_missing_dataset_is_asked_for_in_the_words_of_the_callers_protocol(ser
 def test_an_agent_lists_tools_calls_one_and_reads_what_was_wrong(http):
     def ask(method: str, **params: Any) -> Any:
         message = {"jsonrpc": "2.0", "id": 7, "method": method, "params": params}
-        answer = http.post("/mcp", json=message).json()
+        answer = http.post("/mcp/services", json=message).json()
         assert (answer["jsonrpc"], answer["id"]) == ("2.0", 7)
         return answer
 
     greeted = ask("initialize", protocolVersion="2025-06-18", capabilities={}, clientInfo={})
     assert greeted["result"]["protocolVersion"] == "2025-06-18"
     note = {"jsonrpc": "2.0", "method": "notifications/initialized"}
-    assert http.post("/mcp", json=note).status_code == 202
-    assert http.get("/mcp").status_code == 405
+    assert http.post("/mcp/services", json=note).status_code == 202
+    assert http.get("/mcp/services").status_code == 405
     tools = {one["name"]: one for one in ask("tools/list")["result"]["tools"]}
     Draft202012Validator.check_schema(tools["lab_Arm_forward"]["inputSchema"])
     assert tools["lab_Arm_forward"]["inputSchema"]["required"] == ["joints"]

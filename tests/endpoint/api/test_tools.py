@@ -12,6 +12,7 @@ import pytest
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.tools import plan_tools
+from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.messages import Request
 from endpoint.http.plan import Plan
 from endpoint.settings import Config
@@ -59,9 +60,9 @@ def planned(host: ServiceHost, tool: str) -> Plan:
     """Return the plan of one call of a tool by a robot."""
     message = {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": tool}}
     headers = {"host": "localhost", "content-type": "application/json"}
-    request = Request("POST", "/mcp", "", headers, json.dumps(message).encode())
+    request = Request("POST", "/mcp/services", "", headers, json.dumps(message).encode())
     auth = Authenticator(TokenStore(None), Config())
-    return plan_tools(host, auth, request, Caller(Access("nao-1", "robot")))
+    return plan_tools(host, auth, request, Caller(Access("nao-1", "robot")), AgentCalls())
 
 
 def result(plan: Plan) -> dict[str, Any]:

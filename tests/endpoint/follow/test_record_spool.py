@@ -11,8 +11,8 @@ import pytest
 import rtask
 from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
-from endpoint.follow.asked_records import plan_asked_records
-from endpoint.follow.record_spool import RecordSpool
+from endpoint.follow.asked_records import plan_asked_records, store_waiting
+from endpoint.follow.record_spool import FILE, RecordSpool
 from endpoint.http.messages import Request
 from rtask.engine import Engine
 from rtask.errors import ForbiddenError
@@ -104,3 +104,25 @@ def test_a_writer_takes_records_and_names_those_that_it_refuses(engine):
 def test_only_a_follower_passes_records_on(engine):
     with pytest.raises(ForbiddenError, match="replicate"):
         post(engine, TokenStore(None), [], Caller(NAO))
+
+
+def test_what_waits_in_the_folder_of_a_promoted_follower_is_stored_once(tmp_path):
+    def away(records):
+        raise httpx.ConnectError("nobody there")
+
+    tokens = TokenStore(None)
+    _, token = tokens.create("robot", agent="nao-9")
+    tokens.revoke(token.id)
+    with rtask.open(tmp_path / "copy", reason=False, ontologies=False) as kb, Engine(kb) as made:
+        store_waiting(made, tokens)
+        assert not (kb.folder / FILE).exists(), "a server that never followed has no such file"
+        spool = RecordSpool(kb.folder / FILE, away)
+        spool.put(decision(7), NAO)
+        spool.put(decision(8), Access("nao-9", "robot"))
+        spool.close()
+        store_waiting(made, tokens)
+        assert made.context.decisions.get("t-7").seed == 7
+        assert made.context.decisions.get("t-8") is None, "its robot's token was revoked"
+        spool = RecordSpool(kb.folder / FILE, away)
+        assert spool.waiting == 0
+        spool.close()

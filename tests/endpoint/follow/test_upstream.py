@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
+import pytest
 from websockets.asyncio.server import ServerConnection, serve
 
 from endpoint.http.messages import Request
+from endpoint.rosbridge.session import Bridge
 from endpoint.rosbridge.upstream import Upstream
+from rtask.engine import Engine
+from rtask.services.offered import open_host
 from tests.sparql_servers import free_port
 
 
-class _Operation:
-    def __init__(self, effect: str) -> None:
-        self.effect = effect
+@pytest.fixture(scope="module", autouse=True)
+def bridge() -> Iterator[None]:
+    """Services and actions of a follower, by their declarations alone."""
+    global _bridge
+    with open_host() as host:
+        _bridge = Bridge(Engine, host=host)  # type: ignore[arg-type]
+        yield
+        _bridge.close()
 
 
-class _Engine:
-    operations: ClassVar = {
-        "recall_grasps": _Operation("reads"),
-        "recognise_for_grasp": _Operation("records"),
-        "insert_object": _Operation("writes"),
-    }
+_bridge: Bridge
 
 
 class _Following:
@@ -42,10 +47,14 @@ def _call(service: str) -> str:
     return json.dumps({"op": "call_service", "service": service, "id": "1"})
 
 
+def _goal(action: str) -> str:
+    return json.dumps({"op": "send_action_goal", "action": action, "id": "1"})
+
+
 def _upstream(following: _Following, deliver: Any, end: Any) -> Upstream:
     return Upstream(
         following,  # type: ignore[arg-type]
-        _Engine(),  # type: ignore[arg-type]
+        _bridge,
         Request("GET", "/", "", {}, b"", "", ""),
         deliver,
         end,
@@ -69,13 +78,24 @@ def test_reads_stay_here_and_wait_for_ones_own_writes() -> None:
 
             upstream = _upstream(following, came.put, _never)
             for here in (
-                _call("/rtask/recall_grasps"), '{"op": "search_object"}', "not JSON", '{"op": []}',
+                _call("/rtask/recall_grasps"), _call("/rtask/recognise_for_grasp"),
+                _call("/services/example/Grasping/plan"), _goal("/rtask/plan_grasps"),
+                _goal("/services/example/Grasping/plan"), '{"op": "search_object"}', "not JSON",
+                '{"op": []}', '{"op": "cancel_action_goal", "action": "rtask/plan_grasps"}',
+                _call("rtask/plan_grasps/_action/cancel_goal"),
             ):  # fmt: skip
-                assert not await upstream.take(here)
+                assert not await upstream.take(here), here
             assert following.waits == 0
             for name in ("insert_object", "teach_object"):
                 assert await upstream.take(_call(f"rtask/{name}"))
                 assert await asyncio.wait_for(came.get(), 60) == _call(f"rtask/{name}")
+            for there in (
+                _goal("/services/rtask/Pipeline/run"), _goal("/fold_towel"),
+                _call("/services/example/Kinematics/describe"), _call("/rosapi/topics"),
+                _call("fold_towel/_action/cancel_goal"), '{"op": "subscribe", "topic": "/a"}',
+            ):  # fmt: skip
+                assert await upstream.take(there)
+                assert await asyncio.wait_for(came.get(), 60) == there
             assert await upstream.take(b"binary")
             assert await asyncio.wait_for(came.get(), 60) == b"binary"
             assert not await upstream.take(_call("rtask/recall_grasps"))

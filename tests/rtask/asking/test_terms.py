@@ -41,10 +41,15 @@ def test_a_name_in_quotes_is_a_thing_where_only_a_thing_can_stand(kb: KnowledgeB
     reader = reader_of(kb)
     asked = reader.statement('"panda-1"', "rt:canGrasp", '"the 5\\" mug, blue"')
     assert asked == (iri("urn:lab/robot/panda-1"), iri(RT + "canGrasp"), iri("urn:lab/object/7"))
+    assert reader.statement("panda-1", "rt:canGrasp", '"the 5\\" mug, blue"') == asked  # as shells
     assert reader.statement("kb:object/8", "a", "rt:Mug")[1] == RDF_TYPE
     assert reader.statement("kb:object/8", "rt:name", '"twin"')[2] == Literal("twin")
     with pytest.raises(UsageError, match='2 things are called "twin": <urn:lab/object/8>'):
         reader.term('"twin"', "subject")
+    with pytest.raises(UsageError, match='2 things are called "twin"'):
+        reader.resource("twin")
+    with pytest.raises(UsageError, match="'nobody' is not an RDF term"):
+        reader.resource("nobody")
     with pytest.raises(UnknownTermError, match='nothing is called "nobody"'):
         reader.statement("kb:object/8", "rt:canGrasp", '"nobody"')
 

@@ -153,7 +153,9 @@ def test_load_then_query(shell: Shell, tmp_path: Path) -> None:
     file = tmp_path / "mugs.ttl"
     file.write_text(f"<urn:m> a <{ontology.NS}Mug> .")
     done = shell("load", str(file))
-    assert (done.code, done.err) == (0, "")
+    assert done.code == 0
+    assert done.err.startswith("undo: rtask update 'DROP GRAPH <")
+    assert done.err.count("\n") == 1
     assert f"{file}: turtle, 1 statements, +1 -0" in done.out
     rows = shell("query", "SELECT ?s { ?s a rt:Container }")
     assert rows.out.splitlines() == ["s", "-----", "urn:m"]

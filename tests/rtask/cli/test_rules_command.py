@@ -34,11 +34,11 @@ def run(folder: Path, *arguments: str, text: str | None = None) -> Result:
 @pytest.mark.slow
 def test_rules_are_added_listed_shown_and_removed(folder: Path) -> None:
     done = run(folder, "rules", "add", str(folder / "on-above.rq"))
-    assert done.output == "1 rule added, 1 statements derived\n", done.output
+    assert done.stdout == "1 rule added, 1 statements derived\n", done.output
     other = "CONSTRUCT { ?b <urn:below> ?a } WHERE { ?a <urn:on> ?b }"
     (folder / "both.rq").write_text(f"# rule: on-above\n{TEXT}\n# rule: below\n{other}")
     done = run(folder, "rules", "add", str(folder / "both.rq"))
-    assert done.output == "1 rule added, 1 statements derived\n", done.output
+    assert done.stdout == "1 rule added, 1 statements derived\n", done.output
     assert run(folder, "rules", "remove", "below").exit_code == 0
     assert run(folder, "rules", "list").output.startswith("on-above  ")
     (listed,) = json.loads(run(folder, "rules", "list", "--json").output)
@@ -124,7 +124,7 @@ def test_rules_of_a_server_are_handled_in_the_same_words(
             ]
             assert told[0] == told[1]
         elif arguments[1] in ("add", "remove"):
-            assert here.output == there.output
+            assert here.stdout == there.stdout
         return there
 
     added = json.loads(both("rules", "add", *files, "--json").output)

@@ -13,17 +13,21 @@ const source = root.querySelector("[data-source]");
 const paint = root.querySelector("[data-paint]");
 const rows = [...document.querySelectorAll("[data-grasp]")];
 const grasps = rows.map((row) => {
-  const { lines, lower, attempts, successes } = JSON.parse(row.dataset.grasp);
-  return { lines, attempts, failed: attempts > successes, ...colourOf(lower, attempts) };
+  const { lines, attempts, successes } = JSON.parse(row.dataset.grasp);
+  return { lines, attempts, failed: attempts > successes, ...colourOf(successes, attempts) };
 });
 const state = new URLSearchParams(location.hash.slice(1));
 let view = null;
 let cloud = null;
 let selected = -1;
 
-/** Orange for grasps that fail, blue for those that hold; grey for untried ones. */
-function colourOf(lower, attempts) {
-  const share = Math.min(1, Math.max(0, lower));
+/**
+ * From orange for grasps that always failed to blue for those that always held; grey for untried ones.
+ * The share counts that the table shows as "held n of m": its lower bound is small for a grasp that held
+ * twice of two, and would draw it as a failure.
+ */
+function colourOf(successes, attempts) {
+  const share = attempts ? successes / attempts : 0;
   const mixed = [196 - 160 * share, 98 + 22 * share, 16 + 190 * share].map(Math.round);
   return { colour: attempts ? `rgb(${mixed.join(",")})` : "rgb(128,128,128)", marked: "rgb(214,39,140)" };
 }

@@ -1,4 +1,4 @@
-"""Small calls by POST are answered by the server's protocol itself: same rules, same order."""
+"""Small calls by POST over one connection: answered in order, ended with their client."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_calls_sent_at_once_are_answered_in_order(server: RunningServer) -> None
     live = b"GET /health/live HTTP/1.1\r\nHost: localhost\r\n\r\n"
     with _connect(server) as connection:
         connection.sendall(
-            _call("nap", seconds=0.2)  # passed on, for it takes long
+            _call("nap", seconds=0.2)
             + _call("nap", seconds=0)
             + live
             + _call("nap", seconds="x")
@@ -115,7 +115,7 @@ def test_a_body_may_come_late_and_in_pieces(server: RunningServer) -> None:
     with _connect(server) as connection:
         for piece in (call[:40], call[40:-9], call[-9:-3], call[-3:]):
             connection.sendall(piece)
-            time.sleep(0.08)  # longer than the server waits before it passes a request on
+            time.sleep(0.08)
         assert _answers(connection, 1) == [(200, {"result": 0.25})]
 
 
@@ -123,7 +123,7 @@ def test_the_rest_of_a_body_belongs_to_its_own_call(server: RunningServer) -> No
     second = _call("nap", seconds=0.125)
     with _connect(server) as connection:
         connection.sendall(_call("nap", seconds=0.25) + second[:-6])
-        time.sleep(0.1)  # meanwhile the first call is passed on
+        time.sleep(0.1)  # meanwhile the first call runs
         connection.sendall(second[-6:])
         answers = _answers(connection, 2)
     assert answers == [(200, {"result": 0.25}), (200, {"result": 0.125})]

@@ -1,0 +1,141 @@
+"""Messages of agents over HTTP: one POST holds one, or several for agents of an older protocol.
+
+There are no sessions. A request is answered with JSON; where a call names a progress token and
+the agent accepts events, its progress and its answer come as a stream of them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from concurrent.futures import wait
+from typing import Any
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.api.operations import json_value
+from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
+from rtask.asking.tools.protocol import VERSIONS
+from rtask.errors import UsageError
+
+__all__ = ["called_tools", "plan_messages", "response_of"]
+
+JsonObject = dict[str, Any]
+PlanMessage = Callable[[JsonObject, AgentCall], Plan]
+MAX_BATCH = 20
+_EVENT_STREAM = "text/event-stream"
+_CANCELLED = "notifications/cancelled"
+
+
+def response_of(message: JsonObject) -> Response:
+    """Return the response that carries a message."""
+    return Response(200, json.dumps(message, ensure_ascii=False).encode(), JSON_TYPE)
+
+
+def plan_messages(
+    auth: Authenticator,
+    request: Request,
+    caller: Caller,
+    calls: AgentCalls,
+    plan_message: PlanMessage,
+) -> Plan:
+    """Plan the answer to the messages in a request.
+
+    Parameters
+    ----------
+    calls
+        The calls under way.
+    plan_message
+        Plans the answer to one request of an agent.
+
+    Raises
+    ------
+    RefusedError
+        400 for a version of the protocol that is not spoken, 415.
+    ForbiddenError
+        A page of another origin asks.
+    UsageError
+        The body is not JSON, or holds no message.
+    """
+    auth.check_origin(request, caller)
+    version = request.header("mcp-protocol-version")
+    if version and version not in VERSIONS:
+        raise RefusedError(
+            400, "usage", f"MCP-Protocol-Version: expected one of {', '.join(VERSIONS)}"
+        )
+    sent = json_value(request)
+    if isinstance(sent, list) and version in ("", VERSIONS[-1]):
+        return _plan_batch(caller, calls, sent, plan_message)
+    if not isinstance(sent, dict):
+        raise UsageError("expected one JSON object")
+    if _is_notification(sent):
+        _take_note(caller, calls, sent)
+        return Plan.ready(Response(202))
+    wants_events = _EVENT_STREAM in request.header("accept")
+    token = _progress_token(sent) if wants_events else None
+    return plan_message(sent, AgentCall(sent["id"], token))
+
+
+def called_tools(request: Request) -> list[object]:
+    """Return the names of the tools that a request calls; none if it cannot be read."""
+    try:
+        sent = json.loads(request.body)
+    except (ValueError, RecursionError):
+        return []
+    messages = sent if isinstance(sent, list) else [sent]
+    return [
+        message["params"].get("name")
+        for message in messages
+        if isinstance(message, dict)
+        and message.get("method") == "tools/call"
+        and isinstance(message.get("params"), dict)
+    ]
+
+
+def _is_notification(message: JsonObject) -> bool:
+    """Whether a message is not to be answered: a notification, or an answer of the agent."""
+    return "id" not in message or ("method" not in message and "jsonrpc" in message
+                                   and ("result" in message or "error" in message))  # fmt: skip
+
+
+def _take_note(caller: Caller, calls: AgentCalls, message: JsonObject) -> None:
+    params = message.get("params")
+    if message.get("method") == _CANCELLED and isinstance(params, dict):
+        calls.cancel(caller.key, params.get("requestId"))
+
+
+def _progress_token(message: JsonObject) -> str | int | None:
+    params = message.get("params")
+    meta = params.get("_meta") if isinstance(params, dict) else None
+    token = meta.get("progressToken") if isinstance(meta, dict) else None
+    return token if isinstance(token, str | int) and message.get("method") == "tools/call" else None
+
+
+def _plan_batch(
+    caller: Caller, calls: AgentCalls, sent: list[Any], plan_message: PlanMessage
+) -> Plan:
+    """Plan the answers to several messages, which are carried out one after the other."""
+    if not sent or len(sent) > MAX_BATCH or not all(isinstance(message, dict) for message in sent):
+        raise UsageError(f"expected one JSON object, or a list of 1 to {MAX_BATCH}")
+    for message in sent:
+        if _is_notification(message):
+            _take_note(caller, calls, message)
+    requests = [message for message in sent if not _is_notification(message)]
+    if not requests:
+        return Plan.ready(Response(202))
+
+    def run() -> Response:
+        bodies = [_carried_out(plan_message(message, AgentCall())).body for message in requests]
+        return Response(200, b"[" + b",".join(bodies) + b"]", JSON_TYPE)
+
+    return Plan(run)
+
+
+def _carried_out(plan: Plan) -> Response:
+    """Return the response of a plan, in this thread."""
+    if plan.elsewhere is not None:
+        done = wait([plan.elsewhere.start()], plan.timeout_s).done
+        if not done and plan.elsewhere.late is not None:
+            plan.elsewhere.late()
+    return plan.run()

@@ -1,0 +1,105 @@
+"""Calls of agents under way: their progress, and how another message cancels them."""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from endpoint.http.plan import Progress
+
+__all__ = ["AgentCall", "AgentCalls"]
+
+
+class AgentCall:
+    """One call of a tool.
+
+    Parameters
+    ----------
+    request_id
+        Id of the request.
+    token
+        Progress token of the request; None where no progress is asked for.
+    """
+
+    def __init__(self, request_id: object = None, token: str | int | None = None) -> None:
+        self.progress = None if token is None else Progress(request_id)
+        self._token = token
+        self._lock = threading.Lock()
+        self._stops: list[Callable[[], object]] = []
+        self._is_stopped = False
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether its caller gave it up."""
+        return self._is_stopped
+
+    def on_stop(self, stop: Callable[[], object]) -> None:
+        """Register how to stop the work; called at once if the call has been given up."""
+        with self._lock:
+            self._stops.append(stop)
+            is_late = self._is_stopped
+        if is_late:
+            stop()
+
+    def stop(self) -> None:
+        """Give the call up."""
+        with self._lock:
+            self._is_stopped = True
+            stops = list(self._stops)
+        for stop in stops:
+            stop()
+
+    def report(self, share: float, words: str) -> None:
+        """Say how much is done, 0..1; words of services and fixed ones only."""
+        if self.progress is None:
+            return
+        params: dict[str, Any] = {"progressToken": self._token, "progress": share, "total": 1.0}
+        if words:
+            params["message"] = words
+        self.progress.add({"jsonrpc": "2.0", "method": "notifications/progress", "params": params})
+
+
+class AgentCalls:
+    """The calls under way, by caller and id of the request.
+
+    A caller's programs number their requests each by themselves. An id that two of them use is
+    not cancelled, for it is not known whose call is meant.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._calls: dict[tuple[str, str], list[AgentCall]] = defaultdict(list)
+
+    @contextmanager
+    def under_way(self, caller: str, request_id: object, call: AgentCall) -> Iterator[None]:
+        """Keep a call among those that can be cancelled for the duration of the block."""
+        remove = self.add(caller, request_id, call)
+        try:
+            yield
+        finally:
+            remove()
+
+    def add(self, caller: str, request_id: object, call: AgentCall) -> Callable[[], None]:
+        """Keep a call among those that can be cancelled; return what ends this."""
+        key = (caller, repr(request_id))
+        with self._lock:
+            self._calls[key].append(call)
+
+        def remove() -> None:
+            with self._lock:
+                if call in self._calls[key]:
+                    self._calls[key].remove(call)
+                if not self._calls[key]:
+                    del self._calls[key]
+
+        return remove
+
+    def cancel(self, caller: str, request_id: object) -> None:
+        """Give up the call of a caller that a notification names, if it is known which one."""
+        with self._lock:
+            calls = list(self._calls.get((caller, repr(request_id)), ()))
+        if len(calls) == 1:
+            calls[0].stop()

@@ -1,0 +1,105 @@
+"""Present places of a thing, as robots estimated or recorded them, each with its time and frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import ontology
+from rtask.rdf.terms import NamedNode, Term, prologue
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+    from rtask.sparql.results import Row
+
+__all__ = ["Place", "places_of"]
+
+_QUERY = """SELECT ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
+  {
+    GRAPH ?graph { ?estimate rt:poseOf %(thing)s }
+    ?estimate rt:estimatedPose ?pose . BIND("at" AS ?relation)
+    ?pose rt:atTime ?time ; rt:inFrame ?place ; rt:x ?x ; rt:y ?y ; rt:z ?z
+    OPTIONAL { ?place rt:frameId ?frame }
+    OPTIONAL { ?estimate rt:poseConfidence ?confidence }
+    FILTER NOT EXISTS { ?estimate prov:invalidatedAtTime ?end }
+  }
+  UNION
+  {
+    GRAPH ?graph { %(thing)s rt:locatedOn ?place } BIND("on" AS ?relation)
+    OPTIONAL {
+      ?task rt:handles %(thing)s .
+      { ?task rt:through ?attempt . ?attempt rt:activates ?place }
+      UNION { ?task rt:targetSurface ?place ; rt:carriedOutBy ?attempt }
+      ?attempt rt:hasOutcome/rt:success true ; prov:endedAtTime ?time
+    }
+  }
+  UNION
+  {
+    GRAPH ?graph { %(thing)s rt:currentPose ?pose } BIND("at" AS ?relation)
+    ?pose rt:inFrame ?place ; rt:x ?x ; rt:y ?y ; rt:z ?z
+    OPTIONAL { ?pose rt:atTime ?time } OPTIONAL { ?place rt:frameId ?frame }
+    FILTER NOT EXISTS { ?estimate rt:poseOf %(thing)s ; rt:estimatedPose ?pose }
+  }
+  UNION { GRAPH ?graph { %(thing)s sumo:located ?place } BIND("in" AS ?relation) }
+}
+ORDER BY DESC(?time) ?place LIMIT 100"""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of a thing.
+
+    Parameters
+    ----------
+    relation
+        ``at`` a pose in a frame, ``on`` a surface or in a hand, ``in`` a place at any depth.
+    place
+        The frame, surface or place.
+    frame_id
+        Name of the frame as a term; None without one.
+    position
+        x, y, z in the frame, m; None without a pose.
+    time
+        When it was there, ISO 8601; empty where nobody says.
+    confidence
+        Of the estimate, 0..1; None without one.
+    graph
+        Graph that states it.
+    """
+
+    relation: str
+    place: Term
+    frame_id: Term | None
+    position: tuple[float, float, float] | None
+    time: str
+    confidence: float | None
+    graph: NamedNode
+
+
+def places_of(kb: GraphCore, subject: NamedNode) -> list[Place]:
+    """Return where a thing is as far as the graph states it, the latest first; perhaps nowhere."""
+    names = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "sumo")}
+    rows = kb.select(prologue(names) + _QUERY % {"thing": str(subject)})
+    places = {
+        (row["relation"], row["place"], row["x"], row["time"], row["graph"]): _place(row)
+        for row in rows
+    }
+    return list(places.values())
+
+
+def _place(row: Row) -> Place:
+    numbers = [row.value(name) for name in "xyz"]
+    is_posed = all(isinstance(number, int | float) for number in numbers)
+    confidence = row.value("confidence")
+    place, graph = row["place"], row["graph"]
+    assert place is not None
+    assert isinstance(graph, NamedNode)
+    return Place(
+        relation=str(row.value("relation")),
+        place=place,
+        frame_id=row["frame"],
+        position=tuple(float(str(number)) for number in numbers) if is_posed else None,  # type: ignore[arg-type]
+        time=str(row.value("time") or ""),
+        confidence=float(confidence) if isinstance(confidence, int | float) else None,
+        graph=graph,
+    )

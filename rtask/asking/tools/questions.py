@@ -1,0 +1,89 @@
+"""The tool for questions in words, and the ontology's questions as resources."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+import ontology
+from rtask.asking.shorthand import expand
+from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
+from rtask.asking.tools.query import evaluate, rows_of
+from rtask.asking.tools.values import Value
+from rtask.errors import UnknownTermError
+from rtask.wire.message import Answer
+from rtask.wire.types import Text
+
+__all__ = ["ask", "queries"]
+
+
+class Ask(Paged):
+    """A question."""
+
+    text: Text | None = None
+    """the question, or its key, such as cq05; without it, all are listed"""
+
+
+class Question(Answer):
+    """A question that the ontology answers."""
+
+    key: str
+    text: str
+
+
+class Reply(PagedAnswer):
+    """The answer to a question, with its query; or the questions that there are."""
+
+    understood: str = ""
+    """key of the question"""
+    sparql: str = ""
+    columns: list[str] = Field(default_factory=list)
+    rows: list[list[Value | None]] = Field(default_factory=list)
+    questions: list[Question] = Field(default_factory=list)
+
+
+@cache
+def queries() -> dict[str, tuple[str, str]]:
+    """Return the ontology's questions by key, each with its words and its query."""
+    files = [*ontology.queries(), *ontology.episode_queries()]
+    return {file.stem: _read(file) for file in files}
+
+
+def _read(file: Path) -> tuple[str, str]:
+    first, _, rest = file.read_text("utf-8").partition("\n")
+    body = "\n".join(line for line in rest.splitlines() if not line.startswith("#"))
+    return first.removeprefix("# question: "), body.strip() + "\n"
+
+
+@tool(
+    "Ask a question in words, or list the questions that can be asked.",
+    {"text": "Which objects are drinking vessels?"},
+    {},
+    entries=("rows", "questions"),
+)
+def ask(asked: Asked, request: Ask) -> Reply:
+    """Answer the question that has these words or this key."""
+    commit = asked.kb.seq
+    if request.text is None:
+        listed = [Question(key=key, text=text) for key, (text, _) in queries().items()]
+        return Reply(commit=commit, questions=listed[request.offset :])
+    key = _find(request.text)
+    sparql = queries()[key][1]
+    answer = evaluate(asked, expand(sparql, asked.reader.prefixes).text)
+    rows = rows_of(asked, answer, commit, request.offset)
+    members: dict[str, Any] = {"more": rows.more} if rows.more.left else {}
+    return Reply(
+        commit=commit, understood=key, sparql=sparql, columns=rows.columns, rows=rows.rows,
+        **members,
+    )  # fmt: skip
+
+
+def _find(text: str) -> str:
+    sought = text.strip().lower()
+    for key, (words, _) in queries().items():
+        if sought in (key, words.lower()):
+            return key
+    raise UnknownTermError("no question has these words; ask without text to see all")

@@ -1,0 +1,216 @@
+"""``rtask mcp``: the graph for an agent on this desktop, over standard input and output."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.connection import open_to_change
+from rtask.cli.options import agent_option, data_option, server_option
+
+if TYPE_CHECKING:
+    import httpx
+
+    from rtask.kb.commit.access import Access
+
+__all__ = ["mcp"]
+
+JsonObject = dict[str, Any]
+Send = Callable[[JsonObject], None]
+Answerer = Callable[[JsonObject, Send], None]
+"""Answers a message of the agent by sending any number of messages."""
+
+THREADS = 8
+MAX_LINE = 4 << 20
+_PARSE_ERROR = -32700
+_EVENTS = "text/event-stream"
+
+
+@click.command()
+@data_option
+@server_option
+@agent_option("With a folder: propose changes in the name of this robot or person.")
+@click.option("--services", is_flag=True, help="With a server: the tools of its services instead.")
+def mcp(data: Path, server: str | None, agent: str | None, services: bool) -> None:
+    """Serve the graph to an agent over standard input and output (Model Context Protocol).
+
+    One JSON-RPC message a line. With a server, its token is read from RTASK_TOKEN; where a server
+    has the folder open already, name the server.
+    """
+    from rtask.errors import UsageError
+
+    if services and not server:
+        raise UsageError("--services needs --server: a folder runs no services")
+    opened = _remote(server, services) if server else _embedded(data, agent)
+    with opened as answer:
+        serve(answer, sys.stdin.buffer, sys.stdout.buffer)
+
+
+def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
+    """Answer messages until the agent closes its end; calls run beside each other."""
+    lock = threading.Lock()
+
+    def send(message: JsonObject) -> None:
+        line = json.dumps(message, ensure_ascii=False).encode() + b"\n"
+        with lock:
+            outgoing.write(line)
+            outgoing.flush()
+
+    with ThreadPoolExecutor(THREADS, thread_name_prefix="agent") as pool:
+        while line := incoming.readline(MAX_LINE):
+            if not line.strip():
+                continue
+            try:
+                message = json.loads(line)
+            except ValueError:
+                message = None
+            if not isinstance(message, dict):
+                error = {"code": _PARSE_ERROR, "message": "expected one JSON object on a line"}
+                send({"jsonrpc": "2.0", "id": None, "error": error})
+            elif message.get("id") is None or message.get("method") != "tools/call":
+                _guarded(answer, message, send)
+            else:
+                pool.submit(_guarded, answer, message, send)
+
+
+def _guarded(answer: Answerer, message: JsonObject, send: Send) -> None:
+    """Answer a message; a fault of the program is an answer too, and says nothing of its inside."""
+    try:
+        answer(message, send)
+    except Exception as error:  # noqa: BLE001 - the agent waits for an answer
+        words = f"the call failed ({type(error).__name__}); see standard error"
+        click.echo(f"rtask mcp: {type(error).__name__}: {error}", err=True)
+        _refuse(message, send, words)
+
+
+@contextmanager
+def _embedded(data: Path, agent: str | None) -> Iterator[Answerer]:
+    """Yield what answers from a folder."""
+    from rtask.asking.tools.protocol import answer
+    from rtask.asking.tools.toolbox import Toolbox
+    from rtask.engine.context import SCOPES
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+
+    access: Access = Access(agent, "robot") if agent else Access()
+    with open_to_change(data) as kb:
+        engine = Engine(kb)
+        try:
+            toolbox = Toolbox(kb, engine, lambda one: SCOPES[one.role])
+            running: dict[str, _Call] = {}
+
+            def respond(message: JsonObject, send: Send) -> None:
+                if message.get("id") is None:
+                    _cancel(message, running)
+                    return
+                key = repr(message["id"])
+                call = running[key] = _Call(message, send)
+                try:
+                    send(answer(toolbox, message, access, "rtask:", call))
+                finally:
+                    running.pop(key, None)
+
+            yield respond
+        finally:
+            engine.close()
+
+
+def _cancel(message: JsonObject, running: dict[str, _Call]) -> None:
+    params = message.get("params")
+    if message.get("method") == "notifications/cancelled" and isinstance(params, dict):
+        call = running.get(repr(params.get("requestId")))
+        if call is not None:
+            call.stop()
+
+
+class _Call:
+    """A call under way: its progress goes to the agent, who may cancel it."""
+
+    def __init__(self, message: JsonObject, send: Send) -> None:
+        params = message.get("params")
+        meta = params.get("_meta") if isinstance(params, dict) else None
+        self._token = meta.get("progressToken") if isinstance(meta, dict) else None
+        self._send = send
+        self._lock = threading.Lock()
+        self._stops: list[Callable[[], None]] = []
+        self.is_stopped = False
+
+    def on_stop(self, stop: Callable[[], None]) -> None:
+        """Register how to stop the work; called at once if the call has been cancelled."""
+        with self._lock:
+            self._stops.append(stop)
+            is_late = self.is_stopped
+        if is_late:
+            stop()
+
+    def stop(self) -> None:
+        """Cancel the call."""
+        with self._lock:
+            self.is_stopped = True
+            stops = list(self._stops)
+        for stop in stops:
+            stop()
+
+    def report(self, share: float, words: str) -> None:
+        """Send progress, if the agent asked for it."""
+        if self._token is None:
+            return
+        params = {"progressToken": self._token, "progress": share, "total": 1.0, "message": words}
+        self._send({"jsonrpc": "2.0", "method": "notifications/progress", "params": params})
+
+
+@contextmanager
+def _remote(server: str, services: bool) -> Iterator[Answerer]:
+    """Yield what passes messages on to a server."""
+    import httpx
+
+    from rtask.client.remote import addresses
+    from rtask.wire.address import authorization
+
+    address, _ = addresses(server)
+    url = f"{address}/mcp/services" if services else f"{address}/mcp"
+    headers = {
+        "Accept": f"application/json, {_EVENTS}",
+        **authorization(os.environ.get("RTASK_TOKEN")),
+    }
+    with httpx.Client(headers=headers, timeout=httpx.Timeout(10.0, read=None)) as client:
+
+        def respond(message: JsonObject, send: Send) -> None:
+            try:
+                with client.stream("POST", url, json=message) as response:
+                    _pass_on(response, message, send)
+            except httpx.HTTPError as error:
+                _refuse(message, send, f"the server does not answer ({type(error).__name__})")
+
+        yield respond
+
+
+def _pass_on(response: httpx.Response, message: JsonObject, send: Send) -> None:
+    """Send what a server answers: nothing, one message, or several as events."""
+    if response.headers.get("content-type", "").startswith(_EVENTS):
+        for line in response.iter_lines():
+            if line.startswith("data:"):
+                send(json.loads(line.removeprefix("data:")))
+        return
+    body = response.read()
+    if response.status_code == 200:
+        send(json.loads(body))
+    elif response.status_code != 202:
+        title = response.reason_phrase
+        _refuse(message, send, f"the server refused with status {response.status_code} {title}")
+
+
+def _refuse(message: JsonObject, send: Send, words: str) -> None:
+    """Send an error for a request; a notification has no answer."""
+    if message.get("id") is not None:
+        error = {"code": -32603, "message": words}
+        send({"jsonrpc": "2.0", "id": message["id"], "error": error})

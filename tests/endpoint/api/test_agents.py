@@ -1,0 +1,135 @@
+"""The graph for agents over HTTP: rights, versions, batches, cancellation, services elsewhere."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import pytest
+
+import ontology
+import rtask
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Application
+from endpoint.http.agent_calls import AgentCall, AgentCalls
+from endpoint.http.messages import Request, Response
+from endpoint.settings import Config
+from rtask.engine import Engine
+from tests.servers import new_application
+
+pytestmark = pytest.mark.slow  # opens the ontology
+
+
+@pytest.fixture(scope="module")
+def tokens() -> Iterator[TokenStore]:
+    with closing(TokenStore(None)) as store:
+        yield store
+
+
+@pytest.fixture(scope="module")
+def application(tokens: TokenStore) -> Iterator[Application]:
+    with rtask.open(":memory:", base="urn:lab/") as kb, Engine(kb) as engine:
+        kb.load(ontology.path("examples/sample.trig"))
+        made = new_application(kb, engine, tokens, Config())
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def robot(tokens: TokenStore, application: Application) -> str:
+    return tokens.create("robot", agent="nao")[0]
+
+
+def send(application: Application, body: Any, token: str = "", **headers: str) -> Response:
+    sent = {"host": "localhost", "content-type": "application/json"}
+    sent |= {name.replace("_", "-"): value for name, value in headers.items()}
+    if token:
+        sent["authorization"] = f"Bearer {token}"
+    return application.handle(Request("POST", "/mcp", "", sent, json.dumps(body).encode()))
+
+
+def message(method: str, number: int = 1, **params: Any) -> dict[str, Any]:
+    return {"jsonrpc": "2.0", "id": number, "method": method, "params": params}
+
+
+def call(name: str, number: int = 1, **arguments: Any) -> dict[str, Any]:
+    return message("tools/call", number, name=name, arguments=arguments)
+
+
+def result(response: Response) -> dict[str, Any]:
+    assert response.status == 200, response.body
+    answered: dict[str, Any] = json.loads(response.body)["result"]
+    return answered
+
+
+def test_the_instructions_say_where_the_tools_of_services_are(application, robot):
+    greeted = result(send(application, message("initialize"), robot))
+    assert "http://localhost/mcp/services" in greeted["instructions"]
+    listed = result(send(application, message("tools/list"), robot))["tools"]
+    assert "ask_sparql" in {tool["name"] for tool in listed}
+
+
+def test_an_answer_names_the_commit_and_where_its_proofs_are(application, robot):
+    about = call("describe", term="https://w3id.org/rtask-kg/kb/sample/mug")
+    described = result(send(application, about, robot))["structuredContent"]
+    assert described["commit"] == application.context.kb.seq
+    assert described["facts"][0]["proof"].startswith("http://localhost/explain?s=")
+
+
+def test_who_may_not_write_proposes_nothing(application, robot):
+    proposal = call("propose_change", add=[["kb:x", "rt:name", '"x"']])
+    stranger = json.loads(send(application, proposal).body)
+    assert stranger["error"]["code"] == -32602
+    assert result(send(application, proposal, robot))["structuredContent"]["proposal"] == 1
+    assert send(application, proposal, "no-such-token").status == 401
+    assert send(application, proposal, origin="http://evil.example").status == 403
+
+
+def test_a_version_that_is_not_spoken_is_refused(application, robot):
+    ping = message("ping")
+    assert send(application, ping, robot, mcp_protocol_version="2024-01-01").status == 400
+    assert send(application, ping, robot, mcp_protocol_version="2025-06-18").status == 200
+
+
+def test_several_messages_are_answered_in_one_body_in_the_older_version(application, robot):
+    batch = [message("ping", 1), {"jsonrpc": "2.0", "method": "notifications/initialized"},
+             call("search", 2, words="mug")]  # fmt: skip
+    answers = json.loads(send(application, batch, robot).body)
+    assert [one["id"] for one in answers] == [1, 2]
+    newer = send(application, batch, robot, mcp_protocol_version="2025-06-18")
+    assert newer.status == 400
+    assert send(application, batch[1], robot).status == 202
+
+
+def test_what_a_call_does_to_the_graph_is_what_its_tool_declares(application):
+    router = application.router
+
+    def effect(body: Any) -> str:
+        request = Request("POST", "/mcp", "", {}, json.dumps(body).encode())
+        return router.effect(request, "/mcp")
+
+    assert effect(call("ask_sparql")) == effect(message("tools/list")) == effect("x") == "reads"
+    assert effect([call("search"), call("propose_change")]) == "writes"
+
+
+def test_a_call_is_given_up_by_a_notification_of_its_caller_alone():
+    calls, mine, other = AgentCalls(), AgentCall(), AgentCall()
+    stopped: list[str] = []
+    mine.on_stop(lambda: stopped.append("mine"))
+    with calls.under_way("nao", 7, mine), calls.under_way("pr2", 7, other):
+        calls.cancel("pr2", 8)
+        assert not stopped
+        calls.cancel("nao", 7)
+    assert (stopped, mine.is_stopped, other.is_stopped) == (["mine"], True, False)
+    mine.on_stop(lambda: stopped.append("late"))
+    assert stopped == ["mine", "late"]
+    calls.cancel("nao", 7)
+
+
+def test_of_two_programs_with_one_token_none_gives_up_the_call_of_the_other():
+    calls, first, second = AgentCalls(), AgentCall(), AgentCall()
+    with calls.under_way("nao", 7, first), calls.under_way("nao", 7, second):
+        calls.cancel("nao", 7)
+    assert (first.is_stopped, second.is_stopped) == (False, False)

@@ -1,0 +1,322 @@
+"""Tools of agents: their texts, their answers, and what a caller learns that knows these alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+import ontology
+from rtask.asking.tools import resources
+from rtask.asking.tools.protocol import VERSIONS, answer
+from rtask.asking.tools.toolbox import MAX_RESULT, TOOLS, Toolbox
+from rtask.engine import Engine
+from rtask.engine.context import SCOPES
+from rtask.kb.commit.access import Access
+from rtask.knowledge_base import KnowledgeBase
+
+SITE = "http://lab.example"
+ROBOT = Access("nao", "robot")
+NAMES = [
+    "ask", "ask_sparql", "check_sparql", "search", "describe", "explain", "history", "where_is",
+    "recall_grasps", "find_object", "propose_change",
+]  # fmt: skip
+SAMPLE = "https://w3id.org/rtask-kg/kb/sample/"
+
+
+class Waiting:
+    """A call that nobody stops."""
+
+    is_stopped = False
+
+    def on_stop(self, stop: Callable[[], None]) -> None:
+        """Nobody stops it."""
+
+    def report(self, share: float, words: str) -> None:
+        """Nobody asked."""
+
+
+@pytest.fixture(scope="module")
+def toolbox(kb: KnowledgeBase) -> Iterator[Toolbox]:
+    engine = Engine(kb)
+    yield Toolbox(kb, engine, lambda access: SCOPES[access.role])
+    engine.close()
+
+
+@pytest.fixture(scope="module")
+def tools(toolbox: Toolbox) -> dict[str, Any]:
+    return {tool["name"]: tool for tool in toolbox.listed(ROBOT)}
+
+
+def call(toolbox: Toolbox, name: str, **arguments: Any) -> dict[str, Any]:
+    """Return the data of a call that succeeds, after comparing it with the schema."""
+    result = toolbox.call(name, arguments, ROBOT, SITE, Waiting())
+    assert not result["isError"], result
+    document: dict[str, Any] = result["structuredContent"]
+    (tool,) = (tool for tool in toolbox.listed(ROBOT) if tool["name"] == name)
+    Draft202012Validator(tool["outputSchema"]).validate(document)
+    assert len(json.dumps(result, ensure_ascii=False).encode()) <= MAX_RESULT
+    assert json.loads(result["content"][0]["text"]) == document
+    return document
+
+
+def failure(toolbox: Toolbox, name: str, **arguments: Any) -> dict[str, Any]:
+    result = toolbox.call(name, arguments, ROBOT, SITE, Waiting())
+    assert result["isError"]
+    document: dict[str, Any] = json.loads(result["content"][0]["text"])
+    return document
+
+
+def test_a_dozen_tools_take_twelve_kilobytes(tools: dict[str, Any]) -> None:
+    assert list(tools) == NAMES
+    assert len(json.dumps(list(tools.values())).encode()) <= 12_000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_tool_is_a_sentence_two_examples_and_schemas_that_fit(
+    tools: dict[str, Any], name: str
+) -> None:
+    tool, declared = tools[name], TOOLS[name]
+    request = Draft202012Validator(tool["inputSchema"])
+    for schema in (tool["inputSchema"], tool["outputSchema"]):
+        Draft202012Validator.check_schema(schema)
+        assert schema["type"] == "object"
+    assert declared.sentence.count(". ") == 0
+    assert len(declared.examples) == 2
+    for example in declared.examples:
+        request.validate(example)
+        assert json.dumps(example) in tool["description"]
+    for member in tool["inputSchema"]["properties"].values():
+        if "default" in member:
+            Draft202012Validator(member).validate(member["default"])
+
+
+def test_effects_follow_from_declarations(tools: dict[str, Any], toolbox: Toolbox) -> None:
+    hints = {name: tool["annotations"]["readOnlyHint"] for name, tool in tools.items()}
+    assert {name for name, only_reads in hints.items() if not only_reads} == {"propose_change"}
+    assert toolbox.effect_of("propose_change") == "writes"
+    assert toolbox.effect_of("recall_grasps") == toolbox.effect_of("no such tool") == "reads"
+
+
+def test_a_reader_gets_no_tool_that_writes(toolbox: Toolbox) -> None:
+    reader = Access(role="reader")
+    assert "propose_change" not in toolbox.names(reader)
+    refused = toolbox.call("propose_change", {}, reader, SITE, Waiting())
+    assert json.loads(refused["content"][0]["text"])["error"] == "graph-forbidden"
+
+
+def test_terms_go_in_as_they_come_out(toolbox: Toolbox, kb: KnowledgeBase) -> None:
+    found = call(toolbox, "search", words="mug blue")["hits"]
+    assert found[0]["iri"] == "kb:object/7"
+    query = f"SELECT ?name {{ {found[0]['iri']} rt:name ?name }}"
+    answered = call(toolbox, "ask_sparql", query=query)
+    assert answered["rows"][0][0]["value"] == 'the 5" mug, blue'
+    assert answered["commit"] == kb.seq
+    described = call(toolbox, "describe", term=found[0]["iri"])
+    by_property = {fact["p"]: fact for fact in described["facts"]}
+    assert by_property["rt:name"]["o"]["by"] == by_property["rt:name"]["by"] == ["shared"]
+    assert by_property["rdf:type"]["proof"].startswith(f"{SITE}/explain?s=kb:object/7&p=rdf:type")
+    assert call(toolbox, "describe", term='the 5" mug, blue')["term"] == "kb:object/7"
+
+
+def test_a_query_comes_back_with_its_certain_faults_and_a_repair(toolbox: Toolbox) -> None:
+    query = "SELECT ?g {\n kb:object/7 rt:hasGrsp ?g }"
+    answered = call(toolbox, "ask_sparql", query=query)
+    fault = answered["faults"][0]
+    assert (fault["severity"], fault["line"], fault["column"]) == ("certain", 2, 14)
+    assert "rt:hasGrasp ?g" in fault["repaired"]["value"]
+    assert not call(toolbox, "check_sparql", query=query)["ok"]
+    broken = failure(toolbox, "ask_sparql", query="SELECT ?g {\n kb:object/7 rt:hasGrasp g }")
+    assert (broken["error"], broken["line"], broken["column"]) == ("query-syntax", 2, 26)
+
+
+def test_a_long_answer_says_how_to_get_the_rest(toolbox: Toolbox) -> None:
+    query = "SELECT ?c { ?c a owl:Class . FILTER(isIRI(?c)) } ORDER BY ?c"
+    rows: list[Any] = []
+    offset = 0
+    while True:
+        page = call(toolbox, "ask_sparql", query=query, offset=offset)
+        rows += page["rows"]
+        if "more" not in page:
+            break
+        assert page["more"]["offset"] == len(rows)
+        offset = page["more"]["offset"]
+    names = [row[0]["value"] for row in rows]
+    assert len(names) == len(set(names)) > 100
+
+
+def test_why_has_three_answers(toolbox: Toolbox) -> None:
+    about = {"s": f"<{SAMPLE}mug>", "p": "a", "o": "rt:DrinkingVessel"}
+    holds = call(toolbox, "explain", **about)
+    assert (holds["verdict"], holds["steps"][0]["depth"]) == ("holds", 0)
+    assert any(step["rule"] == "asserted" for step in holds["steps"])
+    lacks = call(toolbox, "explain", **{**about, "s": f"<{SAMPLE}pen>"})
+    assert lacks["verdict"] == "does not hold"
+    assert lacks["needs"]
+    undecided = call(toolbox, "explain", **about, budget=1)
+    assert (undecided["verdict"], undecided["try_budget"] > 1) == ("not decided", True)
+
+
+def test_the_past_of_a_term_and_its_state_after_a_commit(
+    toolbox: Toolbox, kb: KnowledgeBase
+) -> None:
+    before = kb.seq
+    mass = "https://w3id.org/rtask-kg/ns#mass"
+    kb.update(f"INSERT DATA {{ <urn:lab/object/9> <{mass}> 0.2e0 }}", agent="nao", note="weighed")
+    latest = call(toolbox, "history", term="kb:object/9")["commits"][0]
+    assert (latest["by"], latest["note"]["value"]) == ("nao", "weighed")
+    assert latest["plus"][0]["o"] == {"type": "number", "value": 0.2}
+    about = {"s": "kb:object/9", "p": "rt:mass", "o": str(latest["plus"][0]["o"]["value"])}
+    assert call(toolbox, "explain", **about)["verdict"] == "holds"
+    then = call(toolbox, "history", term="kb:object/9", at=before)["facts"]
+    now = call(toolbox, "history", term="kb:object/9", at=kb.seq)["facts"]
+    assert {fact["p"] for fact in now} - {fact["p"] for fact in then} == {"rt:mass"}
+    assert failure(toolbox, "history", term="kb:object/9", at=kb.seq + 1)["error"] == "usage"
+
+
+def test_a_place_has_its_frame_time_and_author(toolbox: Toolbox) -> None:
+    latest = call(toolbox, "where_is", object="mug")["places"][0]
+    assert latest["frame_id"]["value"] == "camera_depth_optical_frame"
+    assert (latest["position"], latest["confidence"]) == ([0.5, 0.0, 0.8], 0.9)
+    assert latest["time"] == "2026-01-01T10:00:00Z"
+    assert latest["by"].endswith("pr2>")
+    assert not call(toolbox, "where_is", object="kb:object/9")["stated"]
+
+
+def test_grasps_are_recalled_with_their_proofs(toolbox: Toolbox) -> None:
+    recalled = call(toolbox, "recall_grasps", object="mug")
+    assert [grasp["gripper_type"] for grasp in recalled["grasps"]] == ["parallel_jaw_90"] * 2
+    assert all("rt:hasGrasp" in grasp["proof"] for grasp in recalled["grasps"])
+
+
+def test_a_change_is_tried_proposed_and_not_made(toolbox: Toolbox, kb: KnowledgeBase) -> None:
+    before = kb.seq
+    ill = [["kb:object/8", "rt:mass", "-3"]]
+    tried = call(toolbox, "propose_change", add=ill, keep=False)
+    assert (tried["possible"], tried["proposal"], tried["state"]) == (True, 0, "not kept")
+    assert any("mass" in one["value"] for one in tried["violations"])
+    wrong = call(
+        toolbox, "propose_change", add=[["kb:object/8", "owl:differentFrom", "kb:object/8"]]
+    )
+    assert (wrong["possible"], wrong["proposal"]) == (False, 0)
+    assert "contradicts" in wrong["refused"]["value"]
+    other = "urn:lab/graph/agent/pr2"
+    proposed = call(
+        toolbox, "propose_change", add=[["kb:object/8", "a", "rt:Cup"]], graph=other, reason="seen"
+    )
+    assert kb.seq == before
+    kept = kb.proposals.get(proposed["proposal"])
+    assert (kept.author, kept.reason, kept.state) == ("nao", "seen", "proposed")
+    assert other in kept.added
+    assert failure(toolbox, "propose_change")["error"] == "usage"
+
+
+def test_an_error_quotes_as_data_only(toolbox: Toolbox, kb: KnowledgeBase) -> None:
+    refused = failure(toolbox, "describe", term='"twin"')
+    assert refused["detail"]["type"] == "text"
+    assert "kb" not in refused["advice"]
+    assert "object/8" in refused["detail"]["value"]
+
+
+class ScriptedCaller:
+    """A caller that knows the texts of the tools, and nothing of what is behind them."""
+
+    def __init__(self, toolbox: Toolbox) -> None:
+        self._toolbox = toolbox
+        (self._tool,) = (
+            tool
+            for tool in toolbox.listed(ROBOT)
+            if "question in words" in tool["description"]
+            and "rows" in tool["outputSchema"]["properties"]
+        )
+
+    def answer(self, question: str) -> tuple[list[tuple[str, ...]], int]:
+        """Return the rows that answer a question, and how many calls that took."""
+        (member,) = (n for n in self._tool["inputSchema"]["properties"] if n != "offset")
+        rows: list[tuple[str, ...]] = []
+        calls, arguments = 0, {member: question}
+        while True:
+            page = call(self._toolbox, self._tool["name"], **arguments)
+            calls += 1
+            rows += [tuple(map(_local, row)) for row in page["rows"]]
+            if "more" not in page:
+                return rows, calls
+            arguments = {member: question, "offset": page["more"]["offset"]}
+
+
+def _local(value: dict[str, Any] | None) -> str:
+    if value is None:
+        return "-"
+    if value["type"] == "iri":
+        short: str = value["value"].strip("<>").rstrip("/#")
+        return short.replace("#", "/").rpartition("/")[2].rpartition(":")[2]
+    plain = value["value"]
+    return str(plain).lower() if isinstance(plain, bool) else str(plain)
+
+
+@pytest.mark.parametrize("file", ontology.queries(), ids=lambda file: file.stem)
+def test_a_scripted_caller_answers_the_questions_about_the_sample(
+    toolbox: Toolbox, kb: KnowledgeBase, file: Any
+) -> None:
+    text = file.read_text()
+    question = text.splitlines()[0].removeprefix("# question: ")
+    rows, calls = ScriptedCaller(toolbox).answer(question)
+    asked = kb.select(text)
+    assert calls <= 3
+    assert len(rows) == len(asked)
+    expected = [line for line in text.splitlines() if line.startswith("# expected: ")]
+    if expected and not any("object/" in str(row) or "robot/" in str(row) for row in asked):
+        listed = expected[0].removeprefix("# expected: ").split("; ")
+        assert sorted(rows) == sorted(tuple(row.split()) for row in listed)
+
+
+@pytest.mark.parametrize("file", ontology.episode_queries(), ids=lambda file: file.stem)
+def test_a_scripted_caller_answers_the_questions_about_episodes(
+    toolbox: Toolbox, kb: KnowledgeBase, file: Any
+) -> None:
+    text = file.read_text()
+    rows, calls = ScriptedCaller(toolbox).answer(text.splitlines()[0].removeprefix("# question: "))
+    assert calls <= 3
+    assert len(rows) == len(kb.select(text))
+
+
+def request(toolbox: Toolbox, method: str, **params: Any) -> dict[str, Any]:
+    message = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
+    return answer(toolbox, message, ROBOT, SITE, Waiting())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_either_version_is_spoken(toolbox: Toolbox, version: str) -> None:
+    greeted = request(toolbox, "initialize", protocolVersion=version)["result"]
+    assert greeted["protocolVersion"] == version
+    assert set(greeted["capabilities"]) == {"tools", "resources"}
+    assert request(toolbox, "initialize")["result"]["protocolVersion"] == VERSIONS[0]
+
+
+def test_the_ontology_is_a_resource_of_six_kilobytes(toolbox: Toolbox, kb: KnowledgeBase) -> None:
+    listed = request(toolbox, "resources/list")["result"]["resources"]
+    assert len(listed) == 1 + len(ontology.queries()) + len(ontology.episode_queries())
+    read = request(toolbox, "resources/read", uri=listed[0]["uri"])["result"]["contents"][0]
+    assert len(read["text"].encode()) <= resources.MAX_ONTOLOGY
+    assert "hasGrasp>GraspConfiguration" in read["text"]
+    query = request(toolbox, "resources/read", uri="rtask:/questions/cq04")["result"]["contents"][0]
+    assert query["mimeType"] == "application/sparql-query"
+    assert len(kb.select(query["text"])) >= 2
+
+
+def test_a_proof_is_a_resource_at_its_address(toolbox: Toolbox) -> None:
+    about = {"s": f"<{SAMPLE}mug>", "p": "a", "o": "rt:DrinkingVessel"}
+    address = call(toolbox, "explain", **about)["proof"]
+    read = request(toolbox, "resources/read", uri=address)["result"]["contents"][0]
+    assert json.loads(read["text"])["verdict"] == "holds"
+    assert request(toolbox, "resources/read", uri="rtask:/x")["error"]["code"] == -32002
+
+
+def test_what_is_no_request_is_an_error_of_the_protocol(toolbox: Toolbox) -> None:
+    assert request(toolbox, "tools/call", name="fly")["error"]["code"] == -32602
+    assert request(toolbox, "prompts/list")["error"]["code"] == -32601
+    odd = answer(toolbox, {"id": [1], "method": "ping"}, ROBOT, SITE, Waiting())
+    assert (odd["id"], odd["error"]["code"]) == (None, -32600)

@@ -1,0 +1,121 @@
+"""Commands say how to undo what they changed, and what a bounded listing leaves out."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import ontology
+import rtask
+from rtask.cli import main
+
+pytestmark = pytest.mark.slow
+
+_OBJECTS = "\n".join(
+    f'<urn:mug-{n}> a rt:Mug ; rt:objectId "{n}" ; rt:name "mug {n}" .' for n in range(4)
+)
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("undo") / "kb"
+    with rtask.open(folder, base="urn:lab/") as kb:
+        kb.update(f"PREFIX rt: <{ontology.NS}> INSERT DATA {{ {_OBJECTS} }}", "nao-1")
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", "nao-1")
+    return folder
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+    shutil.copytree(made, tmp_path / "kb")
+
+    def call(*arguments: str, folder: bool = True) -> tuple[int, str, str]:
+        where = ["--data", str(tmp_path / "kb")] if folder else []
+        with pytest.raises(SystemExit) as caught:
+            main([*arguments, *where])
+        out, err = capsys.readouterr()
+        return int(caught.value.code or 0), out, err
+
+    return call
+
+
+def _undo(run: Run, said: str) -> tuple[int, str, str]:
+    """Run the command that a command printed as its opposite, word by word."""
+    (line,) = (line for line in said.splitlines() if line.startswith("undo: "))
+    program, *command = shlex.split(line.removeprefix("undo: "))
+    assert program == "rtask"
+    return run(*command, folder=False)
+
+
+def test_a_listing_says_how_many_lines_it_leaves_out(run: Run) -> None:
+    code, out, err = run("objects", "list", "--limit", "3")
+    assert (code, len(out.splitlines())) == (0, 3)
+    assert err == "1 more left out: --limit 4 lists all\n"
+    assert run("objects", "list")[2] == ""
+    assert len(json.loads(run("objects", "list", "--json")[1])) == 4
+    assert len(json.loads(run("objects", "list", "--json", "-n", "2")[1])) == 2
+
+
+def test_a_bounded_history_shows_the_latest_commits(run: Run) -> None:
+    whole = run("history")[1].splitlines()
+    _, out, err = run("history", "--limit", "1")
+    assert out.splitlines() == whole[-1:]
+    assert err == f"{len(whole) - 1} earlier left out: --limit {len(whole)} lists all\n"
+
+
+def test_a_merge_is_undone_by_what_the_merge_printed(run: Run) -> None:
+    _, _, err = run("objects", "merge", "mug 1", "mug 2")
+    assert len(json.loads(run("objects", "list", "--json")[1])) == 3
+    assert _undo(run, err)[0] == 0
+    assert len(json.loads(run("objects", "list", "--json")[1])) == 4
+
+
+def test_a_purge_says_that_it_is_final(run: Run) -> None:
+    _, _, err = run("objects", "forget", "mug 3", "--purge")
+    assert "this cannot be undone" in err
+    assert "undo:" not in err
+
+
+def test_a_load_into_a_new_graph_is_undone_by_what_it_printed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "more.ttl").write_text("<urn:b> <urn:p> 2 .")
+    _, _, err = run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g")
+    assert run("query", "ASK { GRAPH <urn:g> { <urn:b> ?p ?o } }")[0] == 0
+    assert _undo(run, err)[0] == 0
+    assert run("query", "ASK { GRAPH <urn:g> { <urn:b> ?p ?o } }")[0] == 1
+
+
+def test_nothing_is_printed_that_would_remove_more_than_was_loaded(
+    run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "more.ttl").write_text("<urn:b> <urn:p> 2 .")
+    run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g")
+    (tmp_path / "more.ttl").write_text("<urn:b> <urn:p> 3 .")
+    assert "undo:" not in run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g")[2]
+
+
+def test_an_ontology_is_unloaded_by_what_the_load_printed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "own.ttl").write_text(
+        "<urn:own> a <http://www.w3.org/2002/07/owl#Ontology> . "
+        "<urn:own#C> a <http://www.w3.org/2002/07/owl#Class> ."
+    )
+    _, _, err = run("load", str(tmp_path / "own.ttl"))
+    assert "urn:own" in run("ontology", "list")[1]
+    assert _undo(run, err)[0] == 0
+    assert "urn:own" not in run("ontology", "list")[1]
+
+
+def test_rules_and_tokens_are_undone_by_what_was_printed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "linked.rq").write_text("CONSTRUCT { ?a <urn:q> ?b } WHERE { ?a <urn:p> ?b }")
+    _, _, err = run("rules", "add", str(tmp_path / "linked.rq"))
+    assert run("rules", "list")[0] == 0
+    assert _undo(run, err)[0] == 0
+    assert run("rules", "list")[0] == 1
+    _, _, err = run("token", "create", "--robot", "nao-2")
+    assert _undo(run, err)[0] == 0
+    assert "revoked" in run("token", "list")[1]
