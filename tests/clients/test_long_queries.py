@@ -33,23 +33,15 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     with running_server(folder, "--max-rows", "30000", "--profile", "plain") as running:
         filler = "x" * 800
         lines = "".join(f'<urn:s{i}> <urn:text> "{filler}{i}" .\n' for i in range(ROWS))
-        answer = httpx.put(
-            f"{running.url}/store?graph=urn:texts",
-            content=lines,
-            headers={"Content-Type": "application/n-triples"},
-            timeout=60,
-        )
-        assert answer.status_code == 201
         shelf = "".join(f"<urn:s{i}> <urn:on> <urn:shelf> .\n" for i in range(ROWS))
-        answer = httpx.post(
-            f"{running.url}/store?default",
-            content=shelf,
-            headers={"Content-Type": "application/n-triples"},
-            timeout=60,
-        )
-        assert answer.status_code in (200, 201, 204)
-        move = {"update": "ADD <urn:texts> TO DEFAULT"}
-        assert httpx.post(f"{running.url}/update", data=move, timeout=60).status_code == 204
+        for graph, content in (("graph=urn:texts", lines), ("default", lines + shelf)):
+            answer = httpx.post(
+                f"{running.url}/store?{graph}",
+                content=content,
+                headers={"Content-Type": "application/n-triples"},
+                timeout=60,
+            )
+            assert answer.status_code in (200, 201, 204)
         yield running
 
 
