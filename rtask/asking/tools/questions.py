@@ -9,11 +9,12 @@ from typing import Any
 from pydantic import Field
 
 import ontology
+from rtask.asking.questions import answer
 from rtask.asking.shorthand import expand
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
 from rtask.asking.tools.query import evaluate, rows_of
 from rtask.asking.tools.values import Value
-from rtask.errors import UnknownTermError
+from rtask.sparql.results import Solutions, Triples
 from rtask.wire.message import Answer
 from rtask.wire.types import Text
 
@@ -24,7 +25,7 @@ class Ask(Paged):
     """A question."""
 
     text: Text | None = None
-    """the question, or its key, such as cq05; without it, all are listed"""
+    """a question in your words, or a key such as cq05; without it, all are listed"""
 
 
 class Question(Answer):
@@ -35,10 +36,12 @@ class Question(Answer):
 
 
 class Reply(PagedAnswer):
-    """The answer to a question, with its query; or the questions that there are."""
+    """The answer to a question, with its query; or the nearest questions, or all that there are."""
 
     understood: str = ""
-    """key of the question"""
+    """key of the question; empty if none is near"""
+    ignored: list[str] = Field(default_factory=list)
+    """words of the text that the question has no place for"""
     sparql: str = ""
     columns: list[str] = Field(default_factory=list)
     rows: list[list[Value | None]] = Field(default_factory=list)
@@ -71,9 +74,39 @@ def ask(asked: Asked, request: Ask) -> Reply:
         listed = [Question(key=key, text=text) for key, (text, _) in queries().items()]
         return Reply(commit=commit, questions=listed[request.offset :])
     key = _find(request.text)
+    if key is None:
+        return _nearest(asked, request, commit)
     sparql = queries()[key][1]
-    answer = evaluate(asked, expand(sparql, asked.reader.prefixes).text)
-    rows = rows_of(asked, answer, commit, request.offset)
+    solutions = evaluate(asked, expand(sparql, asked.reader.prefixes).text)
+    return _reply(asked, request, commit, key, sparql, solutions)
+
+
+def _nearest(asked: Asked, request: Ask, commit: int) -> Reply:
+    """Answer the nearest question, with what the text names filled in."""
+
+    def select(query: str) -> Solutions:
+        solutions = evaluate(asked, query)
+        assert isinstance(solutions, Solutions)
+        return solutions
+
+    found = answer(asked.kb, request.text or "", select=select)
+    if not found.is_understood:
+        near = [Question(key=item.key, text=item.question) for item in found.nearest]
+        return Reply(commit=commit, ignored=list(found.ignored), questions=near)
+    solutions = select(found.sparql) if found.is_cut else found.rows
+    reply = _reply(asked, request, commit, found.key, found.sparql, solutions)
+    return reply.model_copy(update={"ignored": list(found.ignored)})
+
+
+def _reply(
+    asked: Asked,
+    request: Ask,
+    commit: int,
+    key: str,
+    sparql: str,
+    solutions: Solutions | bool | Triples,
+) -> Reply:
+    rows = rows_of(asked, solutions, commit, request.offset)
     members: dict[str, Any] = {"more": rows.more} if rows.more.left else {}
     return Reply(
         commit=commit, understood=key, sparql=sparql, columns=rows.columns, rows=rows.rows,
@@ -81,9 +114,9 @@ def ask(asked: Asked, request: Ask) -> Reply:
     )  # fmt: skip
 
 
-def _find(text: str) -> str:
+def _find(text: str) -> str | None:
     sought = text.strip().lower()
     for key, (words, _) in queries().items():
         if sought in (key, words.lower()):
             return key
-    raise UnknownTermError("no question has these words; ask without text to see all")
+    return None

@@ -283,6 +283,20 @@ def test_a_scripted_caller_answers_the_questions_about_episodes(
     assert len(rows) == len(kb.select(text))
 
 
+def test_a_question_in_other_words_is_answered_by_the_nearest_one(toolbox: Toolbox) -> None:
+    answered = call(toolbox, "ask", text="what is there to drink from?")
+    assert answered["understood"] == "cq24"
+    assert "drinkFrom" in answered["sparql"]
+    assert answered["rows"]
+
+
+def test_a_question_that_none_is_near_to_gets_the_nearest_and_no_rows(toolbox: Toolbox) -> None:
+    answered = call(toolbox, "ask", text="will it rain on the moon tomorrow")
+    assert answered.get("rows", []) == []
+    assert not answered.get("understood")
+    assert len(answered["questions"]) == 3
+
+
 def request(toolbox: Toolbox, method: str, **params: Any) -> dict[str, Any]:
     message = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
     return answer(toolbox, message, ROBOT, SITE, Waiting())
