@@ -31,6 +31,8 @@ class WhereIs(Paged):
 class Spot(Answer):
     """One place; x, y, z in m in the frame; no time is known where it is empty."""
 
+    thing: str
+    """what was asked for, or one of the things of that product"""
     relation: str
     place: Value
     frame_id: Value | None
@@ -123,18 +125,19 @@ def where_is(asked: Asked, request: WhereIs) -> Places:
     subject = asked.resource(request.object)
     commit = asked.kb.seq
     places = places_of(asked.kb, subject)
-    spots = [_spot(asked, subject, place) for place in places[request.offset :]]
+    spots = [_spot(asked, place) for place in places[request.offset :]]
     name = asked.terms.short(subject)
     return Places(commit=commit, object=name, stated=bool(places), places=spots)
 
 
-def _spot(asked: Asked, subject: NamedNode, place: Place) -> Spot:
-    terms = asked.terms
+def _spot(asked: Asked, place: Place) -> Spot:
+    terms, subject = asked.terms, place.thing
     author = terms.author(place.graph)
     predicate = {"at": RT.currentPose, "on": RT.locatedOn}.get(place.relation)
     shown = asked.kb.match(subject, predicate) if predicate is not None else []
     proof = terms.proof((subject, shown[0].predicate, shown[0].object)) if shown else ""
     return Spot(
+        thing=terms.short(subject),
         relation=place.relation,
         place=terms.value(place.place, [author]),
         frame_id=None if place.frame_id is None else terms.value(place.frame_id),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import ontology
+from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, Term, prologue
 
 if TYPE_CHECKING:
@@ -14,9 +15,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Place", "places_of"]
 
-_QUERY = """SELECT ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
+MAX_THINGS = 50
+_QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
   {
-    GRAPH ?graph { ?estimate rt:poseOf %(thing)s }
+    %(things)s GRAPH ?graph { ?estimate rt:poseOf ?thing }
     ?estimate rt:estimatedPose ?pose . BIND("at" AS ?relation)
     ?pose rt:atTime ?time ; rt:inFrame ?place ; rt:x ?x ; rt:y ?y ; rt:z ?z
     OPTIONAL { ?place rt:frameId ?frame }
@@ -25,9 +27,9 @@ _QUERY = """SELECT ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHE
   }
   UNION
   {
-    GRAPH ?graph { %(thing)s rt:locatedOn ?place } BIND("on" AS ?relation)
+    %(things)s GRAPH ?graph { ?thing rt:locatedOn ?place } BIND("on" AS ?relation)
     OPTIONAL {
-      ?task rt:handles %(thing)s .
+      ?task rt:handles ?thing .
       { ?task rt:through ?attempt . ?attempt rt:activates ?place }
       UNION { ?task rt:targetSurface ?place ; rt:carriedOutBy ?attempt }
       ?attempt rt:hasOutcome/rt:success true ; prov:endedAtTime ?time
@@ -35,12 +37,12 @@ _QUERY = """SELECT ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHE
   }
   UNION
   {
-    GRAPH ?graph { %(thing)s rt:currentPose ?pose } BIND("at" AS ?relation)
+    %(things)s GRAPH ?graph { ?thing rt:currentPose ?pose } BIND("at" AS ?relation)
     ?pose rt:inFrame ?place ; rt:x ?x ; rt:y ?y ; rt:z ?z
     OPTIONAL { ?pose rt:atTime ?time } OPTIONAL { ?place rt:frameId ?frame }
-    FILTER NOT EXISTS { ?estimate rt:poseOf %(thing)s ; rt:estimatedPose ?pose }
+    FILTER NOT EXISTS { ?estimate rt:poseOf ?thing ; rt:estimatedPose ?pose }
   }
-  UNION { GRAPH ?graph { %(thing)s sumo:located ?place } BIND("in" AS ?relation) }
+  UNION { %(things)s GRAPH ?graph { ?thing sumo:located ?place } BIND("in" AS ?relation) }
 }
 ORDER BY DESC(?time) ?place LIMIT 100"""
 
@@ -51,6 +53,8 @@ class Place:
 
     Parameters
     ----------
+    thing
+        What was asked for, or one of its things.
     relation
         ``at`` a pose in a frame, ``on`` a surface or in a hand, ``in`` a place at any depth.
     place
@@ -67,6 +71,7 @@ class Place:
         Graph that states it.
     """
 
+    thing: NamedNode
     relation: str
     place: Term
     frame_id: Term | None
@@ -77,24 +82,37 @@ class Place:
 
 
 def places_of(kb: GraphCore, subject: NamedNode) -> list[Place]:
-    """Return where a thing is as far as the graph states it, the latest first; perhaps nowhere."""
+    """Return where a thing, or each thing of a product, is as far as the graph states it.
+
+    The latest place comes first; there may be none.
+    """
     names = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "sumo")}
-    rows = kb.select(prologue(names) + _QUERY % {"thing": str(subject)})
+    things = " ".join(map(str, [subject, *_exemplars(kb, subject)]))
+    rows = kb.select(prologue(names) + _QUERY % {"things": f"VALUES ?thing {{ {things} }}"})
     places = {
-        (row["relation"], row["place"], row["x"], row["time"], row["graph"]): _place(row)
+        (row["thing"], row["relation"], row["place"], row["x"], row["time"], row["graph"]): _place(
+            row
+        )
         for row in rows
     }
     return list(places.values())
+
+
+def _exemplars(kb: GraphCore, product: NamedNode) -> list[NamedNode]:
+    things = [quad.subject for quad in kb.match(None, RT.exemplarOf, product)]
+    return [thing for thing in things if isinstance(thing, NamedNode)][:MAX_THINGS]
 
 
 def _place(row: Row) -> Place:
     numbers = [row.value(name) for name in "xyz"]
     is_posed = all(isinstance(number, int | float) for number in numbers)
     confidence = row.value("confidence")
-    place, graph = row["place"], row["graph"]
+    thing, place, graph = row["thing"], row["place"], row["graph"]
     assert place is not None
+    assert isinstance(thing, NamedNode)
     assert isinstance(graph, NamedNode)
     return Place(
+        thing=thing,
         relation=str(row.value("relation")),
         place=place,
         frame_id=row["frame"],

@@ -10,6 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import ontology
+import rtask
 from rtask.asking.tools import resources
 from rtask.asking.tools.protocol import VERSIONS, answer
 from rtask.asking.tools.toolbox import MAX_RESULT, TOOLS, Toolbox
@@ -17,6 +18,7 @@ from rtask.engine import Engine
 from rtask.engine.context import SCOPES
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import prologue
 
 SITE = "http://lab.example"
 ROBOT = Access("nao", "robot")
@@ -184,6 +186,24 @@ def test_a_place_has_its_frame_time_and_author(toolbox: Toolbox) -> None:
     assert latest["time"] == "2026-01-01T10:00:00Z"
     assert latest["by"].endswith("pr2>")
     assert not call(toolbox, "where_is", object="kb:object/9")["stated"]
+
+
+def test_the_places_of_a_product_are_those_of_its_things() -> None:
+    with rtask.open(":memory:", base="urn:lab/") as kb, Engine(kb) as engine:
+        kb.update(
+            prologue(ontology.PREFIXES)
+            + """INSERT DATA { <urn:lab/cup> a rt:Cup ; rt:objectId "lab/1" ; rt:name "red cup" .
+            <urn:lab/thing/1> a rt:Exemplar ; rt:exemplarOf <urn:lab/cup> .
+            <urn:lab/p> a rt:Placement ; rt:placementOf <urn:lab/thing/1> ;
+                rt:placedOn <urn:lab/shelf> ; time:hasBeginning <urn:lab/begin> .
+            <urn:lab/begin> a time:Instant ;
+                time:inXSDDateTimeStamp "2026-01-01T10:00:00Z"^^xsd:dateTimeStamp .
+            <urn:lab/shelf> a rt:SupportSurface ; rt:name "shelf" }"""
+        )
+        tools = Toolbox(kb, engine, lambda access: SCOPES[access.role])
+        places = call(tools, "where_is", object="red cup")["places"]
+        assert "on" in {place["relation"] for place in places}
+        assert {place["thing"] for place in places} == {"kb:thing/1"}
 
 
 def test_grasps_are_recalled_with_their_proofs(toolbox: Toolbox) -> None:
