@@ -94,7 +94,7 @@ def serve(
         if follow and isinstance(kb, KnowledgeBase):
             follower = Follower(kb, tokens, follow, secret, not no_forward, lease_s=lease)
         else:
-            server.check_exposure(tokens, config)
+            server.check_exposure(tokens, config, kb.folder)
         if not isinstance(kb, KnowledgeBase):
             engine = EngineElsewhere()
         elif not config.plain:
@@ -191,6 +191,12 @@ def token() -> None:
 
 @token.command("create")
 @data_option
+@click.option(
+    "--store",
+    default="",
+    metavar="URL",
+    help="With a new folder: the SPARQL server that will keep its statements (`serve --store`).",
+)
 @click.option("--robot", metavar="NAME", help="Robot to which the token belongs.")
 @click.option("--name", metavar="NAME", help="Person to whom the token belongs.")
 @click.option("--role", help="reader, robot, teacher or admin; with --robot, robot by default.")
@@ -208,6 +214,7 @@ def token() -> None:
 @json_option
 def create(
     data: Path,
+    store: str,
     robot: str | None,
     name: str | None,
     role: str | None,
@@ -224,7 +231,7 @@ def create(
     from endpoint.access.tokens import parse_lifetime
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
-    with closing(_tokens(data, make=True)) as tokens:
+    with closing(_tokens(data, make=True, store=store)) as tokens:
         text, made = tokens.create(role, agent=robot or name, lifetime=lifetime, rights=rights)
     facts = {"role": made.role, "agent": made.agent, "expires": made.expires}
     _audit(data, "token-created", made.id, **facts, rights=list(made.rights))
@@ -286,14 +293,21 @@ def expire(token_id: str, lifetime: str, data: Path, as_json: bool) -> None:
     click.echo(f"token {token_id} ends in {lifetime}", err=True)
 
 
-def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
+def _tokens(folder: Path, *, make: bool = False, store: str = "") -> TokenStore:
     import rtask
     from endpoint.access.tokens import TokenStore
+    from rtask.kb.durability.settings import Settings
 
     if not (folder / "kb.json").is_file():
         if not make:
             raise UsageError(f"{folder} is not a knowledge base")
-        rtask.open(folder).close()
+        if store:
+            token = os.environ.get("RTASK_STORE_TOKEN")
+            rtask.open(store, token=token, folder=folder).close()
+        else:
+            rtask.open(folder).close()
+    elif store and Settings.load(folder).store is None:
+        raise UsageError(f"{folder} keeps its statements itself, not at {store}; name a new folder")
     return TokenStore(folder)
 
 

@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 import logging
 import resource
+import shlex
 import signal
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import FrameType
 
 import uvicorn
@@ -67,8 +69,13 @@ def listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def check_exposure(tokens: TokenStore, config: Config) -> None:
+def check_exposure(tokens: TokenStore, config: Config, folder: Path | None) -> None:
     """Refuse to serve other machines while no token is required.
+
+    Parameters
+    ----------
+    folder
+        Where the tokens are; None for a server in memory, which has none.
 
     Raises
     ------
@@ -77,10 +84,11 @@ def check_exposure(tokens: TokenStore, config: Config) -> None:
     """
     if not config.on_loopback and not tokens.ever_issued():
         where = "behind a proxy the server" if config.behind_proxy else config.host
-        raise UsageError(
-            f"{where} is reachable from other machines and no token exists; create one first: "
-            "rtask token create --data DIR --role admin"
-        )
+        remedy = "serve a folder, not memory"
+        if folder is not None:
+            named = shlex.quote(str(folder))
+            remedy = f"create one first: rtask token create --data {named} --role admin"
+        raise UsageError(f"{where} is reachable from other machines and no token exists; {remedy}")
 
 
 def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[str], None]) -> bool:

@@ -177,7 +177,10 @@ def _note(folder: Path, settings: Settings) -> None:
         return
     there = Settings.load(folder)
     if there.store_id != settings.store_id or there.store is None:
-        what = f"belongs to {there.store}" if there.store else "holds a knowledge base of its own"
-        raise StoreFormatError(f"{folder} {what}, not to {settings.store}; name another folder")
+        holds = f"belongs to {there.store}" if there.store else "keeps its statements itself"
+        raise StoreFormatError(
+            f"{folder} {holds}; what goes with {settings.store} needs a folder of its own: name a "
+            "new one, whose tokens `rtask token create --store URL --data FOLDER` makes"
+        )
     if there != settings:
         settings.save(folder)

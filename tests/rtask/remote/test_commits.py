@@ -186,7 +186,9 @@ class _Watched(Endpoints):
     """Does something before or after certain updates, as another process might."""
 
     def __init__(self, endpoints: Endpoints, meddle: Callable[[Endpoints, int], None]) -> None:
-        super().__init__(endpoints.query_url, endpoints.update_url, endpoints.connection)
+        super().__init__(
+            endpoints.query_url, endpoints.update_url, endpoints.connection, endpoints.address
+        )
         self.claimed: list[str] = []
         self._meddle = meddle
 
@@ -249,7 +251,9 @@ class _Lossy(Endpoints):
     """Loses the first commit, on its way to the server or on the way back."""
 
     def __init__(self, endpoints: Endpoints, arrives: bool, meanwhile: str = "") -> None:
-        super().__init__(endpoints.query_url, endpoints.update_url, endpoints.connection)
+        super().__init__(
+            endpoints.query_url, endpoints.update_url, endpoints.connection, endpoints.address
+        )
         self._arrives = arrives
         self._meanwhile = meanwhile
         self.commits = 0
