@@ -89,7 +89,7 @@ def ask_sparql(asked: Asked, request: AskSparql) -> Rows:
 @tool(
     "Check a SPARQL query without running it: unknown terms, what cannot match, with repairs.",
     {"query": _EXAMPLE},
-    {"query": "SELECT ?r { ?r rt:canGrsp kb:object/7 }"},
+    {"query": "SELECT ?r { kb:object/7 rt:canGrasp ?r }"},
 )
 def check_sparql(asked: Asked, request: CheckSparql) -> Checked:
     """Return the faults of a query that parses; one that does not is an error with its place."""

@@ -16,7 +16,7 @@ import rtask
 from rtask.errors import DataError, ParseError, TooLargeError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf import documents
-from rtask.rdf.bounds import MAX_LITERAL
+from rtask.rdf.bounds import MAX_LITERAL, MAX_NESTING
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, find_format, read_document
 
@@ -294,9 +294,13 @@ def test_brackets_in_strings_are_not_depth() -> None:
     assert len(read_document(f'<urn:a> <urn:p> "{"<<( " * 1_000}" .', "turtle")) == 1
 
 
-def test_nested_blank_nodes_of_any_depth_are_read() -> None:
-    text = "<urn:a> <urn:p> " + "[ <urn:p> " * 5_000 + "1" + " ]" * 5_000 + " ."
-    assert len(read_document(text, "turtle")) == 5_001
+def test_nested_blank_nodes_are_read_down_to_the_bound_and_refused_beyond() -> None:
+    def nested(depth: int) -> str:
+        return "<urn:a> <urn:p> " + "[ <urn:p> " * depth + "1" + " ]" * depth + " ."
+
+    assert len(read_document(nested(MAX_NESTING), "turtle")) == MAX_NESTING + 1
+    with pytest.raises(TooLargeError, match=f"nested deeper than {MAX_NESTING}"):
+        read_document(nested(MAX_NESTING + 1), "turtle")
 
 
 def test_a_literal_may_hold_any_character_of_unicode_nul_included(
