@@ -197,7 +197,7 @@ def test_what_is_no_longer_kept_is_told(followed: RunningServer) -> None:
     ("parameters", "part"),
     [
         ({"s": "not an iri <>"}, "s:"),
-        ({"p": '"text"'}, "p: expected an IRI"),
+        ({"p": '"text"@en'}, "p: expected an IRI"),
         ({"o": '"x" . <urn:a> <urn:b> <urn:c>'}, "o:"),
         ({"since": "yesterday"}, "since"),
         ({"inferred": "perhaps"}, "inferred"),
