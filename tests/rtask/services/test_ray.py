@@ -27,6 +27,8 @@ from rtask.services.call import Invocation
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import define
 from tests.rtask.services.elsewhere import CallsElsewhere
+from tests.rtask.services.endings.moments import Gate, RayTally
+from tests.rtask.services.endings.test_endings import ENDS, STORE, check
 from tests.rtask.services.lab import Fragile, Notebook, Writer
 
 pytestmark = pytest.mark.slow  # starts processes
@@ -57,22 +59,43 @@ class FarNotebook(Notebook):
 
 
 @pytest.fixture(scope="module")
-def host() -> Iterator[ServiceHost]:
+def cluster() -> Iterator[None]:
     ray = pytest.importorskip("ray", reason=_REASON)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        ray.init(num_cpus=3, include_dashboard=False, logging_level="ERROR", log_to_driver=False)
+        ray.init(num_cpus=4, include_dashboard=False, logging_level="ERROR", log_to_driver=False)
         try:
-            with ServiceHost([FarFragile, FarWriter, FarNotebook]) as opened:
-                yield opened
+            yield
         finally:
             ray.shutdown()
+
+
+@pytest.fixture(scope="module")
+def host(cluster: None) -> Iterator[ServiceHost]:
+    with ServiceHost([FarFragile, FarWriter, FarNotebook]) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def sum_host(cluster: None) -> Iterator[ServiceHost]:
+    with ServiceHost([RayTally], check_every=1) as made:
+        made.datasets.create(STORE)
+        made.datasets.put(STORE, {"sum": b"1"})
+        yield made
 
 
 class TestCallsOnTheCluster(CallsElsewhere):
     """Calls whose process is an actor of Ray."""
 
     service = "lab/FarFragile"
+
+
+@pytest.mark.parametrize("moment", ["waiting", "after it wrote", "returned", "stored"])
+@pytest.mark.parametrize("cause", ENDS)
+def test_what_is_stored_is_what_the_caller_was_told(
+    sum_host: ServiceHost, gate: Gate, tmp_path: Path, cause: str, moment: str
+) -> None:
+    check(sum_host, RayTally.name, cause, moment, tmp_path, gate)
 
 
 def test_what_hangs_is_killed_when_it_is_late_or_cancelled(host):

@@ -29,6 +29,7 @@ TRIED = {
 NOBODY = {
     "task": "a purpose: pick, place",
     "frame_id": "a name within the robot's own frames",
+    "frame": "what poses are asked for in",
     "frames": "names within the robot's own frames",
     "confirmed_by": "a kind of judge",
     "attempt_number": "a count",

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from rtask.services import Service, ServiceHost, data_resource, method
 
-__all__ = ["FarLink", "FarTally", "Gate", "ProcessTally", "Tally"]
+__all__ = ["FarLink", "FarTally", "Gate", "ProcessTally", "RayTally", "Tally"]
 
 LONG_S = 60.0
 
@@ -89,6 +89,13 @@ class ProcessTally(Tally):
 
     name = "moments/ProcessTally"
     executor = "processes"
+
+
+class RayTally(Tally):
+    """The same in an actor of a Ray cluster."""
+
+    name = "moments/RayTally"
+    executor = "ray"
 
 
 class FarTally(Tally):

@@ -21,7 +21,6 @@ from rtask.services.datasets.store import Datasets
 from rtask.services.definition import define
 from rtask.services.description import described
 from rtask.services.jobs import ENDED, Job
-from rtask.services.pool import Pool
 from rtask.services.task import Task
 from tests.rtask.services.endings.moments import FarLink, FarTally, Gate, ProcessTally, Tally
 
@@ -31,28 +30,6 @@ BEFORE_STORING = ("given to a worker", *IN_WORKER, "returned")
 FROM_STORING_ON = ("being stored", "stored")
 MOMENTS = ("waiting", *BEFORE_STORING, *FROM_STORING_ON, "answered")
 THREADS, OUTWARD, PROCESSES = "moments/Tally", "moments/FarTally", "moments/ProcessTally"
-
-
-@pytest.fixture
-def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Gate:
-    """Stop calls also at the moments that lie in the server."""
-    made = Gate(tmp_path)
-
-    def before(owner: type, name: str, moment: str, after: str = "") -> None:
-        original = getattr(owner, name)
-
-        def stopping(*args, **kwargs):
-            made.reach(moment)
-            found = original(*args, **kwargs)
-            made.reach(after)
-            return found
-
-        monkeypatch.setattr(owner, name, stopping)
-
-    before(Pool, "_carry_out", "given to a worker")
-    before(Task, "succeed", "returned")
-    before(Datasets, "put_together", "being stored", "stored")
-    return made
 
 
 def opened(folder: Path | None = None) -> ServiceHost:
