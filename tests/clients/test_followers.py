@@ -192,7 +192,7 @@ def test_robots_write_and_meet_others_through_a_follower_and_read_there(
         with _websocket(follower, robot) as near, _websocket(writer, robot) as far:
             for number in range(3):
                 told = {"name": "nao-2", "model": f"Nao {number}", "end_effectors": _HANDS}
-                stored = _call(near, "/rtask/register_robot", **told)
+                stored = _call(near, "/rtask/register_robot", **told, replace=True)
                 assert stored["result"] is True, stored
                 seq = httpx.get(writer.url + "/health").json()["seq"]
                 assert _call(near, "/rtask/compare_contributors")["result"] is True
