@@ -35,8 +35,9 @@ __all__ = ["CANDIDATE", "Received", "in_object", "received"]
 Quaternion = tuple[float, float, float, float]
 
 _WIDEST_M = 1.0
-_FARTHEST_M = 2.0
-"""From the origin of an object; beyond it, a grasp belongs to something else."""
+_FARTHEST_M = 4.0
+"""From the origin of an object; beyond it, a grasp belongs to something else. The thesis's own
+message has 2.5 m (Gatto 2016, 3.2.4)."""
 
 CANDIDATE = "candidate:"
 """Prefix of the ids of proposed grasps."""

@@ -79,7 +79,7 @@ def test_the_bound_is_a_setting(bench, reported, engine, monkeypatch):
         ("width", 3.0, r"grasp\.width: 3 is above 1"),
         ("width", -0.1, r"grasp\.width: -0.1 is below 0"),
         ("opening", -0.1, r"grasp\.opening: -0.1 is below 0"),
-        ("x", 5.0, "x is .* m from the object, more than 2"),
+        ("x", 5.0, "x is .* m from the object, more than 4"),
     ],
 )
 def test_an_implausible_grasp_is_refused_with_its_field(
