@@ -88,7 +88,7 @@ class Engine:
     >>> from rtask.engine import Engine
     >>> with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
     ...     sorted(engine.operations)[-2:]
-    ['teach_object', 'withdraw_contributor']
+    ['where_is', 'withdraw_contributor']
     """
 
     operations: Mapping[str, Operation[Any, Any]] = OPERATIONS

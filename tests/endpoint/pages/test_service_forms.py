@@ -164,6 +164,7 @@ def _remember(forms: Forms) -> None:
     assert ask("plan_in_space", object=thing, gripper_id="right_hand") is not None
     assert ask("plan_on_scene", again, gripper_id="right_hand", **SIGHT) is not None
     assert ask("resolve_request", wanted="tin", gripper_id="right_hand") is not None
+    assert ask("where_is", name="tea tin") is not None
     said = {"verdict": "confirm", "object": thing, "grasp": grasp["id"], "operator": "ann"}
     ask("give_feedback", **said)
     ask("teach_object", again, operation="search", class_description="tin", **SIGHT)

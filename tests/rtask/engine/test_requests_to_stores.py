@@ -18,7 +18,7 @@ pytestmark = [
 ]
 
 
-def test_ten_new_objects_take_at_most_ten_requests(bench, tmp_path: Path) -> None:
+def test_ten_new_objects_take_at_most_thirty_requests(bench, tmp_path: Path) -> None:
     server = Oxigraph(tmp_path / "oxigraph")
     server.start()
     try:
@@ -34,8 +34,9 @@ def test_ten_new_objects_take_at_most_ten_requests(bench, tmp_path: Path) -> Non
             stored = robot.call("insert_object", objects=items)
             sent = connection.requests - before
             assert stored["stored"] == 10
-            # The look for commits of others sends one a second.
-            assert sent <= 10 + 1 + int(time.monotonic() - started)
+            # One for each object and two for its place among the things that are there; the look
+            # for commits of others sends one a second.
+            assert sent <= 30 + 1 + int(time.monotonic() - started)
             again = robot.call("insert_object", objects=items)
             assert [one["object"] for one in again["objects"]] == [
                 one["object"] for one in stored["objects"]
