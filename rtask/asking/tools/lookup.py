@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
+from typing import Any
 
 from pydantic import Field
 from pyoxigraph import DefaultGraph, Quad
@@ -107,11 +108,11 @@ def describe(asked: Asked, request: Describe) -> Description:
         kind=kind,
         count=_count(asked, term, kind),
         facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset :][:100]],
-        **_rest(len(triples) - request.offset - 100, request.offset + 100),  # type: ignore[arg-type]
+        **_rest(len(triples) - request.offset - 100, request.offset + 100),
     )
 
 
-def _rest(left: int, offset: int) -> dict[str, dict[str, int]]:
+def _rest(left: int, offset: int) -> dict[str, Any]:
     return {"more": {"offset": offset, "left": left}} if left > 0 else {}
 
 

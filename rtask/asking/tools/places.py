@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Place", "places_of"]
 
-MAX_THINGS = 50
 _QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
   {
     %(things)s GRAPH ?graph { ?estimate rt:poseOf ?thing }
@@ -44,7 +43,7 @@ _QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confide
   }
   UNION { %(things)s GRAPH ?graph { ?thing sumo:located ?place } BIND("in" AS ?relation) }
 }
-ORDER BY DESC(?time) ?place LIMIT 100"""
+ORDER BY DESC(?time) ?place LIMIT 1000"""
 
 
 @dataclass(frozen=True)
@@ -99,14 +98,12 @@ def places_of(kb: GraphCore, subject: NamedNode) -> list[Place]:
 
 
 def _exemplars(kb: GraphCore, product: NamedNode) -> list[NamedNode]:
-    things = [quad.subject for quad in kb.match(None, RT.exemplarOf, product)]
-    return [thing for thing in things if isinstance(thing, NamedNode)][:MAX_THINGS]
+    things = (quad.subject for quad in kb.match(None, RT.exemplarOf, product))
+    return [thing for thing in things if isinstance(thing, NamedNode)]
 
 
 def _place(row: Row) -> Place:
-    numbers = [row.value(name) for name in "xyz"]
-    is_posed = all(isinstance(number, int | float) for number in numbers)
-    confidence = row.value("confidence")
+    x, y, z = (_number(row, name) for name in "xyz")
     thing, place, graph = row["thing"], row["place"], row["graph"]
     assert place is not None
     assert isinstance(thing, NamedNode)
@@ -116,8 +113,13 @@ def _place(row: Row) -> Place:
         relation=str(row.value("relation")),
         place=place,
         frame_id=row["frame"],
-        position=tuple(float(str(number)) for number in numbers) if is_posed else None,  # type: ignore[arg-type]
+        position=None if x is None or y is None or z is None else (x, y, z),
         time=str(row.value("time") or ""),
-        confidence=float(confidence) if isinstance(confidence, int | float) else None,
+        confidence=_number(row, "confidence"),
         graph=graph,
     )
+
+
+def _number(row: Row, name: str) -> float | None:
+    value = row.value(name)
+    return float(value) if isinstance(value, int | float) else None

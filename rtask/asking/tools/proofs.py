@@ -18,7 +18,7 @@ from rtask.wire.types import Text, Whole
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from reasoner import Proof, Refutation, Undecided
+    from reasoner import Proof
     from rtask.kb.feed.history import HistoryEntry
 
 __all__ = ["explain", "history"]
@@ -105,19 +105,19 @@ class Past(PagedAnswer):
 )
 def explain(asked: Asked, request: Explain) -> Explanation:
     """Return a proof step by step, or what is missing."""
+    from reasoner import Proof, Undecided
+
     asked.work.report(0.1, "looking for a proof")
     triple = asked.statement(request.s, request.p, request.o)
     explanation = decide(asked.kb, triple, request.budget)
     members: dict[str, Any] = {}
-    if explanation.holds:
-        proof: Proof = explanation.decision  # type: ignore[assignment]
-        members["steps"] = list(_steps(asked, proof, 0))[request.offset :]
-    elif explanation.holds is None:
-        undecided: Undecided = explanation.decision  # type: ignore[assignment]
-        members["try_budget"] = min(undecided.more, MAX_BUDGET)
+    decision = explanation.decision
+    if isinstance(decision, Proof):
+        members["steps"] = list(_steps(asked, decision, 0))[request.offset :]
+    elif isinstance(decision, Undecided):
+        members["try_budget"] = min(decision.more, MAX_BUDGET)
     else:
-        refutation: Refutation = explanation.decision  # type: ignore[assignment]
-        members["needs"] = [_need(asked, need) for need in refutation.needs][request.offset :]
+        members["needs"] = [_need(asked, need) for need in decision.needs][request.offset :]
     return Explanation(
         commit=explanation.commit,
         verdict=explanation.verdict,

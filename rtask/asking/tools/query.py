@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pydantic import Field
 
 from rtask.asking.check.checker import check
@@ -130,13 +132,13 @@ def rows_of(asked: Asked, answer: Solutions | bool | Triples, commit: int, offse
         return Rows(commit=commit, holds=answer)
     page = answer[offset : offset + PAGE]
     left = max(len(answer) - offset - PAGE, 0)
-    more = {"more": {"offset": offset + PAGE, "left": left}} if left else {}
+    more: dict[str, Any] = {"more": {"offset": offset + PAGE, "left": left}} if left else {}
     if isinstance(page, Triples):
         facts = [terms.fact((triple.subject, triple.predicate, triple.object)) for triple in page]
-        return Rows(commit=commit, facts=facts, **more)  # type: ignore[arg-type]
+        return Rows(commit=commit, facts=facts, **more)
     assert isinstance(page, Solutions)
     rows = [[None if term is None else terms.value(term) for term in row] for row in page]
-    return Rows(commit=commit, columns=list(page.variables), rows=rows, **more)  # type: ignore[arg-type]
+    return Rows(commit=commit, columns=list(page.variables), rows=rows, **more)
 
 
 def _faults(asked: Asked, query: Expansion) -> list[Fault]:

@@ -21,6 +21,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 from pyoxigraph import DefaultGraph, Quad
 
@@ -323,19 +324,19 @@ def _write(quads: Iterable[Quad]) -> str:
     return "".join(lines)
 
 
-def _proposal(row: tuple[object, ...]) -> Proposal:
+def _proposal(row: tuple[Any, ...]) -> Proposal:
     number, author, added, removed, rests_on, reason, state, made, decided, by, remark, seq = row
     return Proposal(
-        number,  # type: ignore[arg-type]
-        str(author),
-        str(added),
-        str(removed),
-        rests_on,  # type: ignore[arg-type]
-        str(reason),
-        state,  # type: ignore[arg-type]
-        dt.datetime.fromisoformat(str(made)),
-        None if decided is None else dt.datetime.fromisoformat(str(decided)),
-        str(by),
-        str(remark),
-        seq,  # type: ignore[arg-type]
+        number,
+        author,
+        added,
+        removed,
+        rests_on,
+        reason,
+        state,
+        dt.datetime.fromisoformat(made),
+        None if decided is None else dt.datetime.fromisoformat(decided),
+        by,
+        remark,
+        seq,
     )
