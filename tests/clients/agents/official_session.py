@@ -1,7 +1,7 @@
 """A session of an agent with the official SDK of the Model Context Protocol.
 
 Run by an interpreter that has the SDK (``pip install mcp``), for its dependencies are heavy:
-``python agent_session.py URL`` with RTASK_TOKEN, or ``python agent_session.py -- COMMAND...`` over
+``python official_session.py URL`` with RTASK_TOKEN, or ``python agent_session.py -- COMMAND...`` over
 standard input and output. Prints what the client saw as one JSON object.
 """
 

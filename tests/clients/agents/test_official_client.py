@@ -22,7 +22,7 @@ import pytest
 import ontology
 from tests.servers import RTASK, RunningServer, running_server
 
-_SESSION = Path(__file__).with_name("agent_session.py")
+_SESSION = Path(__file__).with_name("official_session.py")
 _MUG = (
     f"PREFIX rt: <{ontology.NS}> INSERT DATA {{ "
     '<https://w3id.org/rtask-kg/kb/sample/mug> a rt:Mug ; rt:name "blue mug" }'
