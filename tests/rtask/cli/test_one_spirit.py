@@ -29,7 +29,7 @@ Run = Callable[..., tuple[int, str, str]]
 _USED_IN_TWO_WAYS = {
     "--limit": "serve: of a rate",
     "--store": "serve: where statements are; grasp push, space: whether to store",
-    "--count": "ros zenoh save: -n is a topic's number there",
+    "--count": "ros2 dds save: -n is a topic's number there",
 }
 _FORMER = {"--url", "--by", "--operator", "--processes", "--view", "--output", "--endpoint"}
 """Names that other commands gave to what is called --server, --agent, --workers, --gui, --out."""
