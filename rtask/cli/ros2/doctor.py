@@ -9,6 +9,7 @@ import threading
 
 import click
 
+from rtask.cli.options import json_option, print_json
 from rtask.cli.ros2.dds import domain_option
 from rtask.errors import RemoteUnavailableError
 
@@ -23,7 +24,8 @@ _TOPIC, _TYPE = "/rtask_doctor", "std_msgs/msg/String"
     help="How long to listen for nodes, s.",
 )  # fmt: skip
 @domain_option
-def doctor(wait_s: float, domain: int) -> None:
+@json_option
+def doctor(wait_s: float, domain: int, as_json: bool) -> None:
     """Check what `rtask ros2 dds` needs: library, network, a message sent and heard, other nodes.
 
     Nodes are listed as they announce themselves on ros_discovery_info; none may mean another
@@ -34,11 +36,12 @@ def doctor(wait_s: float, domain: int) -> None:
     from rtask.interop.ros.dds.node import DdsNode
     from rtask.interop.ros.dds.types import RosTypes
 
-    has_rclpy = importlib.util.find_spec("rclpy") is not None
-    click.echo(f"rclpy       {'can be imported here' if has_rclpy else 'not here; not needed'}")
-    click.echo(f"cyclonedds  {importlib.metadata.version('cyclonedds')}")
-    click.echo(f"network     {os.environ.get('CYCLONEDDS_URI') or 'chosen by Cyclone'}")
-    click.echo(f"domain      {domain}")
+    rows: dict[str, str | list[str]] = {
+        "rclpy": "importable" if importlib.util.find_spec("rclpy") else "not here; not needed",
+        "cyclonedds": importlib.metadata.version("cyclonedds"),
+        "network": os.environ.get("CYCLONEDDS_URI") or "chosen by Cyclone",
+        "domain": str(domain),
+    }
     heard, names = threading.Event(), set[str]()
     with (
         DdsNode("rtask_doctor", RosTypes(), domain=domain) as node,
@@ -55,7 +58,12 @@ def doctor(wait_s: float, domain: int) -> None:
                 "a message was sent and not heard on this machine; does CYCLONEDDS_URI name an "
                 "interface that is up?"
             )
-        click.echo("message     sent and heard")
+        rows["message"] = "sent and heard"
         threading.Event().wait(wait_s)
-    others = sorted(names - {node.full_name, peer.full_name})
-    click.echo(f"nodes       {', '.join(others) or 'no other heard'}")
+    rows["nodes"] = sorted(names - {node.full_name, peer.full_name})
+    if as_json:
+        print_json(rows)
+        return
+    for name, value in rows.items():
+        text = value if isinstance(value, str) else ", ".join(value) or "no other heard"
+        click.echo(f"{name:<11} {text}")

@@ -55,7 +55,7 @@ _OF_FILES = {
 }  # fmt: skip
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
-_WITHOUT_JSON = {"help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run"}
+_WITHOUT_JSON = {"help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run", "call"}
 
 
 def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
