@@ -55,7 +55,10 @@ _OF_FILES = {
 }  # fmt: skip
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
-_WITHOUT_JSON = {"help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run", "call"}
+_WITHOUT_JSON = {
+    "help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run",
+    "call",  # of ROS 2: prints JSON anyhow
+}  # fmt: skip
 
 
 def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
