@@ -78,7 +78,11 @@ class Link:
             if not self._is_up:
                 near.close()
                 continue
-            far = socket.create_connection(("127.0.0.1", self._target))
+            try:
+                far = socket.create_connection(("127.0.0.1", self._target))
+            except OSError:  # the far side is down: so is this one, as through a plain cable
+                near.close()
+                continue
             self._open += [near, far]
             for source, target in ((near, far), (far, near)):
                 threading.Thread(target=_forward, args=(source, target), daemon=True).start()

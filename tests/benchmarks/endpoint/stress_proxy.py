@@ -146,9 +146,7 @@ def _show(situation: str, answers: Counter[str]) -> None:
 def _cut(root: Path, follower: str, link: Link, writer: str, token: str) -> None:
     """Revoke a token whose follower does not hear of it, and time how long it is let in."""
     with httpx.Client(base_url=follower, headers=bearer(token), timeout=30) as client:
-        end = time.monotonic() + 30
-        while client.get("/query", params=_ASK).status_code != 200 and time.monotonic() < end:
-            time.sleep(0.1)  # it may not have heard of the writer's return yet
+        _await_contact(client, writer, token)
         link.cut()
         began = time.monotonic()
         _revoke(root / "writer")
@@ -165,8 +163,22 @@ def _cut(root: Path, follower: str, link: Link, writer: str, token: str) -> None
             time.sleep(0.05)
     print(
         f"link cut: the writer refused the token after {at_writer:.2f} s, the follower after "
-        f"{lapsed:.2f} s of its lease of {LEASE_S:g} s ({slug}), and by 401 once in contact again"
+        f"{lapsed:.2f} s by its lease of {LEASE_S:g} s ({slug}), and by 401 once in contact again"
     )
+
+
+def _await_contact(follower: httpx.Client, writer: str, token: str) -> None:
+    """Wait until a statement of the writer, which was just restarted, is at the follower."""
+    text = "INSERT DATA { <urn:contact> <urn:p> 1 }"
+    httpx.post(f"{writer}/update", data={"update": text}, headers=bearer(token)).raise_for_status()
+    ask = {"query": "ASK { <urn:contact> <urn:p> 1 }", "format": "json"}
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        answer = follower.get("/query", params=ask)
+        if answer.status_code == 200 and answer.json()["boolean"]:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the follower has not heard of the writer's return within 60 s")
 
 
 def _revoke(folder: Path) -> None:
