@@ -1,8 +1,8 @@
 """A session of an agent with the official SDK of the Model Context Protocol.
 
 Run by an interpreter that has the SDK (``pip install mcp``), for its dependencies are heavy:
-``python official_session.py URL`` with RTASK_TOKEN, or ``python agent_session.py -- COMMAND...`` over
-standard input and output. Prints what the client saw as one JSON object.
+``python official_session.py URL`` with RTASK_TOKEN, or ``python official_session.py -- COMMAND...``
+over standard input and output. Prints what the client saw as one JSON object.
 """
 
 from __future__ import annotations
@@ -90,4 +90,5 @@ async def main() -> None:
         json.dump(await converse(client), sys.stdout, indent=1)
 
 
-anyio.run(main)
+if __name__ == "__main__":
+    anyio.run(main)
