@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import ForgottenError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import iri
@@ -109,8 +109,16 @@ def test_a_forgotten_object_does_not_come_back_half(bench, robots, engine, kb, p
     stored = robot.insert(seen, grasp=offered, outcome=bench.held(), name="tea box")["objects"][0]
     forget = {"operation": "forget", "object": stored["object"], "purge": purge}
     engine.call("curate_object", forget, Access("anna", "teacher"))
-    with pytest.raises(UnknownTermError, match="the graph has no object"):
+    with pytest.raises(ForgottenError, match="was forgotten") as caught:
         robot.insert(seen, object=stored["object"])
+    assert caught.value.status == 404
+    for operation in ("recall_grasps", "report_outcome"):
+        grasp = {"grasp": offered, "outcome": bench.held(), "gripper_id": robot.gripper}
+        grasp = {} if operation == "recall_grasps" else grasp
+        with pytest.raises(ForgottenError, match="was forgotten"):
+            robot.call(operation, object=stored["object"], **grasp)
+    with pytest.raises(ForgottenError, match="was forgotten"):
+        robot.recognise(seen, object=stored["object"])
     gone = iri(stored["object"])
     assert not kb.match(gone, RT.objectId)
     assert not kb.match(gone, RT.hasView)

@@ -54,6 +54,15 @@ def test_tf_gives_the_camera_as_the_joints_say(robot, body):
     np.testing.assert_allclose(by_tf, by_joints, atol=1e-9)
 
 
+def test_each_transform_has_each_stamp_once_also_while_frames_are_taken(robot, body):
+    robot("listen", topic="/camera/points", type="sensor_msgs/PointCloud2")
+    robot("listen", topic="/tf", type="tf2_msgs/TFMessage")
+    robot("hear", topic="/camera/points")
+    stamps = [tuple(one) for one in robot("transforms", topic="/tf", count=60)]
+    assert len(stamps) >= 60
+    assert len(set(stamps)) == len(stamps)
+
+
 def test_what_the_robot_sees_is_cut_and_asked_about(robot, body, node):
     now = robot("camera", frame="camera_depth_optical_frame")["time"]
     robot.call("/rtask/register_robot", name="sim", model="nao", end_effectors=[HAND])
