@@ -84,14 +84,6 @@ class Robot:
                 return None
             return plain(self.heard[topic][-1])
 
-    def transforms(self, topic: str, count: int, wait_s: float = WAIT_S) -> Any:
-        """Return child and stamp (ns) of all transforms in the messages so far; None if too few."""
-        with self.came:
-            if not self.came.wait_for(lambda: len(self.heard[topic]) >= count, wait_s):
-                return None
-            moved = [one for message in self.heard[topic] for one in message.transforms]
-            return [[one.child_frame_id, one.header.stamp.to_nsec()] for one in moved]
-
     def keep(self, folder: str, topics: dict[str, str]) -> Any:
         """Write each message of some topics to a file as it came over the wire, until the end."""
         for number, (topic, type_) in enumerate(topics.items()):
