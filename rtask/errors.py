@@ -28,6 +28,7 @@
     │   ├── TooLargeError           beyond a stated limit
     │   │   └── TooMuchFollowsError more follows from a change than it may cause
     │   ├── UnknownTermError        a name or IRI that the graph does not contain
+    │   │   └── ForgottenError      an object that somebody has forgotten on purpose
     │   └── FieldError              a value that does not fit a field of an object
     ├── AccessError                 the caller is not allowed to
     │   ├── AuthenticationError     no token, or not a valid one
@@ -74,6 +75,7 @@ __all__ = [
     "EpochChangedError",
     "FieldError",
     "ForbiddenError",
+    "ForgottenError",
     "GoneError",
     "InconsistentError",
     "Lagged",
@@ -318,6 +320,12 @@ class UnknownTermError(DataError):
     """A name or IRI that the graph does not contain; ``did_you_mean`` where one is similar."""
 
     slug, exit_code = "unknown-term", 1
+
+
+class ForgottenError(UnknownTermError):
+    """An object that was forgotten, so that nothing is stored about it any more."""
+
+    status, slug = 404, "forgotten"
 
 
 class FieldError(DataError):

@@ -37,7 +37,7 @@ EXTRA_OF = {
     "rosbags": "recordings",
     "pyarrow": "lerobot",
     "qi": "naoqi",
-    "zenoh": "zenoh",
+    "cyclonedds": "dds",
     "sklearn": "classifier",
     "ray": "ray",
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import inspect
 import os
+import random
 from collections.abc import Generator
 from pathlib import Path
 
@@ -17,6 +18,31 @@ _MAX_CPU_S = 5.0
 _PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
 _FAILED = pytest.StashKey[Path]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Offer to run tests in an order that nobody chose."""
+    text = "shuffle modules, and the tests within each, with this seed"
+    parser.addoption("--shuffle", type=int, default=None, metavar="SEED", help=text)
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    """Say with which seed the tests are shuffled, so that the order can be had again."""
+    seed = config.getoption("--shuffle")
+    return None if seed is None else f"shuffled with --shuffle={seed}"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Shuffle tests if asked to; a module stays in one piece, so that it is set up once."""
+    seed = config.getoption("--shuffle")
+    if seed is None:
+        return
+    modules: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        modules.setdefault(item.nodeid.partition("::")[0], []).append(item)
+    chance = random.Random(seed)
+    pieces = [chance.sample(piece, len(piece)) for piece in modules.values()]
+    items[:] = [item for piece in chance.sample(pieces, len(pieces)) for item in piece]
 
 
 def pytest_configure(config: pytest.Config) -> None:

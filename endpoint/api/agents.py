@@ -39,10 +39,14 @@ def plan_agents(
     more = f"Methods of services are tools at {request.site}{SERVICES}."
 
     def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
+        remove = calls.add(caller.key, message.get("id"), call)
+
         def run() -> Response:
-            with calls.under_way(caller.key, message.get("id"), call):
+            try:
                 access = caller.access
                 return response_of(answer(toolbox, message, access, request.site, call, more))
+            finally:
+                remove()
 
         params = message.get("params")
         if message.get("method") != "tools/call" or not isinstance(params, dict):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import threading
+import weakref
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from endpoint.http.plan import Progress
@@ -70,36 +70,34 @@ class AgentCalls:
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._calls: dict[tuple[str, str], list[AgentCall]] = defaultdict(list)
-
-    @contextmanager
-    def under_way(self, caller: str, request_id: object, call: AgentCall) -> Iterator[None]:
-        """Keep a call among those that can be cancelled for the duration of the block."""
-        remove = self.add(caller, request_id, call)
-        try:
-            yield
-        finally:
-            remove()
+        self._lock = threading.RLock()  # a call may be collected while it is held
+        self._calls: dict[tuple[str, str], list[weakref.ref[AgentCall]]] = defaultdict(list)
 
     def add(self, caller: str, request_id: object, call: AgentCall) -> Callable[[], None]:
-        """Keep a call among those that can be cancelled; return what ends this."""
+        """Keep a call among those that can be cancelled; return what ends this.
+
+        It ends by itself once nothing refers to the call: one that waits for its turn can be
+        cancelled, and leaves nothing behind if its turn never comes.
+        """
         key = (caller, repr(request_id))
-        with self._lock:
-            self._calls[key].append(call)
 
         def remove() -> None:
             with self._lock:
-                if call in self._calls[key]:
-                    self._calls[key].remove(call)
-                if not self._calls[key]:
-                    del self._calls[key]
+                calls = self._calls.get(key, [])
+                if kept in calls:
+                    calls.remove(kept)
+                if not calls:
+                    self._calls.pop(key, None)
 
+        kept = weakref.ref(call, lambda _: remove())
+        with self._lock:
+            self._calls[key].append(kept)
         return remove
 
     def cancel(self, caller: str, request_id: object) -> None:
         """Give up the call of a caller that a notification names, if it is known which one."""
         with self._lock:
-            calls = list(self._calls.get((caller, repr(request_id)), ()))
+            kept = tuple(self._calls.get((caller, repr(request_id)), ()))
+            calls = [call for call in (each() for each in kept) if call is not None]
         if len(calls) == 1:
             calls[0].stop()

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from reasoner.terms.vocabulary import LITERAL
+
 Keys = NDArray[np.uint64]
 """(n,) pairs, ascending and distinct unless said otherwise."""
 Ids = NDArray[np.uint64]
@@ -118,6 +120,13 @@ class Column:
         if self._inverse is None:
             self._inverse = np.sort(pack(lower(self.keys), upper(self.keys)))
         return self._inverse
+
+    def highest_resource(self) -> int:
+        """Return the highest id in the column that is not a literal's."""
+        objects = lower(self.keys)
+        resources = objects[objects < LITERAL]
+        highest = int(resources.max()) if len(resources) else 0
+        return max(highest, int(self.keys[-1]) >> 32) if len(self.keys) else 0
 
     def has(self, s: int, o: int) -> bool:
         """Tell whether a pair is in the column."""

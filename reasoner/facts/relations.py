@@ -8,6 +8,7 @@ from typing import Protocol
 from reasoner.facts import arrays
 from reasoner.facts.arrays import Column
 from reasoner.terms.dictionary import Fact
+from reasoner.terms.vocabulary import LITERAL
 
 Ids = set[int] | frozenset[int]
 EMPTY: frozenset[int] = frozenset()
@@ -182,13 +183,14 @@ class Facts:
     ({302, 303}, {300}, 2)
     """
 
-    __slots__ = ("_columns", "_relations", "_size")
+    __slots__ = ("_columns", "_highest", "_relations", "_size")
     work: None = None
     """Joins on facts that are not about to change are not bounded."""
 
     def __init__(self, facts: Iterable[Fact] = ()) -> None:
         self._relations: dict[int, Relation] = {}
         self._columns: dict[int, Column] = {}
+        self._highest: int | None = None
         self._size = 0
         for fact in facts:
             self.add(*fact)
@@ -206,6 +208,7 @@ class Facts:
         columns = arrays.columns_of(facts)
         self._relations = {}
         self._columns = columns
+        self._highest = None
         self._size = sum(map(len, self._columns.values()))
 
     def _relation(self, p: int) -> Relation | None:
@@ -307,10 +310,21 @@ class Facts:
     def about(self, number: int) -> list[Fact]:
         """Return the facts that mention an id as subject, predicate or object."""
         facts: list[Fact] = [(s, number, o) for s, o in self.pairs(number)]
-        for p, column in tuple(self._columns.items()):  # not worth a relation
+        columns = () if self._is_later(number) else tuple(self._columns.items())
+        for p, column in columns:  # not worth a relation
             facts += [(number, p, o) for o in column.objects(number).tolist()]
             facts += [(s, p, number) for s in column.subjects(number).tolist() if s != number]
         for p, relation in tuple(self._relations.items()):
             facts += [(number, p, o) for o in relation.objects(number)]
             facts += [(s, p, number) for s in relation.subjects(number) if s != number]
         return facts
+
+    def _is_later(self, number: int) -> bool:
+        """Tell whether a resource is newer than all that the columns mention.
+
+        Merging new terms asks for each of them what is about it, over all properties.
+        """
+        if self._highest is None:
+            columns = tuple(self._columns.values())
+            self._highest = max((column.highest_resource() for column in columns), default=0)
+        return self._highest < number < LITERAL

@@ -389,7 +389,8 @@ class _Revision:
         for env, rule in list(candidates(stratum, self.layer, self.terms)):
             for bindings in list(solve(self.layer, self.terms, rule.steps, env)):
                 self.derivation.insert(rule.conclude(bindings))
-        self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
+        if new_rules:  # rules are slow to hash, and most changes bring none
+            self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
         self.derivation.run(stratum)
         self.layer.absences = None
 

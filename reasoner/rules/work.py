@@ -109,6 +109,11 @@ class Work:
         self._total = 0
         self._unwatched = 0
 
+    @property
+    def spent(self) -> int:
+        """Candidates tried so far."""
+        return self._total + self._unwatched
+
     def use(self, rules: Sequence[Rule]) -> None:
         """Take note of the rules in force, the users' last; counting by rule restarts."""
         self._rules = rules

@@ -52,6 +52,7 @@ _BUILT_IN = {
     "promote": "rtask.cli.maintenance:promote",
     "restore": "rtask.cli.maintenance:restore",
     "ros": "rtask.cli.ros.commands:ros",
+    "ros2": "rtask.cli.ros2.commands:ros2",
     "rules": "rtask.cli.rules:rules",
     "search": "rtask.cli.query:search",
     "segment": "rtask.cli.perception.segment:segment",
@@ -73,7 +74,7 @@ _SECTIONS = {
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),
-    "Robots and services": ("robot", "ros", "service", "dataset", "mcp"),
+    "Robots and services": ("robot", "ros", "ros2", "service", "dataset", "mcp"),
     "Look after": (
         "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
         "rebuild", "backup", "restore", "promote", "proposals", "help",

@@ -7,8 +7,9 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -26,8 +27,8 @@ __all__ = ["mcp"]
 
 JsonObject = dict[str, Any]
 Send = Callable[[JsonObject], None]
-Answerer = Callable[[JsonObject, Send], None]
-"""Answers a message of the agent by sending any number of messages."""
+Answerer = Callable[[JsonObject, Send], Callable[[], None]]
+"""Takes a message of the agent, in their order, and returns what answers it by sending messages."""
 
 THREADS = 8
 MAX_LINE = 4 << 20
@@ -65,6 +66,7 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
             outgoing.write(line)
             outgoing.flush()
 
+    waiting: dict[str, Future[None]] = {}
     with ThreadPoolExecutor(THREADS, thread_name_prefix="agent") as pool:
         while line := incoming.readline(MAX_LINE):
             if not line.strip():
@@ -76,16 +78,36 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
             if not isinstance(message, dict):
                 error = {"code": _PARSE_ERROR, "message": "expected one JSON object on a line"}
                 send({"jsonrpc": "2.0", "id": None, "error": error})
-            elif message.get("id") is None or message.get("method") != "tools/call":
-                _guarded(answer, message, send)
+                continue
+            cancelled = _cancelled(message)
+            if cancelled in waiting:
+                waiting[cancelled].cancel()  # unless it has begun
+            work = answer(message, send)
+            if message.get("id") is None or message.get("method") != "tools/call":
+                _guarded(work, message, send)
             else:
-                pool.submit(_guarded, answer, message, send)
+                key = repr(message["id"])
+                waiting[key] = future = pool.submit(_guarded, work, message, send)
+                future.add_done_callback(partial(_forget, waiting, key))
 
 
-def _guarded(answer: Answerer, message: JsonObject, send: Send) -> None:
+def _forget(waiting: dict[str, Future[None]], key: str, future: Future[None]) -> None:
+    if waiting.get(key) is future:
+        del waiting[key]
+
+
+def _cancelled(message: JsonObject) -> str | None:
+    """Return the key of the call that a notification gives up."""
+    params = message.get("params")
+    if message.get("method") != "notifications/cancelled" or not isinstance(params, dict):
+        return None
+    return repr(params.get("requestId"))
+
+
+def _guarded(work: Callable[[], None], message: JsonObject, send: Send) -> None:
     """Answer a message; a fault of the program is an answer too, and says nothing of its inside."""
     try:
-        answer(message, send)
+        work()
     except Exception as error:  # noqa: BLE001 - the agent waits for an answer
         words = f"the call failed ({type(error).__name__}); see standard error"
         click.echo(f"rtask mcp: {type(error).__name__}: {error}", err=True)
@@ -108,28 +130,26 @@ def _embedded(data: Path, agent: str | None) -> Iterator[Answerer]:
             toolbox = Toolbox(kb, engine, lambda one: SCOPES[one.role])
             running: dict[str, _Call] = {}
 
-            def respond(message: JsonObject, send: Send) -> None:
+            def take(message: JsonObject, send: Send) -> Callable[[], None]:
+                cancelled = _cancelled(message)
+                if cancelled in running:
+                    return running.pop(cancelled).stop
                 if message.get("id") is None:
-                    _cancel(message, running)
-                    return
+                    return lambda: None
                 key = repr(message["id"])
                 call = running[key] = _Call(message, send)
-                try:
-                    send(answer(toolbox, message, access, "rtask:", call))
-                finally:
-                    running.pop(key, None)
 
-            yield respond
+                def respond() -> None:
+                    try:
+                        send(answer(toolbox, message, access, "rtask:", call))
+                    finally:
+                        running.pop(key, None)
+
+                return respond
+
+            yield take
         finally:
             engine.close()
-
-
-def _cancel(message: JsonObject, running: dict[str, _Call]) -> None:
-    params = message.get("params")
-    if message.get("method") == "notifications/cancelled" and isinstance(params, dict):
-        call = running.get(repr(params.get("requestId")))
-        if call is not None:
-            call.stop()
 
 
 class _Call:
@@ -191,7 +211,7 @@ def _remote(server: str, services: bool) -> Iterator[Answerer]:
             except httpx.HTTPError as error:
                 _refuse(message, send, f"the server does not answer ({type(error).__name__})")
 
-        yield respond
+        yield lambda message, send: partial(respond, message, send)
 
 
 def _pass_on(response: httpx.Response, message: JsonObject, send: Send) -> None:

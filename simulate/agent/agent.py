@@ -248,6 +248,7 @@ class Agent:
             "task": "pick",
             "gripper_id": self.body.gripper_ids[side],
             "propose": True,
+            "in_space": self.body.takes_poses,
             "max_grasps": 50,
             "seed": mix_seed(self.config.seed, track.number, encounter.tries + 1),
             "preset": self.body.preset,

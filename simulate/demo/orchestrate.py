@@ -16,6 +16,7 @@ from typing import Any
 from rtask.errors import RtaskError, UsageError
 from simulate.agent.decisions import Thresholds
 from simulate.demo.console import Console
+from simulate.demo.lessons import lessons_of
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import (
@@ -155,6 +156,7 @@ class Demo:
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
             gain = gain_of(done, apart, self.settings.keep)
+            lessons = lessons_of(done)
             result = summary(
                 done,
                 self.settings.max_attempts,
@@ -163,6 +165,7 @@ class Demo:
                 self.settings.seed,
                 apart,
                 None if gain is None else gain.to_dict(),
+                None if lessons is None else lessons.to_dict(),
             )
             write_report(folder / _REPORT, result, table, answers)
             if self.settings.details:
@@ -174,6 +177,8 @@ class Demo:
                 for answer in answers:
                     self.console.answer(answer)
             self.console.line(outcome(result))
+            if lessons is not None and lessons.won:
+                self.console.line(lessons.sentence())
             self._farewell(folder, endpoint.url, stay)
             if stay:
                 self._wait(endpoint)

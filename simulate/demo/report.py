@@ -194,6 +194,7 @@ def summary(
     seed: int,
     apart: Mapping[str, Any] | None = None,
     gain: Mapping[str, Any] | None = None,
+    lessons: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the one object that ``rtask demo --json`` prints.
 
@@ -203,6 +204,9 @@ def summary(
         The last robot's work with a graph of its own, if it was done.
     gain
         What sharing gained for it, as :meth:`simulate.demo.story.Gain.to_dict` returns it.
+    lessons
+        What it recalled of the earlier robots' successes, as
+        :meth:`simulate.demo.lessons.Lessons.to_dict` returns it.
     """
     objects = [met for robot in robots for met in _encounters(robot)]
     return {
@@ -211,6 +215,7 @@ def summary(
         "alone": None if apart is None else robot_totals(apart, cap),
         "alone_objects": [] if apart is None else _encounters(apart),
         "gain": gain,
+        "lessons": lessons,
         "store": str(store),
         "url": url,
         "seed": seed,
@@ -239,6 +244,8 @@ def write_report(
             for name in names
         ],
     )
+    if result.get("lessons"):
+        lines += ["", result["lessons"]["sentence"]]
     for answer in answers:
         lines += ["", f"## {answer.question.words}", "", "```sparql"]
         lines += [with_prefixes(answer.question.sparql).rstrip(), "```", ""]

@@ -53,6 +53,8 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     totals = [*result["robots"], *([alone] if alone else [])]
     beside = f" {alone['name']} worked without the graph, for comparison." if alone else ""
     parts = [_row([_totals(robot) for robot in totals])]
+    if result.get("lessons"):
+        parts.insert(0, f"<p>{escape(result['lessons']['sentence'])}</p>")
     if result.get("gain"):
         parts.insert(0, f"<p><b>{escape(result['gain']['sentence'])}</b></p>")
     every = [*result.get("objects", ()), *result.get("alone_objects", ())]

@@ -62,6 +62,7 @@ class Sensors:
         self._camera = Camera(robot.world.client)
         self._noise, self._rng = SensorNoise(), np.random.default_rng(0)
         self._next_joints = self._next_frame = 0.0
+        self._joints_stamp: Any = None
         camera, gazebo = "camera/rgb", f"{next(iter(robot.description.cameras))}_frame"
         self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if is_clock else None
         self._joints = rospy.Publisher("/joint_states", JointState, queue_size=1)
@@ -111,6 +112,10 @@ class Sensors:
         import tf2_msgs.msg
         from sensor_msgs.msg import JointState
 
+        # Listeners of TF warn of each transform that repeats a stamp.
+        if stamp == self._joints_stamp:
+            return
+        self._joints_stamp = stamp
         values = self._robot.joint_values()
         state = JointState(name=list(values), position=list(values.values()))
         state.header.stamp = stamp

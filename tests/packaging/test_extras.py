@@ -25,7 +25,6 @@ _DISTRIBUTION = {
     "pybullet_data": "pybullet",
     "pybullet_utils": "pybullet",
     "yaml": "pyyaml",
-    "zenoh": "eclipse-zenoh",
 }
 
 # On no package index; rtask/interop/ros/find.py says which packages of Debian bring them.

@@ -99,7 +99,10 @@ def test_the_base_serves_queries_and_registers_robots(base: Installation, tmp_pa
 _EXPECTED = {("/api/blobs/", 404), ("/admin/", 401)}
 
 
-@pytest.mark.parametrize(("extras", "count"), [((), 150), (("perception",), 150)])
+@pytest.mark.parametrize(
+    ("extras", "count"),
+    [((), 150), pytest.param(("perception",), 150, marks=pytest.mark.deep)],
+)
 def test_every_link_of_every_page_leads_somewhere_with_any_extras(
     wheel: Path, base: Installation, tmp_path: Path, extras: tuple[str, ...], count: int
 ) -> None:
@@ -136,6 +139,7 @@ def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Pa
     assert (done.returncode, done.stderr) == (3, f"rtask: {wanted}\n")
 
 
+@pytest.mark.deep
 def test_a_robot_learns_two_objects_with_everything_installed(wheel: Path, tmp_path: Path) -> None:
     whole = install(wheel, tmp_path / "venv", "all")
     demo = ["demo", "--objects", "2", "--robots", "1", "--json"]

@@ -11,12 +11,14 @@ from tests.reasoner.naive import consequences
 from tests.reasoner.worlds import NARROW, WIDE
 
 MANY = settings(
-    max_examples=150,
     deadline=None,
     derandomize=True,
     database=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
+
+
+EXAMPLES = [50, pytest.param(150, marks=pytest.mark.deep)]
 
 
 def check_names(closure: Closure) -> set[str]:
@@ -30,9 +32,10 @@ ONE_BY_ONE, IN_BULK = Config(bulk_from=10**9), Config(bulk_from=0)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("examples", EXAMPLES)
 @pytest.mark.parametrize("config", [ONE_BY_ONE, IN_BULK], ids=["one by one", "in bulk"])
-def test_closure_is_that_of_the_rules_as_printed(config):
-    @MANY
+def test_closure_is_that_of_the_rules_as_printed(config, examples):
+    @settings(MANY, max_examples=examples)
     @given(st.one_of(WIDE.worlds(), NARROW.worlds(15)))
     def check(world):
         schema, data = world
@@ -71,9 +74,10 @@ def clashes(closure: Closure) -> set:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("examples", EXAMPLES)
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
-def test_every_stage_equals_a_rebuild(size):
-    @MANY
+def test_every_stage_equals_a_rebuild(size, examples):
+    @settings(MANY, max_examples=examples)
     @given(size.worlds(), size.edits())
     def check(world, script):
         run_script(*world, script)
@@ -95,9 +99,10 @@ RULES = (
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("examples", EXAMPLES)
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
-def test_every_stage_equals_a_rebuild_with_rules_that_negate(size):
-    @MANY
+def test_every_stage_equals_a_rebuild_with_rules_that_negate(size, examples):
+    @settings(MANY, max_examples=examples)
     @given(size.worlds(), size.edits())
     def check(world, script):
         run_script(*world, script, RULES)
@@ -106,11 +111,12 @@ def test_every_stage_equals_a_rebuild_with_rules_that_negate(size):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("examples", EXAMPLES)
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
-def test_changing_the_rules_equals_a_rebuild(size):
+def test_changing_the_rules_equals_a_rebuild(size, examples):
     chosen = st.lists(st.sampled_from(RULES), unique=True, max_size=4)
 
-    @MANY
+    @settings(MANY, max_examples=examples)
     @given(size.worlds(), st.lists(chosen, min_size=1, max_size=4), st.data())
     def check(world, steps, data):
         schema, facts = world

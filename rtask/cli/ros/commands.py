@@ -7,7 +7,6 @@ import click
 from rtask.cli.ros.doctor import doctor
 from rtask.cli.ros.messages import messages
 from rtask.cli.ros.node import node
-from rtask.cli.ros.zenoh import zenoh
 
 __all__ = ["ros"]
 
@@ -20,4 +19,3 @@ def ros() -> None:
 ros.add_command(doctor)
 ros.add_command(messages)
 ros.add_command(node)
-ros.add_command(zenoh)

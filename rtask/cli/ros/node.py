@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rtask.interop.ros.schema import Schema
     from rtask.interop.ros.seeing import SeeOptions
 
-__all__ = ["end_on_signals", "node"]
+__all__ = ["end_on_signals", "node", "token_of"]
 
 
 @click.command()
@@ -95,7 +95,7 @@ def node(
         if not address:
             raise UsageError("no server: give --server, the parameter ~url or RTASK_SERVER")
         client = rtask.connect(
-            address, token=_token(token_file), timeout_s=timeout_s, outbox=outbox
+            address, token=token_of(token_file), timeout_s=timeout_s, outbox=outbox
         )
         with client:
             _serve(ros_node, schema, client, _options(frame, gripper))
@@ -166,7 +166,8 @@ def _parameter(name: str, kind: type) -> Any:
         raise UsageError(f"parameter {full}: expected a {kind.__name__}, got {value!r}") from None
 
 
-def _token(file: Path | None) -> str | None:
+def token_of(file: Path | None) -> str | None:
+    """Return the token in a file, or else that of the environment."""
     if file is None:
         return os.environ.get("RTASK_TOKEN")
     token = file.read_text("utf-8").strip()

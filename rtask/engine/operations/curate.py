@@ -15,6 +15,7 @@ from rtask.engine.curation.merging import merge_objects, present_name
 from rtask.engine.curation.splitting import forget_object, forget_views, split_object
 from rtask.engine.curation.undoing import undo
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.objects import is_forgotten, no_object
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, literal
@@ -124,8 +125,8 @@ SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:
     if matches:
         assert isinstance(matches[0], NamedNode)
         return matches[0]
-    if kb.select(f"{PREFIXES}SELECT * {{ ?o prov:invalidatedAtTime ?t FILTER(STR(?o) = {text}) }}"):
-        raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
+    if is_forgotten(context, name):
+        raise no_object(context, name, field)
     named = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
     hint = nearest(name, [str(row.value("n")) for row in named])
     raise UnknownTermError(f"{field}: the graph has no object {name}{hint}", field=field)

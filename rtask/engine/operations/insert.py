@@ -124,7 +124,7 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
         try:
             prepared.append(prepare(context, item, where, access))
         except UnknownTermError as error:
-            raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
+            raise type(error)(f"{where.rstrip('.')}: {error}", **error.details) from error
     grippers = [
         prepared_item.gripper for prepared_item in prepared if prepared_item.gripper is not None
     ]

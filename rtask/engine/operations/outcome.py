@@ -12,11 +12,12 @@ from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_ro
 from rtask.engine.operations.operation import operation
 from rtask.engine.records.clock import clocked
 from rtask.engine.records.identity import check_operator, check_task
+from rtask.engine.records.objects import no_object
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.received import received
 from rtask.engine.records.record import Entry, earlier, record
 from rtask.engine.triples import Triples
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message, read
@@ -164,5 +165,5 @@ def _object(context: Context, name: str) -> NamedNode:
         )  # fmt: skip
     object_iri = iri(name)
     if not context.kb.match(object_iri, RT.objectId):
-        raise UnknownTermError(f"object: the graph has no object {name}")
+        raise no_object(context, name)
     return object_iri

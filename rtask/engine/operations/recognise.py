@@ -45,12 +45,11 @@ from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.asked import DecisionRecord, PlaceRecord, RefusalRecord, keep
 from rtask.engine.records.clock import clocked
-from rtask.engine.records.objects import stored_mass
+from rtask.engine.records.objects import no_object, stored_mass
 from rtask.engine.records.places import located
 from rtask.engine.records.refusals import Refusal, refusal_iri
 from rtask.engine.remembered import Memory, RememberedObject
 from rtask.engine.terms import find_task
-from rtask.errors import UnknownTermError
 from rtask.wire.message import Message
 from rtask.wire.types import Flag, Iri, Points, Probability, Text, Texts, Whole
 
@@ -165,7 +164,7 @@ def recognise_for_grasp(
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
-    recognised = _recognised_object(request.object, recognition, memory)
+    recognised = _recognised_object(context, request.object, recognition, memory)
     placement, pose = locate(context.models, seen, recognition, recognised, memory)
     clock.lap("pose_s")
     situation = Situation(seen, recognition, memory, recognised, placement, gripper, pose)
@@ -203,13 +202,13 @@ def _min_fused(request: RecogniseForGrasp, thresholds: Thresholds | None) -> flo
 
 
 def _recognised_object(
-    tracked: str | None, recognition: Matches, memory: Memory
+    context: Context, tracked: str | None, recognition: Matches, memory: Memory
 ) -> RememberedObject | None:
     """Return the object in question: the tracked one, else the recognised one."""
     if tracked:
         recognised = memory.objects.get(tracked)
         if recognised is None:
-            raise UnknownTermError(f"object: the graph has no object {tracked}")
+            raise no_object(context, tracked)
         return recognised
     return memory.objects.get(recognition.matches[0].object_iri) if recognition.accepted else None
 

@@ -24,8 +24,8 @@ from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, recalled
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.objects import no_object
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
-from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
 from rtask.rdf.terms import NamedNode, Value, iri
 from rtask.wire.message import Answer, Message
@@ -234,7 +234,7 @@ def _find_candidates(
         )
     for name in given or ():
         if iri(name).value not in seen_names:
-            raise UnknownTermError(f"objects: the graph has no object {name}")
+            raise no_object(context, name, "objects")
     return candidates
 
 

@@ -18,7 +18,7 @@ from rtask.engine.observation import Observation
 from rtask.engine.perception.images import encode_crop
 from rtask.engine.perception.placement import Placement
 from rtask.engine.triples import Triples, stamp
-from rtask.errors import UnknownTermError, nearest
+from rtask.errors import ForgottenError, UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
 from rtask.rdf.terms import NamedNode, iri, literal, object_term, python_value
 
@@ -31,6 +31,8 @@ __all__ = [
     "Sight",
     "body_frame",
     "frame_id_of",
+    "is_forgotten",
+    "no_object",
     "resolve_object",
     "state_frame",
     "state_object",
@@ -94,6 +96,8 @@ def resolve_object(context: Context, name: str) -> str:
     ------
     UnknownTermError
         With the nearest name.
+    ForgottenError
+        It was forgotten.
     """
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
@@ -102,11 +106,28 @@ SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
 }} ORDER BY ?object""")
     if rows:
         return str(rows[0].value("object"))
+    if is_forgotten(context, name):
+        raise no_object(context, name)
     names = context.kb.select(
         f"{PREFIXES} SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }} ORDER BY ?n"
     )
     hint = nearest(name, [str(row.value("n")) for row in names])
     raise UnknownTermError(f"unknown object {name!r}{hint}")
+
+
+def is_forgotten(context: Context, name: str) -> bool:
+    """Whether a text is the IRI of an object that was forgotten."""
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT ?gone {{ ?gone prov:invalidatedAtTime ?time FILTER(STR(?gone) = {literal(name)})
+  FILTER NOT EXISTS {{ ?gone rt:poseOf ?thing }} }} LIMIT 1""")
+    return bool(rows)
+
+
+def no_object(context: Context, name: str, field: str = "object") -> UnknownTermError:
+    """Return the error about an IRI that stands for no object, or for one that was forgotten."""
+    if is_forgotten(context, name):
+        return ForgottenError(f"{field}: the object {name} was forgotten", field=field)
+    return UnknownTermError(f"{field}: the graph has no object {name}", field=field)
 
 
 def body_frame(context: Context, object_iri: NamedNode) -> NamedNode:

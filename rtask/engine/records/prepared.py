@@ -19,7 +19,7 @@ from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.identity import check_operator, check_task
-from rtask.engine.records.objects import viewpoint_of
+from rtask.engine.records.objects import no_object, viewpoint_of
 from rtask.engine.records.outcomes import Outcome, OutcomeReport
 from rtask.engine.records.places import Located, located
 from rtask.engine.records.received import Received, received
@@ -162,7 +162,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     if item.object:
         existing = memory.objects.get(item.object)
         if existing is None:
-            raise UnknownTermError(f"the graph has no object {item.object}")
+            raise no_object(context, item.object)
     elif item.merge and recognition.accepted and (kinds or not item.class_description):
         existing = memory.objects.get(recognition.matches[0].object_iri)
     if existing is not None and _is_view_alone(item):

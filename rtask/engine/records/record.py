@@ -12,7 +12,7 @@ from rtask.engine.decisions import Decision
 from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.calibration import Scored, calibrate
 from rtask.engine.memory.causes import Causes, Tried, place_along
-from rtask.engine.memory.confidence import believe
+from rtask.engine.memory.confidence import believe, posterior
 from rtask.engine.memory.statistics import Pending, count, judged_counts
 from rtask.engine.policy import UNJUDGED
 from rtask.engine.records.attempts import (
@@ -210,6 +210,7 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     grasp, is_new = resolve_grasp(
         context, triples, entry.object_iri, entry.gripper.gripper.gripper_type, entry.received
     )
+    entry = _with_belief(context, entry, grasp, is_new, pending)
     recognition = None
     if entry.decision is not None and entry.decision.recognition is not None:
         recognition = state_recognition(context, triples, entry.decision.recognition, entry.event)
@@ -256,6 +257,20 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
     withdrawn += _calibrate(context, triples, entry, pending)
     _tell_causes(context, triples, entry, pending, (attempt.attempt, grasp, is_new))
     return Recorded(grasp, withdrawn, counts, exemplar)
+
+
+def _with_belief(
+    context: Context, entry: Entry, grasp: NamedNode, is_new: bool, pending: Pending
+) -> Entry:
+    """Return an attempt with the belief before it; a plan on a view comes without the learner's."""
+    quality = entry.received.quality
+    if entry.received.belief is not None or quality is None:
+        return entry
+    counts = Counter() if is_new else Counter(judged_counts(context, grasp))
+    counts += pending.judged.get(grasp, Counter())
+    known = [(*how, number) for how, number in counts.items()]
+    before = posterior(context.policy, min(max(rounded(quality), 0.0), 1.0), known)
+    return replace(entry, received=replace(entry.received, belief=(before.alpha, before.beta)))
 
 
 def _handle(

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from rtask.errors import RtaskError
+from rtask.interop.ros.convert import Make
 from rtask.interop.ros.package import make_message
 
-__all__ = ["ChangeTopic"]
+__all__ = ["ChangeTopic", "Commit", "change_message"]
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +66,7 @@ class ChangeTopic:
                 # The next subscriber starts again.
                 if self._topic.get_num_connections() == 0:
                     break
-                self._topic.publish(_message(commit))
+                self._topic.publish(change_message(commit, make_message))
         except RtaskError as error:
             log.error("rtask/changes: %s; subscribe again", error)
         finally:
@@ -73,8 +74,9 @@ class ChangeTopic:
                 self._thread = None
 
 
-def _message(commit: Commit) -> Any:
-    message = make_message("rtask_msgs/Change")
+def change_message(commit: Commit, make: Make) -> Any:
+    """Return the message of a commit, ``rtask_msgs/Change``."""
+    message = make("rtask_msgs/Change")
     graphs = {row[3].strip("<>") for row in (*commit.added, *commit.removed)}
     message.commit, message.agent, message.graphs = commit.seq, commit.agent, sorted(graphs)
     message.added, message.removed = len(commit.added), len(commit.removed)

@@ -29,6 +29,7 @@ from rtask.wire.types import Unit, carried
 
 __all__ = [
     "PACKAGE",
+    "REFUSED",
     "RENAMED",
     "Arity",
     "Code",
@@ -39,6 +40,8 @@ __all__ = [
 ]
 
 PACKAGE = "rtask_msgs"
+REFUSED = "refused"
+"""Field of each answer with the text of an error; services of ROS 2 have no exceptions."""
 RENAMED = {"class": "class_name", "new": "is_new", "operator": "operator_name"}
 """Names in JSON that a language with generated messages reserves, and their names in ROS."""
 # fmt: off
@@ -137,7 +140,8 @@ class Service:
     @property
     def text(self) -> str:
         """The ``.srv`` file."""
-        return f"{self.request.text}---\n{self.answer.text}"
+        refused = f"string {REFUSED}  # why the operation was not carried out; empty: it was\n"
+        return f"{self.request.text}---\n{self.answer.text}{refused}"
 
 
 @dataclass

@@ -40,10 +40,10 @@ class ReasoningLimits:
         Memory that the process may gain meanwhile; ``None`` without a bound.
     """
 
-    derived: int = 20_000
-    derived_each: int = 20
-    firings: int = 1_000_000
-    firings_each: int = 20
+    derived: int = 10_000
+    derived_each: int = 10
+    firings: int = 300_000
+    firings_each: int = 60
     seconds: float | None = 30.0
     memory_bytes: int | None = 512 << 20
 
@@ -88,7 +88,7 @@ class Guard:
         self._seconds = None if limits is None else limits.seconds
         self._allowed = None if limits is None else limits.memory_bytes
         self._started = self._looked = time.monotonic()
-        self._before = resident_bytes() if self._allowed is not None else None
+        self._before: int | None = None
 
     def __call__(self) -> None:
         """Let the derivation go on, or raise."""
@@ -106,11 +106,14 @@ class Guard:
                 limit="reasoning time",
                 allowed=self._seconds,
             )
-        if self._before is None or now - self._looked < _MEMORY_EVERY_S:
+        allowed = self._allowed
+        if allowed is None or (self._before is not None and now - self._looked < _MEMORY_EVERY_S):
             return
         self._looked = now
-        memory, allowed = resident_bytes(), self._allowed
-        if memory is not None and allowed is not None and memory - self._before > allowed:
+        memory = resident_bytes()
+        if self._before is None:
+            self._before = memory  # not before there is work: most commits end without a look
+        elif memory is not None and memory - self._before > allowed:
             raise BusyError(
                 f"deriving what follows from the change takes more than {allowed >> 20} MiB; "
                 "nothing was stored; try again later, or split the change",

@@ -17,7 +17,7 @@ import pyoxigraph as ox
 
 from rtask.kb.readers.memory import ResidentBytes
 from rtask.kb.readers.messages import HEADER, message
-from rtask.kb.store.merged_graphs import with_merged_graphs
+from rtask.kb.store.merged_graphs import MergedCopy, with_merged_graphs
 from rtask.rdf.xml_text import serialize
 
 __all__ = ["PIECES", "answer_query", "refuse", "send_all"]
@@ -177,13 +177,17 @@ def _options(line: bytes) -> _Options:
     return _Options(dataset, given["type"], given["gzip"], rows, most, least)
 
 
-def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
+def answer_query(
+    store: ox.Store, payload: bytes, pipe: int, kept: MergedCopy | None = None
+) -> None:
     """Evaluate a query; send its answer or an error.
 
     Parameters
     ----------
     payload
         From :meth:`rtask.kb.readers.request.Question.encode`.
+    kept
+        Copy for queries that leave derived statements out.
     """
     answer: _Answer | None = None
     try:
@@ -191,7 +195,7 @@ def answer_query(store: ox.Store, payload: bytes, pipe: int) -> None:
         options, text = _options(line), encoded.decode("utf-8", "surrogatepass")
         source, dataset = store, options.dataset
         if "default_graph" in dataset:
-            source, dataset = with_merged_graphs(store, text, dataset)
+            source, dataset = with_merged_graphs(store, text, dataset, kept)
         result: Any = source.query(text, **dataset)
         kind, media_type, form = _form(_kind(result), options.media_type)
         answer = _Answer(pipe, options, kind, media_type)

@@ -26,14 +26,19 @@ from rtask.kb.readers.answering import answer_query
 from rtask.kb.readers.memory import limit_memory, resident_bytes
 from rtask.kb.readers.messages import Incoming, Questions, decode_change, message
 from rtask.kb.readers.scheduling import in_long_turns
+from rtask.kb.store.merged_graphs import MergedCopy
 
 _PARENT_CHECK_S = 2.0
 _PR_SET_PDEATHSIG = 1
 
 
-def apply_change(store: ox.Store, payload: bytes) -> None:
-    """Apply a change to a store in memory; applying it twice does no harm."""
+def apply_change(store: ox.Store, payload: bytes, kept: MergedCopy | None = None) -> None:
+    """Apply a change to a store in memory, and its merged copy; twice does no harm."""
     change = decode_change(payload)
+    if kept is not None and kept.is_made:
+        removed, added = list(change.removed), list(change.added)
+        kept.follow(removed, added, change.created, change.dropped)
+        change = change._replace(removed=removed, added=added)
     for quad in change.removed:
         store.remove(quad)
     store.extend(change.added)
@@ -118,7 +123,9 @@ class Keeper:
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 _die_with(keeper)
                 store = _started(self._store, order, socket.socket(fileno=hello))
-                _read(store, questions, answers)
+                # A reader of a snapshot has one state only, and a large one.
+                kept = None if order["snapshot"] else MergedCopy()
+                _read(store, questions, answers, kept)
             os._exit(0)
         self._readers[pid] = order["number"]
         for descriptor in (hello, questions, answers):
@@ -145,13 +152,13 @@ def _started(store: ox.Store, order: dict[str, Any], hello: socket.socket) -> ox
     return store
 
 
-def _read(store: ox.Store, questions: int, answers: int) -> NoReturn:
+def _read(store: ox.Store, questions: int, answers: int, kept: MergedCopy | None) -> NoReturn:
     """Apply commits and answer queries."""
     incoming = Questions(questions)
     while True:
         kind, payload = incoming.next()
         if kind == b"F":
-            apply_change(store, payload)
+            apply_change(store, payload, kept)
         elif kind == b"U":
             from rtask.kb.readers.update_answering import answer_update
 
@@ -161,9 +168,9 @@ def _read(store: ox.Store, questions: int, answers: int) -> NoReturn:
                 os._exit(0)  # a new reader costs less than restoring this copy
         elif kind == b"S":
             with in_long_turns():
-                answer_query(store, payload, answers)
+                answer_query(store, payload, answers, kept)
         else:
-            answer_query(store, payload, answers)
+            answer_query(store, payload, answers, kept)
 
 
 def _prepare_updates() -> None:

@@ -21,7 +21,7 @@ import json
 import os
 import socket
 import struct
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
 import pyoxigraph as ox
@@ -123,8 +123,8 @@ class Questions:
 class ReceivedChange(NamedTuple):
     """A change as received; its statements are parsed as they are read."""
 
-    removed: Iterator[ox.Quad]
-    added: Iterator[ox.Quad]
+    removed: Iterable[ox.Quad]
+    added: Iterable[ox.Quad]
     created: list[ox.NamedNode]
     dropped: list[ox.NamedNode]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from collections.abc import Iterator
 from contextlib import closing
@@ -118,10 +119,12 @@ def test_a_call_is_given_up_by_a_notification_of_its_caller_alone():
     calls, mine, other = AgentCalls(), AgentCall(), AgentCall()
     stopped: list[str] = []
     mine.on_stop(lambda: stopped.append("mine"))
-    with calls.under_way("nao", 7, mine), calls.under_way("pr2", 7, other):
-        calls.cancel("pr2", 8)
-        assert not stopped
-        calls.cancel("nao", 7)
+    end = calls.add("nao", 7, mine)
+    calls.add("pr2", 7, other)
+    calls.cancel("pr2", 8)
+    assert not stopped
+    calls.cancel("nao", 7)
+    end()
     assert (stopped, mine.is_stopped, other.is_stopped) == (["mine"], True, False)
     mine.on_stop(lambda: stopped.append("late"))
     assert stopped == ["mine", "late"]
@@ -130,6 +133,26 @@ def test_a_call_is_given_up_by_a_notification_of_its_caller_alone():
 
 def test_of_two_programs_with_one_token_none_gives_up_the_call_of_the_other():
     calls, first, second = AgentCalls(), AgentCall(), AgentCall()
-    with calls.under_way("nao", 7, first), calls.under_way("nao", 7, second):
-        calls.cancel("nao", 7)
+    for each in (first, second):
+        calls.add("nao", 7, each)
+    calls.cancel("nao", 7)
     assert (first.is_stopped, second.is_stopped) == (False, False)
+
+
+def test_a_call_that_waits_for_its_turn_is_given_up_and_leaves_nothing_behind(application, robot):
+    sent = {"host": "localhost", "content-type": "application/json"}
+    sent["authorization"] = f"Bearer {robot}"
+
+    def request(body: Any) -> Request:
+        return Request("POST", "/mcp", "", sent, json.dumps(body).encode())
+
+    cancelled = {"method": "notifications/cancelled", "params": {"requestId": 3}}
+    waiting = application.admit(request(call("ask_sparql", 3, query="SELECT * { ?s ?p ?o }")))
+    application.handle(request({"jsonrpc": "2.0", **cancelled}))
+    answered = application.run(waiting)
+    assert result(answered)["structuredContent"]["error"] == "cancelled"
+    calls, dropped = AgentCalls(), AgentCall()
+    calls.add("nao", 7, dropped)
+    del dropped
+    gc.collect()
+    assert not calls._calls

@@ -29,7 +29,7 @@ Run = Callable[..., tuple[int, str, str]]
 _USED_IN_TWO_WAYS = {
     "--limit": "serve: of a rate",
     "--store": "serve: where statements are; grasp push, space: whether to store",
-    "--count": "ros zenoh save: -n is a topic's number there",
+    "--count": "ros2 dds save: -n is a topic's number there",
 }
 _FORMER = {"--url", "--by", "--operator", "--processes", "--view", "--output", "--endpoint"}
 """Names that other commands gave to what is called --server, --agent, --workers, --gui, --out."""
@@ -55,7 +55,10 @@ _OF_FILES = {
 }  # fmt: skip
 # What prints nothing but a file in a format of its own or the output of a script of the user, or
 # talks until it is interrupted.
-_WITHOUT_JSON = {"help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run"}
+_WITHOUT_JSON = {
+    "help", "serve", "act-serve", "urdf", "changes", "mcp", "node", "ros", "run",
+    "call",  # of ROS 2: prints JSON anyhow
+}  # fmt: skip
 
 
 def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:

@@ -33,6 +33,7 @@ def test_a_well_known_object_is_only_reported_on(run) -> None:
     assert server.reported[0]["object"] == "o:7"
     assert server.reported[0]["task_id"] == "t:1"
     assert (met.recognised, met.attempts[0].source) == ("o:7", "memory")
+    assert not any(asked["in_space"] for asked in server.asked), "this arm takes grasps from above"
 
 
 def test_a_grasp_planned_on_the_view_is_reported_with_the_view(run) -> None:
@@ -65,6 +66,7 @@ def test_a_grasp_planned_on_the_view_is_reported_with_the_view(run) -> None:
     (stored,) = server.inserted
     assert (stored["object"], stored["grasp"]["source"]) == ("o:7", "scene")
     assert [report["grasp"]["source"] for report in server.reported] == ["memory"]
+    assert all(asked["in_space"] for asked in server.asked), "an arm may recall any pose"
 
 
 def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:

@@ -272,6 +272,7 @@ def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> No
     assert _without_times(json.loads(done.stdout)) == _without_times(first)
 
 
+@pytest.mark.deep
 def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1: object 1")

@@ -32,6 +32,29 @@ SELECT ?robot (COUNT(DISTINCT ?attempt) AS ?n) (COUNT(DISTINCT ?graph) AS ?graph
 
 
 @pytest.mark.slow
+def test_what_a_robot_reports_is_stored_once_in_its_own_graph(tmp_path: Path) -> None:
+    told: list[dict[str, Any]] = []
+    settings = FleetSettings(
+        tmp_path / "fleet", robots=1, objects=2, on_table=2, seed=8, in_line=False,
+        max_attempts=1, preset="fast",
+    )  # fmt: skip
+    fleet = Fleet(settings, lambda _, event: told.append(event))
+    done = fleet.run()
+    (robot,) = done["robots"]
+    assert (robot["lost"], robot["undelivered"], len(robot["tables"])) == ("", 0, 1)
+    reported = [e for e in told if e["event"] == "attempt" and e["source"] != "none"]
+    with rtask.open(tmp_path / "fleet" / "store-1") as kb:
+        rows = [(int(r.value("n")), int(r.value("graphs"))) for r in kb.select(ATTEMPTS)]
+    assert rows == ([(len(reported), 1)] if reported else [])
+    figures = fleet_figures(done, fleet.plan)
+    assert figures["robots"][0]["tried"] <= 2
+    assert {len(row) for row in fleet_rows(figures)} == {len(COLUMNS)}
+    write_fleet_report(tmp_path / "report", [("shared", done, figures)])
+    assert (tmp_path / "report" / "report.json").exists()
+
+
+@pytest.mark.deep
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_server_that_comes_back_and_a_robot_that_does_not(tmp_path: Path) -> None:
     """Both work at once on two objects; the endpoint is killed once, then the second robot.

@@ -61,7 +61,9 @@ def can(scene):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "side"), [("can", -1), ("box", 1)])
+@pytest.mark.parametrize(
+    ("kind", "side"), [("can", -1), pytest.param("box", 1, marks=pytest.mark.deep)]
+)
 def test_objects_are_grasped_held_and_placed(scene, kind, side):
     world, executor = scene
     spec = product(kind, 7)
@@ -281,6 +283,7 @@ def digest_of_one_grasp():
 
 
 @pytest.mark.slow
+@pytest.mark.deep
 def test_same_seed_same_bits_in_fresh_processes():
     """In one the world before was another, which must not matter."""
     digests = []

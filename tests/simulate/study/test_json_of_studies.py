@@ -28,8 +28,14 @@ def _told(*words: str) -> Any:
     ("words", "counted"),
     [
         (("attempts", "-n", "1", "--grasps", "2", "--tries", "3"), {"products": 1, "attempts": 6}),
-        (("judging", "-n", "1", "--preset", "fast"), {"trials": 1}),
-        (("piles", "-n", "1", "--objects", "2", "--preset", "fast"), {"piles": 1}),
+        pytest.param(
+            ("judging", "-n", "1", "--preset", "fast"), {"trials": 1}, marks=pytest.mark.deep
+        ),
+        pytest.param(
+            ("piles", "-n", "1", "--objects", "2", "--preset", "fast"),
+            {"piles": 1},
+            marks=pytest.mark.deep,
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
@@ -44,9 +50,10 @@ def test_a_study_prints_json_and_nothing_else(
     ("words", "rows"),
     [
         (("table4", "--objects", "1", "--repeats", "1"), {"object 1": 5.531}),
-        (
+        pytest.param(
             ("table5", "--repeats", "1", "--preset", "fast"),
             {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101},
+            marks=pytest.mark.deep,
         ),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",

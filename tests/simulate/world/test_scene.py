@@ -10,7 +10,7 @@ from simulate.world.scene import _outline, arrange
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 6, 12])
+@pytest.mark.parametrize("number", [1, 6, pytest.param(12, marks=pytest.mark.deep)])
 def test_every_table_finds_room_and_leaves_some_for_a_hand(number: int) -> None:
     for seed in range(8):
         specs = sample_objects(np.random.default_rng(seed), number)

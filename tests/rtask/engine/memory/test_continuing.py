@@ -102,6 +102,7 @@ def test_another_process_makes_the_identical_choice(bench, folder):
     assert json.loads(done.stdout) == here
 
 
+@pytest.mark.deep
 def test_a_learner_killed_between_an_attempt_and_its_report_goes_on_as_if_it_had_not_been(
     bench, folder, tmp_path
 ):

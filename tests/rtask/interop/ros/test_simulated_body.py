@@ -54,6 +54,50 @@ def test_tf_gives_the_camera_as_the_joints_say(robot, body):
     np.testing.assert_allclose(by_tf, by_joints, atol=1e-9)
 
 
+_TICKS = """
+from types import SimpleNamespace
+from rtask.interop.ros.find import use_ros
+use_ros()
+import rospy, tf2_ros
+from simulate.robots import describe
+from simulate.ros.sensors import Rates, Sensors
+
+published = {}
+
+class Publisher:
+    def __init__(self, name, *unused, **options):
+        self.messages = published.setdefault(name, [])
+    def publish(self, message):
+        self.messages.append(message)
+    def get_num_connections(self):
+        return 1
+
+rospy.Publisher = Publisher
+tf2_ros.StaticTransformBroadcaster = lambda: SimpleNamespace(sendTransform=lambda made: None)
+Sensors._publish_frame = lambda self, stamp: frames.append(stamp)
+frames, nao = [], describe("nao")
+world = SimpleNamespace(time=0.0, client=SimpleNamespace(ER_TINY_RENDERER=0))
+joints = {joint.name: 0.0 for joint in nao.moving_joints()}
+robot = SimpleNamespace(description=nao, world=world, joint_values=lambda: joints)
+sensors = Sensors(robot, Rates(joints_hz=20.0, frames_hz=5.0), is_clock=True)
+for step in range(100):
+    world.time = 0.01 * step
+    sensors.tick()
+stamps = [str(one.transforms[0].header.stamp) for one in published["/tf"]]
+print(len(frames), {str(stamp) for stamp in frames} <= set(stamps), len(stamps), len(set(stamps)))
+"""
+
+
+def test_each_transform_has_each_stamp_once_and_each_frame_has_its_own():
+    run = subprocess.run(
+        [sys.executable, "-c", _TICKS], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    frames, has_transforms, sent, stamps = run.stdout.split()
+    assert (int(frames) >= 4, has_transforms) == (True, "True")
+    assert sent == stamps
+
+
 def test_what_the_robot_sees_is_cut_and_asked_about(robot, body, node):
     now = robot("camera", frame="camera_depth_optical_frame")["time"]
     robot.call("/rtask/register_robot", name="sim", model="nao", end_effectors=[HAND])

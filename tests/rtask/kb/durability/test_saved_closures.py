@@ -309,11 +309,11 @@ def test_rebuilding_the_store_or_the_closure_discards_it(folder: Path) -> None:
         assert saved_folders(folder) == []
 
 
-@pytest.mark.slow
-def test_kills_while_it_is_written_leave_no_torn_one() -> None:
+@pytest.mark.parametrize("kills", [2, pytest.param(6, marks=pytest.mark.deep)])
+def test_kills_while_it_is_written_leave_no_torn_one(kills: int) -> None:
     """The short form of the stress test."""
     done = subprocess.run(
-        [sys.executable, str(_STRESS), "--kills", "6", "--triples", "3000", "--seed", "3"],
+        [sys.executable, str(_STRESS), "--kills", str(kills), "--triples", "3000", "--seed", "3"],
         capture_output=True,
         text=True,
         timeout=300,
@@ -321,4 +321,4 @@ def test_kills_while_it_is_written_leave_no_torn_one() -> None:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )
     assert done.returncode == 0, done.stderr
-    assert re.search(r"6 kills, .* none torn", done.stdout), done.stdout
+    assert re.search(rf"{kills} kills, .* none torn", done.stdout), done.stdout

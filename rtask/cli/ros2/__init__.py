@@ -1,0 +1,1 @@
+"""``rtask ros2``: the graph in a robot's ROS 2."""

@@ -1,0 +1,93 @@
+"""The operations of a server as services of ROS 2, and its commits as a topic."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from rtask.errors import RtaskError
+from rtask.interop.ros.changes import Commit, change_message
+from rtask.interop.ros.convert import Converter, fill
+from rtask.interop.ros.dds.node import DdsNode
+from rtask.interop.ros.node import Caller
+from rtask.interop.ros.schema import PACKAGE, REFUSED, Schema
+from rtask.interop.ros.services import refusal
+
+__all__ = ["ChangeFeed", "GraphServices"]
+
+log = logging.getLogger(__name__)
+
+_GRASP = "moveit_msgs/msg/Grasp"
+
+
+class GraphServices:
+    """One service for each operation, and the best grasp of the last answer as a latched topic.
+
+    An operation that was refused is answered with its reason in the field ``refused``.
+
+    Parameters
+    ----------
+    client
+        Of the server; each call ends within its time limit.
+    """
+
+    def __init__(self, node: DdsNode, schema: Schema, client: Caller) -> None:
+        self._types, self._client = node.types, client
+        self._converter = Converter(schema, node.types.make)
+        self._grasps = node.publisher("rtask/grasps", _GRASP, is_latched=True)
+        for name, service in schema.services.items():
+            type_ = f"{PACKAGE}/srv/{service.name}"
+            node.serve(f"rtask/{name}", type_, self._handler(name, f"{type_}_Response"))
+
+    def _handler(self, operation: str, response: str) -> Callable[[Any], Any]:
+        def handle(message: Any) -> Any:
+            made = self._types.make(response)
+            try:
+                request = self._converter.request(operation, message)
+                data = self._client.call(operation, **request)
+                answer = self._converter.answer(operation, data, made)
+            except RtaskError as error:
+                made = self._types.make(response)
+                setattr(made, REFUSED, refusal(error))
+                return made
+            self._publish_grasp(operation, data)
+            return answer
+
+        return handle
+
+    def _publish_grasp(self, operation: str, answer: Mapping[str, Any]) -> None:
+        if operation == "recognise_for_grasp" and answer.get("grasps"):
+            make = self._types.make
+            self._grasps.publish(fill(make(_GRASP), answer["grasps"][0], make))
+
+
+class ChangeFeed:
+    """Topic ``rtask/changes``: one message for each commit, from a thread of its own.
+
+    Parameters
+    ----------
+    follow
+        Returns the commits from now on, over as many connections as it takes.
+    ended
+        Set when following failed; the reason is in ``failure``.
+    """
+
+    def __init__(
+        self, node: DdsNode, follow: Callable[[], Iterator[Commit]], ended: threading.Event
+    ) -> None:
+        self._topic = node.publisher("rtask/changes", f"{PACKAGE}/msg/Change")
+        self._make, self._follow, self._ended = node.types.make, follow, ended
+        self.failure: RtaskError | None = None
+        threading.Thread(target=self._run, daemon=True, name="rtask-changes").start()
+
+    def _run(self) -> None:
+        try:
+            for commit in self._follow():
+                if self._ended.is_set():
+                    return
+                self._topic.publish(change_message(commit, self._make))
+        except RtaskError as error:
+            self.failure = error
+            self._ended.set()

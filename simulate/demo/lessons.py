@@ -1,0 +1,98 @@
+"""How many of the grasps that earlier robots won reach the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from simulate.demo.report import by_product
+
+__all__ = ["Lessons", "lessons_of"]
+
+_FROM_GRAPH = "memory"
+_IN_SPACE = "scene"
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Products that an earlier robot held, and how many of them the last robot began from memory.
+
+    Parameters
+    ----------
+    robot
+        The last robot.
+    won
+        Products that an earlier robot held and the last one tried.
+    recalled
+        Those of which the last robot's first physical attempt was a grasp from the graph.
+    won_in_space, recalled_in_space
+        Those among them whose first success was planned on the whole view, with a full pose.
+    """
+
+    robot: str
+    won: int = 0
+    recalled: int = 0
+    won_in_space: int = 0
+    recalled_in_space: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, as ``rtask demo --json`` prints them."""
+        return {
+            "robot": self.robot,
+            "won": self.won,
+            "recalled": self.recalled,
+            "won_in_space": self.won_in_space,
+            "recalled_in_space": self.recalled_in_space,
+            "sentence": self.sentence(),
+        }
+
+    def sentence(self) -> str:
+        """Return the figures in words."""
+        text = f"{self.robot} recalled {self.recalled} of {self.won} lessons won before it"
+        if self.won_in_space:
+            text += (
+                f", {self.recalled_in_space} of {self.won_in_space} of those won with a grasp "
+                "planned on the whole view"
+            )
+        return f"{text}."
+
+
+def lessons_of(done: Sequence[Mapping[str, Any]]) -> Lessons | None:
+    """Return how many lessons of the earlier robots reached the last one; None for a single robot.
+
+    Parameters
+    ----------
+    done
+        The robots with their encounters, in the order in which they worked.
+    """
+    if len(done) < 2:
+        return None
+    *teachers, last = done
+    won: dict[str, str] = {}
+    for teacher in teachers:
+        for met in by_product(teacher["encounters"]):
+            source = _winning_source(met)
+            if met["product"] and source:
+                won.setdefault(met["product"], source)
+    first = {met["product"]: _first_source(met) for met in by_product(last["encounters"])}
+    tried = {product: source for product, source in won.items() if first.get(product)}
+    recalled = [product for product in tried if first[product] == _FROM_GRAPH]
+    in_space = [product for product, source in tried.items() if source == _IN_SPACE]
+    return Lessons(
+        str(last["name"]), len(tried), len(recalled), len(in_space),
+        sum(product in recalled for product in in_space),
+    )  # fmt: skip
+
+
+def _winning_source(met: Mapping[str, Any]) -> str:
+    """Return the source of the first grasp that held and was not lost on the way; empty if none."""
+    for attempt in met["attempts"]:
+        if attempt["physical"] and attempt["held"] and attempt["place_reason"] != "slip_transport":
+            return str(attempt["source"])
+    return ""
+
+
+def _first_source(met: Mapping[str, Any]) -> str:
+    """Return the source of the first physical attempt; empty without one."""
+    return next((str(a["source"]) for a in met["attempts"] if a["physical"]), "")

@@ -1,0 +1,79 @@
+"""Lessons recalled of lessons won: the last robot's first grasps against the others' successes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from simulate.demo.lessons import lessons_of
+from simulate.demo.report import write_report
+
+
+def _attempt(source: str, held: bool = True, **more: Any) -> dict[str, Any]:
+    place = "ok" if held else ""
+    return {"source": source, "held": held, "physical": True, "place_reason": place, **more}
+
+
+def _met(product: str, *attempts: dict[str, Any]) -> dict[str, Any]:
+    held = any(attempt["held"] for attempt in attempts)
+    return {
+        "product": product, "tries": len(attempts), "held": held, "placed": held, "right": None,
+        "tries_to_success": len(attempts) if held else None, "attempts": list(attempts),
+    }  # fmt: skip
+
+
+def _robot(name: str, *met: dict[str, Any]) -> dict[str, Any]:
+    return {"name": name, "encounters": list(met)}
+
+
+def test_a_lesson_counts_as_recalled_if_the_first_attempt_is_from_the_graph() -> None:
+    teacher = _robot(
+        "panda-1",
+        _met("carton", _attempt("candidate", held=False), _attempt("candidate")),
+        _met("flask", _attempt("candidate", held=False), _attempt("scene")),
+        _met("bar", _attempt("scene")),
+        _met("lost", _attempt("candidate", held=False)),
+    )
+    pupil = _robot(
+        "panda-2",
+        _met("carton", _attempt("none", held=False, physical=False), _attempt("memory")),
+        _met("flask", _attempt("candidate", held=False), _attempt("memory")),
+        _met("bar", _attempt("memory")),
+        _met("lost", _attempt("memory")),
+    )
+    lessons = lessons_of([teacher, pupil])
+    assert lessons is not None
+    assert (lessons.won, lessons.recalled) == (3, 2)
+    assert (lessons.won_in_space, lessons.recalled_in_space) == (2, 1)
+    assert lessons.sentence() == (
+        "panda-2 recalled 2 of 3 lessons won before it, 1 of 2 of those won with a grasp planned "
+        "on the whole view."
+    )
+
+
+def test_the_way_in_which_a_product_was_first_won_counts() -> None:
+    first = _robot("panda-1", _met("bar", _attempt("scene")))
+    second = _robot("panda-2", _met("bar", _attempt("memory")))
+    lessons = lessons_of([first, second, _robot("panda-3", _met("bar", _attempt("memory")))])
+    assert lessons is not None
+    assert (lessons.won, lessons.won_in_space, lessons.recalled_in_space) == (1, 1, 1)
+
+
+def test_what_was_lost_on_the_way_or_never_met_again_is_no_lesson() -> None:
+    fell = _attempt("candidate", place_reason="slip_transport")
+    teacher = _robot("nao-1", _met("can", fell), _met("tin", _attempt("candidate")))
+    lessons = lessons_of([teacher, _robot("nao-2", _met("can", _attempt("memory")))])
+    assert lessons is not None
+    assert lessons.sentence() == "nao-2 recalled 0 of 0 lessons won before it."
+    assert lessons_of([teacher]) is None
+
+
+def test_the_report_says_how_many_lessons_arrived(tmp_path: Path) -> None:
+    done = [_robot(name, _met("bar", _attempt(source)))
+            for name, source in (("panda-1", "scene"), ("panda-2", "memory"))]  # fmt: skip
+    lessons = lessons_of(done)
+    assert lessons is not None
+    write_report(tmp_path, {"robots": [], "lessons": lessons.to_dict()}, [], [])
+    for name in ("report.md", "report.html", "report.json"):
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        assert "panda-2 recalled 1 of 1 lessons won before it" in text
