@@ -26,7 +26,7 @@ from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import LabelledRule, compile_rule
-from reasoner.rules.work import ChangeBudget, Work
+from reasoner.rules.work import ChangeBudget, NeedsRebuildError, Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -170,7 +170,14 @@ class Maintainer:
         ----------
         before : int
             Number of facts that held before the change.
+
+        Raises
+        ------
+        NeedsRebuildError
+            If the budget of the change does not include it.
         """
+        if self.settings.budget is not None and not self.settings.budget.rebuilds:
+            raise NeedsRebuildError("everything has to be derived again")
         layer = Layer(Facts())
         layer.work = self.work(everything=True)
         equality = Equality()

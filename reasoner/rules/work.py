@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from reasoner.rules.rule import Atom, Rule, Step
 from reasoner.terms.dictionary import Fact, Triple
 
-__all__ = ["ChangeBudget", "ClosureTooLargeError", "Work"]
+__all__ = ["ChangeBudget", "ClosureTooLargeError", "NeedsRebuildError", "Work"]
 
 _ROWS_AT_ONCE = 64
 _WATCHED_EVERY = 2_000
@@ -51,6 +51,10 @@ class ClosureTooLargeError(RuntimeError):
         self.limit = limit
 
 
+class NeedsRebuildError(RuntimeError):
+    """Everything would have to be derived again, which the change's budget does not include."""
+
+
 def _never() -> None:
     """Let the work go on."""
 
@@ -69,11 +73,15 @@ class ChangeBudget:
     watch : callable
         Called about every millisecond of work; an exception that it raises ends the work and
         leaves nothing changed.
+    rebuilds : bool
+        Whether everything may be derived again; otherwise a change that needs it is refused with
+        :class:`NeedsRebuildError`.
     """
 
     derived: int
     firings: int
     watch: Callable[[], None] = _never
+    rebuilds: bool = True
 
 
 class Work:
