@@ -26,7 +26,7 @@ from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import LabelledRule, compile_rule
-from reasoner.rules.work import ChangeBudget, NeedsRebuildError, Work
+from reasoner.rules.work import ChangeBudget, Work
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -155,12 +155,14 @@ class Maintainer:
             return self.settings.max_facts
         return min(self.settings.max_facts, before + len(asserted.added) + budget.derived)
 
-    def work(self, everything: bool) -> Work:
-        """Return the counter for a change, or for deriving everything again."""
+    def work(self, asserted: int | None = None) -> Work:
+        """Return the counter for a change, or for deriving everything again from so many facts."""
         joins, budget = self.settings.max_joins, self.settings.budget
         if budget is None:
             return Work(joins)
-        firings = budget.firings + joins if everything else budget.firings
+        firings = budget.firings
+        if asserted is not None:
+            firings = budget.firings_to_rebuild(asserted, joins)
         return Work(joins, firings, budget.watch, self.terms.decode_fact)
 
     def rebuild(self, asserted: Asserted, before: int = 0, in_bulk: bool = False) -> Draft:
@@ -176,10 +178,8 @@ class Maintainer:
         NeedsRebuildError
             If the budget of the change does not include it.
         """
-        if self.settings.budget is not None and not self.settings.budget.rebuilds:
-            raise NeedsRebuildError("everything has to be derived again")
         layer = Layer(Facts())
-        layer.work = self.work(everything=True)
+        layer.work = self.work(len(asserted.facts) + len(asserted.added))
         equality = Equality()
         derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
         program = Program(CLOSING_RULES)
@@ -324,7 +324,7 @@ class _Revision:
         self.state = state
         self.asserted = asserted
         self.layer = Layer(state.facts)
-        self.layer.work = maintainer.work(everything=False)
+        self.layer.work = maintainer.work()
         self.equality = state.equality.copy()
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         max_facts = maintainer.max_facts(len(state.facts), asserted)

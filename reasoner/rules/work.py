@@ -20,6 +20,8 @@ __all__ = ["ChangeBudget", "ClosureTooLargeError", "NeedsRebuildError", "Work"]
 _ROWS_AT_ONCE = 64
 _WATCHED_EVERY = 2_000
 """Candidates between two calls of the watch, about a millisecond of work."""
+_REBUILT = 15
+"""Candidates for each asserted fact when everything is derived again on a narrow budget."""
 _CALL = 4
 """Candidates that one step of a rule counts as, however few it finds."""
 _USER = "rule:"
@@ -73,15 +75,36 @@ class ChangeBudget:
     watch : callable
         Called about every millisecond of work; an exception that it raises ends the work and
         leaves nothing changed.
-    rebuilds : bool
-        Whether everything may be derived again; otherwise a change that needs it is refused with
+    rebuild_up_to : int or None
+        Number of asserted facts up to which everything may be derived again, within 15 more
+        candidates for each of them; a change to more that needs it is refused with
         :class:`NeedsRebuildError`.
     """
 
     derived: int
     firings: int
     watch: Callable[[], None] = _never
-    rebuilds: bool = True
+    rebuild_up_to: int | None = None
+
+    def firings_to_rebuild(self, asserted: int, joins: int) -> int:
+        """Return the candidates for deriving everything again from so many facts.
+
+        Parameters
+        ----------
+        asserted : int
+        joins : int
+            Bound of the closure for one rule, which is added where any rebuild is allowed.
+
+        Raises
+        ------
+        NeedsRebuildError
+            If that is not part of the budget.
+        """
+        if self.rebuild_up_to is None:
+            return self.firings + joins
+        if asserted > self.rebuild_up_to:
+            raise NeedsRebuildError(f"everything has to be derived again from {asserted} facts")
+        return self.firings + _REBUILT * asserted
 
 
 class Work:

@@ -1,7 +1,7 @@
 """Derivations that may be long, tried in a forked copy of this process while others write.
 
 What follows from a commit is derived under the writers' lock. A commit that will be refused needs
-no lock to find that out: if a first look, bounded to some ten milliseconds, does not suffice, the
+no lock to find that out: if a first look, bounded to less than .1 s, does not suffice, the
 lock is released and the derivation tried in a child. The child has the closure of the last commit
 (copy on write) and the whole budget; its memory goes with it. If the change fits, it is made again
 under the lock; if not, it is refused as if it had been sent when the child began.

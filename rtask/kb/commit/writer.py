@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
+from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, Committer, Request
 from rtask.kb.commit.trial_derivation import LongDerivationError, TrialDerivations
 from rtask.kb.durability.recovery import Checkpoints
@@ -164,7 +165,9 @@ class Writer:
             return self._made(make, replace(request, is_repeatable=True))
         except LongDerivationError as error:
             self.try_aside(error)
-        return self._made(make, request)
+        done = self._made(make, request)
+        return_memory()
+        return done
 
     def _made(self, make: Callable[[Overlay], object], request: Request) -> Commit:
         overlay = self.begin()
