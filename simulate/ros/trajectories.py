@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import mapping_of
-from rtask.interop.ros.package import make_message
+from rtask.interop.ros.convert import make_message
 from simulate.motion.joint_messages import (
     GOAL_TOLERANCE,
     INVALID_GOAL,

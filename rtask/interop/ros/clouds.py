@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import time
 from typing import Any
 
@@ -17,7 +18,7 @@ from grasp.spatial.frames import matrix_from_pose
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import raw_mapping
 
-__all__ = ["Transforms", "cloud_message", "frame_of"]
+__all__ = ["Transforms", "cloud_message", "cloud_rows", "frame_of", "packed_cloud"]
 
 _TF_S = 0.2
 _MAX_BYTES = 256 * 2**20
@@ -98,6 +99,17 @@ def frame_of(cloud: Any) -> Frame:
     return frame
 
 
+def packed_cloud(cloud: Any, path: str) -> str:
+    """Return a PointCloud2 as base64 of the compressed cloud that the server reads."""
+    try:
+        import zstandard
+
+        packed = zstandard.compress(pcd_from_point_cloud(raw_mapping(cloud)))
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from error
+    return base64.b64encode(packed).decode("ascii")
+
+
 def cloud_message(
     points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None, header: Any
 ) -> Any:
@@ -115,12 +127,6 @@ def cloud_message(
     from sensor_msgs.msg import PointCloud2, PointField
 
     grid = points if points.ndim == 3 else points[None]
-    table = np.zeros(grid.shape[:2], _POINT)
-    for k, axis in enumerate("xyz"):
-        table[axis] = grid[..., k]
-    if rgb is not None:
-        red, green, blue = (rgb.reshape(grid.shape)[..., k].astype(np.uint32) for k in range(3))
-        table["rgb"] = red << 16 | green << 8 | blue
     fields = [PointField(a, 4 * k, PointField.FLOAT32, 1) for k, a in enumerate("xyz")]
     if rgb is not None:
         fields.append(PointField("rgb", 12, PointField.FLOAT32, 1))
@@ -128,5 +134,16 @@ def cloud_message(
     # numpy 2 has no buffer that genpy takes; bytes it does.
     return PointCloud2(
         header, height, width, fields, False, _POINT.itemsize, _POINT.itemsize * width,
-        table.tobytes(), bool(np.isfinite(grid).all()),
+        cloud_rows(grid, rgb), bool(np.isfinite(grid).all()),
     )  # fmt: skip
+
+
+def cloud_rows(points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None) -> bytes:
+    """Return points (..., 3), m, as the data of a PointCloud2: x, y, z and rgb, 16 bytes each."""
+    table = np.zeros(points.shape[:-1], _POINT)
+    for k, axis in enumerate("xyz"):
+        table[axis] = points[..., k]
+    if rgb is not None:
+        red, green, blue = (rgb.reshape(points.shape)[..., k].astype(np.uint32) for k in range(3))
+        table["rgb"] = red << 16 | green << 8 | blue
+    return table.tobytes()
