@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,23 @@ from numpy.typing import NDArray
 
 from features.codec import decode
 from features.codec.limits import Limits
-from features.codec.ros import pcd_from_point_cloud
+from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
-from features.imaging.camera import frame_of_grid
+from features.imaging.camera import frame_of_grid, lens_from_message
+from features.imaging.photo import read_photo
+from features.imaging.pictures import depth_of_message, view_of_images
 from grasp.spatial.frames import matrix_from_pose
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import raw_mapping
 
-__all__ = ["Transforms", "cloud_message", "cloud_rows", "frame_of", "packed_cloud"]
+__all__ = [
+    "Transforms",
+    "cloud_message",
+    "cloud_rows",
+    "frame_of",
+    "frame_of_images",
+    "packed_cloud",
+]
 
 _TF_S = 0.2
 _MAX_BYTES = 256 * 2**20
@@ -97,6 +107,45 @@ def frame_of(cloud: Any) -> Frame:
             "the camera (depth_registered/points)"
         )
     return frame
+
+
+def frame_of_images(
+    depth: Mapping[str, Any],
+    colour: Mapping[str, Any],
+    info: Mapping[str, Any],
+    is_rectified: bool = False,
+) -> Frame:
+    """Return the view that a depth image and a colour image show.
+
+    Parameters
+    ----------
+    depth, colour
+        The fields of an Image or CompressedImage, registered.
+    info
+        The fields of a CameraInfo.
+    is_rectified
+        Whether both were rectified before they were published.
+
+    Raises
+    ------
+    DataError
+        A message is malformed, or they do not fit together.
+    """
+    header = depth.get("header")
+    where = header.get("frame_id", "") if isinstance(header, Mapping) else ""
+    try:
+        pixels = depth_of_message(depth, is_depth_topic=True)
+        if pixels is None:
+            kind = depth.get("encoding", depth.get("format", ""))
+            raise DataError(
+                f"the depth image in {where} has the encoding {kind!r}; expected 16UC1 (mm) or "
+                "32FC1 (m)"
+            )
+        lens = lens_from_message(info, is_rectified)
+        photo = read_photo(image_bytes(colour))
+        return view_of_images(pixels, lens, photo.rgb)
+    except (ValueError, KeyError) as error:
+        raise DataError(f"depth and colour in {where}: {error}") from error
 
 
 def packed_cloud(cloud: Any, path: str) -> str:

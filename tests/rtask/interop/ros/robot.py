@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.operations.table import OPERATIONS
-from rtask.interop.ros.convert import fill, mapping_of
+from rtask.interop.ros.convert import fill, make_message, mapping_of
 from rtask.interop.ros.declared import declared_schema
 from rtask.interop.ros.find import use_ros
-from rtask.interop.ros.convert import make_message
 from rtask.interop.ros.package import load_messages
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, view
 
