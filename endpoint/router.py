@@ -32,7 +32,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
-from endpoint.sparql import check, graph_store, protocol, questions
+from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -96,6 +96,7 @@ class Router:
             "protocol": self._protocol,
             "check": lambda request, caller, address: check.plan_check(context.kb, request),
             "question": self._question,
+            "terms": self._terms,
             "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(
@@ -248,6 +249,11 @@ class Router:
         context = self._context
         context.queries.check_room()
         return questions.plan_question(context.kb, request, caller, context.config.timeout_s)
+
+    def _terms(self, request: Request, caller: Caller, address: str) -> Plan:
+        context = self._context
+        context.queries.check_room()
+        return terms.plan_terms(context.kb, request, caller, context.config.timeout_s)
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context

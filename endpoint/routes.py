@@ -68,6 +68,7 @@ ROUTES: tuple[Route, ...] = (
     Route("/query", _BOTH, "reads", "protocol", limited=True),
     Route("/update", _POST, "writes", "protocol", limited=True),
     Route("/ask", _GET, "reads", "question", pages=_GET),
+    Route("/terms", _GET, "reads", "terms", pages=_GET),
     Route("/sparql/check", _POST, "reads", "check"),
     Route("/store", _GET, "reads", "store", limited=True),
     Route("/store", _CHANGE, "writes", "store", limited=True),
