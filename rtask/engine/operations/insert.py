@@ -115,7 +115,7 @@ class Inserted(Answer):
     objects: list[InsertedObject]
 
 
-@operation("write", "writes", "store what was seen and the outcome of grasping it", repeatable=True)
+@operation("write", "writes", "store what was seen and the outcome of grasping it", deferrable=True)
 def insert_object(context: Context, request: InsertObject, access: Access) -> Inserted:
     """Store a list of objects in one commit; one invalid entry rejects them all."""
     prepared = []
