@@ -41,7 +41,7 @@ class Components:
         """Return why a shape cannot use its components, or an empty text."""
         for _, predicate, _ in definition:
             component = self._parameters.get(predicate)
-            if component in self.left_out:
+            if component is not None and component in self.left_out:
                 return f"it uses {component}, which is not applied: {self.left_out[component]}"
         return ""
 
