@@ -1,9 +1,8 @@
-"""Clouds of a camera as views, and views as clouds; the pose of the camera by TF."""
+"""Clouds and images of a camera as views, and views as clouds; knows no ROS."""
 
 from __future__ import annotations
 
 import base64
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,12 +16,10 @@ from features.geometry import Frame
 from features.imaging.camera import frame_of_grid, lens_from_message
 from features.imaging.photo import read_photo
 from features.imaging.pictures import depth_of_message, view_of_images
-from grasp.spatial.frames import matrix_from_pose
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import raw_mapping
 
 __all__ = [
-    "Transforms",
     "cloud_message",
     "cloud_rows",
     "frame_of",
@@ -30,60 +27,8 @@ __all__ = [
     "packed_cloud",
 ]
 
-_TF_S = 0.2
 _MAX_BYTES = 256 * 2**20
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
-
-
-class Transforms:
-    """Poses of cameras by TF, at the time of their clouds."""
-
-    def __init__(self) -> None:
-        import tf2_ros
-
-        self._buffer = tf2_ros.Buffer()
-        self._listener = tf2_ros.TransformListener(self._buffer)
-
-    def clear(self) -> None:
-        """Forget everything, as after a jump back in time."""
-        self._buffer.clear()
-
-    def lookup(self, target: str, source: str, stamp: Any) -> NDArray[np.float64]:
-        """Return target_from_source (4, 4) at a time; never one of another time.
-
-        Raises
-        ------
-        UsageError
-            TF has no such transform at that time within 0.2 s of the wall clock.
-        """
-        import rospy
-        import tf2_ros
-
-        deadline = time.monotonic() + _TF_S
-        # tf2_ros waits by ROS time, which may stand still, and has no event for new transforms.
-        while True:
-            try:
-                stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(0))
-                break
-            except (
-                tf2_ros.LookupException,
-                tf2_ros.ConnectivityException,
-                tf2_ros.ExtrapolationException,
-                tf2_ros.InvalidArgumentException,
-            ) as error:
-                if time.monotonic() >= deadline:
-                    raise UsageError(
-                        f"no transform from {source} to {target} at {stamp.to_sec():.3f} s: "
-                        f"{str(error).strip()}; see `rosrun tf tf_echo {target} {source}`"
-                    ) from error
-            time.sleep(0.01)  # the wait of lookup_transform goes by /clock, which may stand still
-        move, turn = stamped.transform.translation, stamped.transform.rotation
-        return np.asarray(
-            matrix_from_pose(
-                np.array([move.x, move.y, move.z]), np.array([turn.x, turn.y, turn.z, turn.w])
-            ),
-            dtype=np.float64,
-        )
 
 
 def frame_of(cloud: Any) -> Frame:

@@ -12,13 +12,14 @@ from typing import Any
 from features.perception import Perceived, perceive
 from rtask.errors import DataError, RtaskError
 from rtask.interop.ros.camera import CameraTopics, Sight
-from rtask.interop.ros.clouds import Transforms, cloud_message, frame_of
+from rtask.interop.ros.clouds import cloud_message, frame_of
 from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Caller, Heard, refusal
 from rtask.interop.ros.perceived import box_of, look_of, points_of
 from rtask.interop.ros.services import service_type
 from rtask.interop.ros.showing import SceneChanges, markers
+from rtask.interop.ros.transforms import Transforms
 
 __all__ = ["Eyes", "SeeAction", "SegmentService"]
 
