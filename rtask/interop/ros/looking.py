@@ -15,7 +15,7 @@ from rtask.errors import RtaskError
 from rtask.interop.ros.convert import JsonObject, Make, fill, stamp_json
 from rtask.interop.ros.operations import Caller, Heard, refusal
 
-__all__ = ["Board", "Look", "SeeOptions", "SeeRun", "Thing"]
+__all__ = ["Board", "Look", "SeeOptions", "SeeRun", "ViewedObject"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SeeOptions:
 
 
 @dataclass(frozen=True)
-class Thing:
+class ViewedObject:
     """One object of a view.
 
     Parameters
@@ -99,7 +99,7 @@ class Look:
     status: str
     table_height: float
     table: Board | None
-    things: tuple[Thing, ...]
+    objects: tuple[ViewedObject, ...]
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any], stamp: Any, sensor_pose: JsonObject) -> Look:
@@ -112,8 +112,10 @@ class Look:
             float("nan") if height is None else float(height),
             None if table is None else Board(table["pose"], _three(table["size"])),
             tuple(
-                Thing(thing["pose"], _three(thing["size"]), thing["cloud"], thing["neighbours"])
-                for thing in data["objects"]
+                ViewedObject(
+                    viewed["pose"], _three(viewed["size"]), viewed["cloud"], viewed["neighbours"]
+                )
+                for viewed in data["objects"]
             ),
         )
 
@@ -169,12 +171,12 @@ class SeeRun:
     def _work(self) -> None:
         try:
             look = self._look()
-            for number, thing in enumerate(look.things, start=1):
+            for number, viewed in enumerate(look.objects, start=1):
                 if self._cancelled.is_set():
                     return
                 feedback = self._make("rtask_msgs/SeeFeedback")
-                feedback.number, feedback.count = number, len(look.things)
-                feedback.object = self._ask(look, thing, number)
+                feedback.number, feedback.count = number, len(look.objects)
+                feedback.object = self._ask(look, viewed, number)
                 self.events.put(feedback)
             self.events.put(look)
         except RtaskError as error:
@@ -183,16 +185,16 @@ class SeeRun:
             # Whatever ended this thread must not leave the goal without an end.
             self.events.put(RtaskError("the view could not be examined; see the log of the node"))
 
-    def _ask(self, look: Look, thing: Thing, number: int) -> Any:
+    def _ask(self, look: Look, viewed: ViewedObject, number: int) -> Any:
         """Return what the graph knows of one object; an error of the server is part of it."""
         make = self._make
         seen = make("rtask_msgs/SeenObject")
         seen.header.stamp, seen.header.frame_id = look.stamp, self._options.frame
         seen.label = number
-        fill(seen.pose, thing.pose, make)
-        seen.size.x, seen.size.y, seen.size.z = thing.size
+        fill(seen.pose, viewed.pose, make)
+        seen.size.x, seen.size.y, seen.size.z = viewed.size
         try:
-            answer = self._client.call("recognise_for_grasp", **self._request(look, thing))
+            answer = self._client.call("recognise_for_grasp", **self._request(look, viewed))
         except RtaskError as error:
             seen.task_response, seen.error = "error", refusal(error)
             return seen
@@ -204,18 +206,18 @@ class SeeRun:
         seen.grasps = [fill(make("moveit_msgs/Grasp"), grasp, make) for grasp in answer["grasps"]]
         return seen
 
-    def _request(self, look: Look, thing: Thing) -> JsonObject:
+    def _request(self, look: Look, viewed: ViewedObject) -> JsonObject:
         options, goal = self._options, self._goal
         table = options.table_height
         asked: JsonObject = {
             "gripper_id": goal.gripper_id or options.gripper_id,
-            "data": thing.data,
+            "data": viewed.data,
             "sensor_pose": look.sensor_pose,
             "frame_id": options.frame,
             "support_height": look.table_height if table is None else table,
             "stamp": stamp_json(look.stamp),
             "propose": bool(goal.propose),
-            "neighbours": thing.neighbours,
+            "neighbours": viewed.neighbours,
         }
         least = [*goal.min_confidence, options.min_confidence][0]
         optional = {

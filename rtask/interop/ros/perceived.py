@@ -14,7 +14,7 @@ from features.geometry import FloatArray
 from features.perception import Perceived, Seen, neighbour_points
 from grasp.messages import pose_message
 from rtask.interop.ros.convert import JsonObject
-from rtask.interop.ros.looking import Board, Look, Thing
+from rtask.interop.ros.looking import Board, Look, ViewedObject
 
 __all__ = ["box_of", "look_of", "points_of"]
 
@@ -31,18 +31,18 @@ def look_of(perceived: Perceived, base_from_camera: NDArray[np.float64], stamp: 
     stamp
         Time of the view, as ROS has it.
     """
-    things = []
+    objects = []
     for seen in perceived.objects:
         pose, size = box_of(seen)
         data = base64.b64encode(encode_frame(seen.crop)).decode("ascii")
-        things.append(Thing(pose, size, data, neighbour_points(seen, perceived)))
+        objects.append(ViewedObject(pose, size, data, neighbour_points(seen, perceived)))
     return Look(
         stamp,
         pose_message(base_from_camera),
         perceived.status,
         perceived.table_height,
         _board(perceived.table, perceived.table_height),
-        tuple(things),
+        tuple(objects),
     )
 
 

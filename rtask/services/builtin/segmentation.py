@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoxInFrame",
-    "PerceivedThing",
+    "PerceivedObject",
     "PerceivedView",
     "Segmentation",
     "SegmentedThing",
@@ -68,7 +68,7 @@ class BoxInFrame(Answer):
     """length, width and height, m"""
 
 
-class PerceivedThing(BoxInFrame):
+class PerceivedObject(BoxInFrame):
     """One object on the table."""
 
     cloud: Bytes
@@ -89,7 +89,7 @@ class PerceivedView(Answer):
     """m; null without a table"""
     table: BoxInFrame | None = None
     """a board below the visible part of the table"""
-    objects: list[PerceivedThing]
+    objects: list[PerceivedObject]
 
 
 class Segmentation(Service):
@@ -178,17 +178,17 @@ class Segmentation(Service):
         height = None if np.isnan(look.table_height) else look.table_height
         table = None if look.table is None else _box(look.table)
         rows = [cloud_rows(*points_of(one)) if points else None for one in seen.objects]
-        things = [
-            PerceivedThing(
-                pose=thing.pose,
-                size=list(thing.size),
-                cloud=base64.b64decode(thing.data),
-                neighbours=thing.neighbours,
+        objects = [
+            PerceivedObject(
+                pose=viewed.pose,
+                size=list(viewed.size),
+                cloud=base64.b64decode(viewed.data),
+                neighbours=viewed.neighbours,
                 points=row,
             )
-            for thing, row in zip(look.things, rows, strict=True)
+            for viewed, row in zip(look.objects, rows, strict=True)
         ]
-        return PerceivedView(status=look.status, table_height=height, table=table, objects=things)
+        return PerceivedView(status=look.status, table_height=height, table=table, objects=objects)
 
 
 def _view(
