@@ -215,8 +215,8 @@ class Committer:
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
-        is_large = len(change.added) + len(change.removed) > LARGE
-        with collector_paused() if is_large else nullcontext():
+        makes_many = len(change.added) + len(change.removed) > MAX_LATE
+        with collector_paused() if makes_many else nullcontext():
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
