@@ -137,9 +137,9 @@ class Crowd:
     ) -> list[dict[str, Any]]:
         """Return the graph's grasps of a thing with at most ``most`` of its planned ones.
 
-        Those that are proven, or that the graph knows to hold more often than the best planned one
-        is likely to, come first, the others last; all of the graph's come first once planned ones
-        failed so often that its first is likelier to hold.
+        Those that the graph knows to hold more often than the best planned one is likely to come
+        first, the others last; all of the graph's come first once planned ones failed so often that
+        its first is likelier to hold.
         """
         left = _STRENGTH / (_STRENGTH + len(self._failed.get(track.number, ())))
         planned = [
@@ -152,8 +152,7 @@ class Crowd:
             return [*grasps, *planned]
         sure = [
             grasp for grasp in grasps
-            if grasp["source"] == "memory"
-            and (_is_proven(grasp) or grasp["mean"] >= planned[0]["mean"])
+            if grasp["source"] == "memory" and grasp["mean"] >= planned[0]["mean"]
         ]  # fmt: skip
         return [*sure, *planned, *(grasp for grasp in grasps if grasp not in sure)]
 
@@ -172,11 +171,6 @@ class Crowd:
             and abs(float(pose[:3, 0] @ other[:3, 0])) > _REPEATED_COS
             for other in self._failed.get(number, ())
         )
-
-
-def _is_proven(grasp: Mapping[str, Any]) -> bool:
-    """Whether the learner puts a grasp first as one that held; a plan's confidence is geometry."""
-    return bool(grasp.get("explanation", {}).get("selected_by") == "proven")
 
 
 def touching(objects: Sequence[Seen]) -> list[Seen]:

@@ -79,11 +79,6 @@ def test_the_thing_with_the_best_grasp_comes_first_and_a_failed_grasp_not_again(
     assert [grasp["source"] for grasp in found] == ["memory", "scene", "memory"]
     assert (found[0], found[2]) == (known, doubtful)
 
-    proven = {**doubtful, "explanation": {"selected_by": "proven"}}
-    found = crowd.merged(other, [proven, doubtful], 1)
-    assert [grasp["source"] for grasp in found] == ["memory", "scene", "memory"]
-    assert found[0] == proven
-
     crowd.fail(other, found[1])
     crowd.look(VIEW, np.eye(4), view, [one, other], {"seed": 6})
     assert crowd.first([one, other]) is one
