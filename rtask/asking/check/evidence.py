@@ -10,13 +10,15 @@ from collections.abc import Iterator
 
 from pyoxigraph import Literal, NamedNode
 
-from rtask.asking.check.outline import Edge, Node, Step
+from rtask.asking.check.syntax.outline import Edge, Node, Step
+from rtask.asking.check.vocabulary import TOP, Vocabulary
 from rtask.kb.core import GraphCore
-from rtask.rdf.terms import Term, stored
+from rtask.rdf.terms import RDF_TYPE, Term, stored
 
 __all__ = ["Evidence"]
 
 MAX_ROWS, MIN_ROWS = 60, 12
+MAX_ENDS, MAX_KINDS = 120, 2
 _KNOWN = 20_000
 
 
@@ -27,7 +29,7 @@ class Evidence:
         self._quads = kb.store.quads_for_pattern
         self._seq = -1
         self._kb = kb
-        self._known: dict[object, bool | None] = {}
+        self._known: dict[object, int | None] = {}
 
     def refresh(self) -> None:
         """Forget what an earlier state answered."""
@@ -53,6 +55,49 @@ class Evidence:
             self._known[key] = found
         return bool(found)
 
+    def kinds_of(self, iri: str, vocabulary: Vocabulary) -> frozenset[str]:
+        """Return the classes that a thing is stated, or follows, to be of."""
+        return self._kinds(NamedNode(iri), vocabulary)
+
+    def _kinds(self, term: Term, vocabulary: Vocabulary) -> frozenset[str]:
+        if isinstance(term, Literal):
+            return frozenset()
+        rows = self._quads(term, RDF_TYPE, None, None)
+        named = (quad.object.value for quad in rows if isinstance(quad.object, NamedNode))
+        return frozenset(iri for iri in named if iri in vocabulary.bit and iri not in TOP)
+
+    def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
+        """Return the bits of the classes of all subjects, or values, of a property.
+
+        None where there are none, too many to look at, some of no known class, or ones of so many
+        classes that the property seems to be for all.
+        """
+        key = ("ends", iri, at)
+        if key not in self._known:
+            self._known[key] = self._ends_of(iri, at, vocabulary)
+        return self._known[key]
+
+    def _ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
+        bits = 0
+        seen: set[Term] = set()
+        specific: set[str] = set()
+        for row, quad in enumerate(self._quads(None, NamedNode(iri), None, None)):
+            term = quad.object if at else quad.subject
+            if row >= MAX_ENDS:
+                return None
+            if term in seen:
+                continue
+            seen.add(term)
+            kinds = self._kinds(term, vocabulary)
+            if not kinds:
+                return None
+            specific.update(vocabulary.most_specific(kinds))
+            if len(specific) > MAX_KINDS:
+                return None
+            for kind in kinds:
+                bits |= vocabulary.bit[kind]
+        return bits or None
+
     def matches(self, edge: Edge, steps: list[Step] | None = None) -> bool:
         """Return whether a pattern matches anything by itself."""
         key = ("edge", _key(edge, steps))
@@ -76,7 +121,8 @@ class Evidence:
             if found is None:
                 found = self._meet(other, other_at, one, at)
             self._known[key] = found
-        return self._known[key]
+        found = self._known[key]
+        return None if found is None else bool(found)
 
     def _meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         seen: set[Term] = set()

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.names import affinity, likeness
-from rtask.asking.check.outline import Edge, Node, Outline, Step
+from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.types import TYPE, Conflict, Context, Demand, Demands, contexts, overlap
 from rtask.asking.check.usual import usual_properties
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
@@ -22,7 +22,7 @@ class Fitting:
     def __init__(self, vocabulary: Vocabulary, evidence: Evidence, outline: Outline) -> None:
         self.vocabulary = vocabulary
         self.evidence = evidence
-        self.demands = Demands(vocabulary)
+        self.demands = Demands(vocabulary, evidence)
         self.contexts = list(contexts(outline.body))
         self._at: dict[int, Context] = {}
         for context in self.contexts:

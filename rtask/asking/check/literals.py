@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rtask.asking.check.findings import Edit, Finding, Repair
-from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.types import family, range_of
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
 

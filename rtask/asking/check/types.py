@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from rtask.asking.check.outline import Edge, Group, Node, Step
+from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
 from rtask.rdf.terms import RDF_TYPE
 
@@ -30,6 +31,8 @@ class Demand:
         True for a resource, False for a literal, None for either.
     datatypes
         That a literal may have.
+    is_observed
+        Whether the classes are those that the graph shows, not those that axioms allow.
     """
 
     edge: Edge
@@ -37,6 +40,7 @@ class Demand:
     bits: int | None
     is_thing: bool | None
     datatypes: frozenset[str] = frozenset()
+    is_observed: bool = False
 
     @property
     def node(self) -> Node:
@@ -65,11 +69,14 @@ class Context:
         Those of the groups around it.
     columns
         Terms that VALUES gives to variables.
+    compared
+        Variables of its own filters that are compared with a constant, and of what kind that is.
     """
 
     own: list[Edge]
     around: list[Edge]
     columns: dict[str, list[Node]] = field(default_factory=dict)
+    compared: list[tuple[Node, str]] = field(default_factory=list)
 
     @property
     def edges(self) -> list[Edge]:
@@ -90,6 +97,7 @@ def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
 def _collect(group: Group, own: Context, apart: list[Group]) -> None:
     """Add what must match in a group to a context, and the groups that stand apart to a list."""
     own.own += group.edges
+    own.compared += group.compared
     own.columns.update((node.value, terms) for node, terms in group.values)
     for child in group.children:
         if child.role == "plain":
@@ -99,10 +107,11 @@ def _collect(group: Group, own: Context, apart: list[Group]) -> None:
 
 
 class Demands:
-    """Demands of edges, with a vocabulary."""
+    """Demands of edges, with a vocabulary and with what a graph shows where axioms are silent."""
 
-    def __init__(self, vocabulary: Vocabulary) -> None:
+    def __init__(self, vocabulary: Vocabulary, evidence: Evidence | None = None) -> None:
         self._vocabulary = vocabulary
+        self._evidence = evidence
 
     def of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         """Return what an edge demands of its ends; None where nothing is known."""
@@ -111,7 +120,18 @@ class Demands:
         found = [self._of_step(step, edge, context) for step in edge.steps]
         subject = Demand(edge, 0, *_either([one[0] for one in found]))
         value = Demand(edge, 1, *_either([one[1] for one in found]))
+        if self._evidence is not None and len(edge.steps) == 1:
+            for demand in (subject, value):
+                self._observe(demand, self._evidence)
         return subject, value
+
+    def _observe(self, demand: Demand, evidence: Evidence) -> None:
+        """Fill in the classes of an end about which the ontology says nothing."""
+        (step,) = demand.edge.steps
+        if demand.bits is None and demand.is_thing and step.node.value != TYPE:
+            at = 1 - demand.at if step.is_inverse else demand.at
+            demand.bits = evidence.ends_of(step.node.value, at, self._vocabulary)
+            demand.is_observed = demand.bits is not None
 
     def _of_step(self, step: Step, edge: Edge, context: Context) -> tuple[_Ends, ...]:
         nothing: _Ends = (None, None, frozenset())
@@ -173,7 +193,18 @@ class Demands:
             return Conflict(one, other, False)
         if one.bits is None or other.bits is None or one.bits & other.bits:
             return None
+        if one.is_observed or other.is_observed:
+            return Conflict(one, other, False) if self._is_foreign(one, other) else None
         return Conflict(one, other, self._is_impossible(one.bits, other.bits))
+
+    def _is_foreign(self, one: Demand, other: Demand) -> bool:
+        """Return whether the classes that one end demands share no superclass with what is seen."""
+        seen, given = (one, other) if one.is_observed else (other, one)
+        if given.is_observed or seen.bits is None or given.bits is None:
+            return False
+        tops = self._vocabulary.most_general(given.bits)
+        above = {kind for top in tops for kind in self._vocabulary.above[top]}
+        return not any(self._vocabulary.bit[kind] & seen.bits for kind in above)
 
     def _is_impossible(self, one: int, other: int) -> bool:
         """Return whether axioms of disjointness, not only the lack of a class, part two sets."""

@@ -10,10 +10,10 @@ from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting
 from rtask.asking.check.names import likeness
-from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import Vocabulary, local
-from rtask.asking.check.writing import written
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore

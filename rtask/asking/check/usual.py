@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import ontology
 from rtask.asking.check.names import words_of
-from rtask.asking.check.outline import Outline
-from rtask.asking.check.reading import read_outline
+from rtask.asking.check.syntax.outline import Outline
+from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
