@@ -10,7 +10,7 @@ from rtask.asking.check.names import words_of
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
-from rtask.asking.check.usual import usual_kinds, usual_literals
+from rtask.asking.check.usual import kinds_by_name, usual_kinds, usual_literals
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded
 
@@ -56,6 +56,7 @@ class ByNames:
     def unusual(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns that make of a variable what its name never stands for."""
         kinds, literals = usual_kinds(self._vocabulary), usual_literals(self._vocabulary)
+        by_name = kinds_by_name(self._vocabulary)
         for edge in context.own:
             if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
                 continue
@@ -64,7 +65,12 @@ class ByNames:
                     continue
                 usual = kinds.get(demand.node.value, 0)
                 is_odd = usual and demand.bits is not None and not demand.bits & usual
+                if not usual and demand.bits is not None:
+                    usual = by_name.get(demand.node.value.lower(), 0)
+                    is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
                 if not is_odd and not self._is_odd_literal(demand, literals):
+                    continue
+                if self._fitting.is_attested(edge, context):
                     continue
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
@@ -102,4 +108,9 @@ class ByNames:
         words = {word for iri in classes for word in words_of(local(iri))}
         if len(node.value) == 1:
             return any(word[0] == node.value for word in words)
-        return bool(set(words_of(node.value)) & words)
+        if set(words_of(node.value)) & words:
+            return True
+        own = kinds_by_name(self._vocabulary).get(node.value.lower(), 0)
+        return any(
+            self._vocabulary.below[iri] & own for iri in classes if iri in self._vocabulary.below
+        )

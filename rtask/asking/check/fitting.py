@@ -89,6 +89,20 @@ class Fitting:
                     return False
         return True
 
+    def is_attested(self, edge: Edge, context: Context) -> bool:
+        """Return whether the graph has what a pattern says, together with others beside it."""
+        if not self.evidence.matches(edge):
+            return False
+        meets = [
+            self.evidence.meet(edge, at, other, other_at)
+            for other in context.edges
+            if other.steps and other is not edge
+            for at, mine in enumerate(edge.ends)
+            for other_at, node in enumerate(other.ends)
+            if is_same_variable(mine, node)
+        ]
+        return bool(meets) and False not in meets
+
     def misfits(self, edge: Edge, context: Context) -> int:
         """Return how many patterns a changed pattern would not go together with."""
         count = len(self.conflicts_of(edge, context))

@@ -202,9 +202,7 @@ class Demands:
         seen, given = (one, other) if one.is_observed else (other, one)
         if given.is_observed or seen.bits is None or given.bits is None:
             return False
-        tops = self._vocabulary.most_general(given.bits)
-        above = {kind for top in tops for kind in self._vocabulary.above[top]}
-        return not any(self._vocabulary.bit[kind] & seen.bits for kind in above)
+        return self._vocabulary.are_foreign(seen.bits, given.bits)
 
     def _is_impossible(self, one: int, other: int) -> bool:
         """Return whether axioms of disjointness, not only the lack of a class, part two sets."""

@@ -16,7 +16,7 @@ from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["usual_kinds", "usual_literals", "usual_properties"]
+__all__ = ["kinds_by_name", "usual_kinds", "usual_literals", "usual_properties"]
 
 
 @lru_cache(maxsize=1)
@@ -48,6 +48,17 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
                     is_named = demand.node.kind == "variable" and name in nouns
                     if is_named and demand.bits is not None:
                         found[name] = found.get(name, 0) | demand.bits
+    return MappingProxyType(found)
+
+
+@lru_cache(maxsize=4)
+def kinds_by_name(vocabulary: Vocabulary) -> Mapping[str, int]:
+    """Return the bits of the classes that are called like a variable, in lower case."""
+    found: dict[str, int] = {}
+    for iri, bits in vocabulary.below.items():
+        for name in {local(iri).lower(), *vocabulary.labels.get(iri, ())}:
+            key = name.replace(" ", "")
+            found[key] = found.get(key, 0) | bits
     return MappingProxyType(found)
 
 

@@ -236,6 +236,14 @@ class Vocabulary:
             frozenset((a, b)) in self._disjoint for a in self.above[one] for b in self.above[other]
         )
 
+    def are_foreign(self, one: int, other: int) -> bool:
+        """Return whether the classes of two sets have no superclass in common."""
+        above = [
+            {kind for top in self.most_general(bits) for kind in self.above[top]}
+            for bits in (one, other)
+        ]
+        return not above[0] & above[1]
+
     def most_general(self, bits: int) -> list[str]:
         """Return the classes of bits that have none of the others above them."""
         known = self._general.get(bits)
