@@ -9,6 +9,7 @@ from rtask.asking.check.fitting import Fitting, is_same_variable, reversed_edge
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context
+from rtask.asking.check.usual import kinds_by_name
 from rtask.asking.check.vocabulary import local
 
 __all__ = ["ByData"]
@@ -34,7 +35,9 @@ class ByData:
                 continue
             turned = reversed_edge(edge)
             constants = any(node.kind == "iri" for node in edge.ends)
-            if constants and not self._evidence.matches(edge) and self._evidence.matches(turned):
+            if (
+                constants and not self._evidence.matches(edge) and self._evidence.matches(turned)
+            ) or self._is_turned(edge, context):
                 self._blamed.add(id(edge))
                 words = (
                     f"no statement matches this pattern with {local(step.node.value)}, "
@@ -49,6 +52,25 @@ class ByData:
             if found is not None:
                 self._blamed.add(id(edge))
                 yield found
+
+    def _is_turned(self, edge: Edge, context: Context) -> bool:
+        """Return whether a pattern matches with those beside it only the other way round."""
+        return (
+            not self._is_named_so(edge, context)
+            and self._evidence.ends_differ(edge.steps[0].node.value, self._vocabulary)
+            and self._fitting.is_contradicted(edge, context)
+            and self._fitting.is_attested(reversed_edge(edge), context)
+        )
+
+    def _is_named_so(self, edge: Edge, context: Context) -> bool:
+        """Return whether a variable of a pattern is called like what stands at its end."""
+        by_name = kinds_by_name(self._vocabulary)
+        return any(
+            demand.node.kind == "variable"
+            and demand.bits is not None
+            and demand.bits & by_name.get(demand.node.value.lower(), 0)
+            for demand in self._fitting.demands.of(edge, context) or ()
+        )
 
     def _unmet(self, edge: Edge, context: Context) -> Finding | None:
         """Return the finding of a pattern that the data contradict, though the classes allow it."""

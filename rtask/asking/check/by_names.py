@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 
 from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import Fitting, reversed_edge
-from rtask.asking.check.names import words_of
+from rtask.asking.check.names import affinity, words_of
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
-from rtask.asking.check.usual import kinds_by_name, usual_kinds, usual_literals
+from rtask.asking.check.usual import kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded
 
@@ -53,6 +53,30 @@ class ByNames:
                     (self._repairs.turned(edge),),
                 )  # fmt: skip
 
+    def better(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns that match nothing here where a property named like its value does."""
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            node = edge.steps[0].node
+            value = edge.ends[0 if edge.steps[0].is_inverse else 1]
+            if node.value == TYPE or value.kind != "variable":
+                continue
+            if value.value.lower() in nouns(self._vocabulary):
+                continue
+            if affinity(value.value, node.value, self._vocabulary) > 0:
+                continue
+            if self._evidence.matches(edge) and not self._fitting.is_contradicted(edge, context):
+                continue
+            repairs = self._repairs.better_named(edge, value, context)
+            if repairs:
+                self._blamed.add(id(edge))
+                words = (
+                    f"nothing here has {local(node.value)}, and ?{value.value} "
+                    "is named after another property that it has"
+                )
+                yield Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))
+
     def unusual(self, context: Context) -> Iterator[Finding]:
         """Yield the patterns that make of a variable what its name never stands for."""
         kinds, literals = usual_kinds(self._vocabulary), usual_literals(self._vocabulary)
@@ -88,13 +112,24 @@ class ByNames:
         """Return whether a name that stands for literals is that of a thing, or of other ones."""
         usual = literals.get(demand.node.value)
         if usual is None:
-            return False
+            return self._is_literal_of_thing(demand)
         if demand.is_thing:
             return True
         kinds = {family(kind) for kind in demand.datatypes}
         if not kinds or "" in kinds | usual or kinds & usual:
             return False
         return not kinds <= {"number", "dateTime"} or not usual <= {"number", "dateTime"}
+
+    def _is_literal_of_thing(self, demand: Demand) -> bool:
+        """Return whether a name of a class stands for a literal that no member of it has."""
+        kinds = kinds_by_name(self._vocabulary).get(demand.node.value.lower(), 0)
+        iri = demand.edge.steps[0].node.value
+        known = self._vocabulary.properties.get(iri)
+        if not kinds or demand.is_thing is not False or known is None or known.domain is None:
+            return False
+        if affinity(demand.node.value, iri, self._vocabulary) > 0:
+            return False
+        return self._vocabulary.are_foreign(known.domain, kinds)
 
     def _is_turned_by_name(
         self, about: Node, value: Node, classes: tuple[list[str], list[str]]

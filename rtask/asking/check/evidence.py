@@ -7,6 +7,7 @@ where the bound is reached, the answer is "perhaps".
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 from pyoxigraph import Literal, NamedNode
 
@@ -40,7 +41,7 @@ class Evidence:
     def is_used(self, iri: str) -> bool:
         """Return whether any statement, or the name of a graph, mentions an IRI."""
         key = ("used", iri)
-        found = self._known.get(key)
+        found: int | None = self._known.get(key)
         if found is None:
             term = NamedNode(iri)
             found = any(
@@ -98,6 +99,18 @@ class Evidence:
                 bits |= vocabulary.bit[kind]
         return bits or None
 
+    def ends_differ(self, iri: str, vocabulary: Vocabulary) -> bool:
+        """Return whether the subjects of a property are of other classes than its values."""
+        key = ("differ", iri)
+        if key not in self._known:
+            kinds: tuple[set[str], set[str]] = (set(), set())
+            rows = self._quads(None, NamedNode(iri), None, None)
+            for quad in islice(rows, MAX_ROWS):
+                for at, term in enumerate((quad.subject, quad.object)):
+                    kinds[at].update(vocabulary.most_specific(self._kinds(term, vocabulary)))
+            self._known[key] = bool(kinds[0] and kinds[1]) and not kinds[0] & kinds[1]
+        return bool(self._known[key])
+
     def matches(self, edge: Edge, steps: list[Step] | None = None) -> bool:
         """Return whether a pattern matches anything by itself."""
         key = ("edge", _key(edge, steps))
@@ -117,12 +130,12 @@ class Evidence:
         """Return whether two patterns match with the same term at an end; None for perhaps."""
         key = ("meet", _key(one, None), at, _key(other, None), other_at)
         if key not in self._known:
-            found = self._meet(one, at, other, other_at)
+            found: int | None = self._meet(one, at, other, other_at)
             if found is None:
                 found = self._meet(other, other_at, one, at)
             self._known[key] = found
-        found = self._known[key]
-        return None if found is None else bool(found)
+        known = self._known[key]
+        return None if known is None else bool(known)
 
     def _meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         seen: set[Term] = set()

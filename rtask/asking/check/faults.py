@@ -46,6 +46,7 @@ class Faults:
         constants, data, names = ByConstants(*parts), ByData(*parts), ByNames(*parts)
         for look in (
             self._conflicts, constants.findings, data.findings, names.turned, names.unusual,
+            names.better,
         ):  # fmt: skip
             for context in self._fitting.contexts:
                 yield from look(context)

@@ -91,17 +91,26 @@ class Fitting:
 
     def is_attested(self, edge: Edge, context: Context) -> bool:
         """Return whether the graph has what a pattern says, together with others beside it."""
-        if not self.evidence.matches(edge):
-            return False
-        meets = [
+        meets = self.meets(edge, context)
+        return bool(meets) and False not in meets and self.evidence.matches(edge)
+
+    def is_contradicted(self, edge: Edge, context: Context) -> bool:
+        """Return whether a pattern never matches together with some other that does match."""
+        return False in self.meets(edge, context, only_matching=True)
+
+    def meets(
+        self, edge: Edge, context: Context, *, only_matching: bool = False
+    ) -> list[bool | None]:
+        """Return for each pattern beside one whether the graph has both; None for perhaps."""
+        return [
             self.evidence.meet(edge, at, other, other_at)
             for other in context.edges
-            if other.steps and other is not edge
+            if other.steps and not is_same_pattern(other, edge)
+            if not only_matching or self.evidence.matches(other)
             for at, mine in enumerate(edge.ends)
             for other_at, node in enumerate(other.ends)
             if is_same_variable(mine, node)
         ]
-        return bool(meets) and False not in meets
 
     def misfits(self, edge: Edge, context: Context) -> int:
         """Return how many patterns a changed pattern would not go together with."""
@@ -149,14 +158,7 @@ class Fitting:
         if not self.evidence.matches(edge):
             return merit
         merit += 0.6
-        meets = [
-            self.evidence.meet(edge, at, other, other_at)
-            for other in context.edges
-            if other.steps and not is_same_pattern(other, edge)
-            for at, mine in enumerate(edge.ends)
-            for other_at, node in enumerate(other.ends)
-            if is_same_variable(mine, node)
-        ]
+        meets = self.meets(edge, context)
         if meets:
             merit += 0.8 * sum(met is True for met in meets) / len(meets)
             merit -= 0.8 * sum(met is False for met in meets) / len(meets)

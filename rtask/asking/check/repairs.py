@@ -8,7 +8,7 @@ import ontology
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Repair
 from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
-from rtask.asking.check.names import affinity, likeness
+from rtask.asking.check.names import affinity, likeness, properties_named
 from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE, Context, Demand
@@ -19,6 +19,7 @@ __all__ = ["Repairs"]
 _NS = ontology.NS
 _OFFERED = 3
 _TRIED = 16
+_NAMED = 0.6
 
 
 class Repairs:
@@ -76,7 +77,7 @@ class Repairs:
         for names, iri in fitting[:_TRIED]:
             changed = replaced(edge, node, iri)
             rated.append((names - self._fitting.merit(changed, context), iri))
-        return [self._written(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+        return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
 
     def _other_classes(self, edge: Edge, context: Context) -> list[Repair]:
         bits: int | None = None
@@ -99,9 +100,9 @@ class Repairs:
             rating += 0.7 * (iri in kinds) + 0.2 * iri.startswith(_NS)
             rating += 0.2 * self._evidence.matches(replaced(edge, node, iri))
             rated.append((-rating, iri))
-        return [self._written(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+        return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
 
-    def _written(self, node: Node, iri: str) -> Repair:
+    def written_as(self, node: Node, iri: str) -> Repair:
         text = written(iri, self._outline.prefixes)
         return Repair(f"write {text}", (Edit(node.start, node.end, text),))
 
@@ -122,3 +123,21 @@ class Repairs:
             ):
                 found.append(self.turned(edge))
         return [*found, *self.other_properties(edge, context, [wish])][:_OFFERED]
+
+    def better_named(self, edge: Edge, value: Node, context: Context) -> list[Repair]:
+        """Return the properties named like a variable that the graph has where a pattern stands."""
+        (step,) = edge.steps
+        beside = self._fitting.beside(edge, context)
+        about = edge.ends[1 if step.is_inverse else 0]
+        rated = []
+        for iri in properties_named(value.value, self._vocabulary):
+            rating = affinity(value.value, iri, self._vocabulary)
+            if rating < _NAMED or iri == step.node.value:
+                continue
+            known = self._vocabulary.properties[iri]
+            changed = replaced(edge, step.node, iri)
+            if self._fitting.fits(known, about, value, beside) and (
+                self._fitting.is_attested(changed, context)
+            ):
+                rated.append((-rating, iri))
+        return [self.written_as(step.node, iri) for _, iri in sorted(rated)[:_OFFERED]]

@@ -16,7 +16,7 @@ from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["kinds_by_name", "usual_kinds", "usual_literals", "usual_properties"]
+__all__ = ["kinds_by_name", "nouns", "usual_kinds", "usual_literals", "usual_properties"]
 
 
 @lru_cache(maxsize=1)
@@ -25,9 +25,12 @@ def _questions() -> tuple[Outline, ...]:
     return tuple(read_outline(file.read_text("utf-8")) for file in files)
 
 
-def _nouns(vocabulary: Vocabulary) -> set[str]:
+@lru_cache(maxsize=4)
+def nouns(vocabulary: Vocabulary) -> frozenset[str]:
     """Return the words in the names of classes."""
-    return {word for iri in vocabulary.bit for word in words_of(local(iri)) if len(word) > 2}
+    return frozenset(
+        word for iri in vocabulary.bit for word in words_of(local(iri)) if len(word) > 2
+    )
 
 
 @lru_cache(maxsize=4)
@@ -39,13 +42,13 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
     """
     demands = Demands(vocabulary)
     found: dict[str, int] = {}
-    nouns = _nouns(vocabulary)
+    known = nouns(vocabulary)
     for outline in _questions():
         for context in contexts(outline.body):
             for edge in context.own:
                 for demand in demands.of(edge, context) or ():
                     name = demand.node.value
-                    is_named = demand.node.kind == "variable" and name in nouns
+                    is_named = demand.node.kind == "variable" and name in known
                     if is_named and demand.bits is not None:
                         found[name] = found.get(name, 0) | demand.bits
     return MappingProxyType(found)
@@ -70,7 +73,7 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
     """
     demands = Demands(vocabulary)
     found: dict[str, set[str]] = {}
-    things = _nouns(vocabulary)
+    things = set(nouns(vocabulary))
     for outline in _questions():
         for context in contexts(outline.body):
             for edge in context.own:
