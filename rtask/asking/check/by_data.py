@@ -85,6 +85,10 @@ class ByData:
                         continue
                     if self._evidence.meet(edge, at, other, other_at) is not False:
                         continue
+                    if self._evidence.is_general(edge, at, self._vocabulary) or (
+                        self._evidence.is_general(other, other_at, self._vocabulary)
+                    ):
+                        continue
                     if self._may_meet(edge, at, other, other_at, context):
                         continue
                     if not self._is_attested(edge, other, mine, context):

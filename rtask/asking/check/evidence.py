@@ -19,7 +19,8 @@ from rtask.rdf.terms import RDF_TYPE, Term, stored
 __all__ = ["Evidence"]
 
 MAX_ROWS, MIN_ROWS = 60, 12
-MAX_ENDS, MAX_KINDS = 120, 2
+MIN_KINDS = 2
+MAX_ENDS, MAX_KINDS = 60, 1
 _KNOWN = 20_000
 
 
@@ -98,6 +99,16 @@ class Evidence:
             for kind in kinds:
                 bits |= vocabulary.bit[kind]
         return bits or None
+
+    def is_general(self, edge: Edge, at: int, vocabulary: Vocabulary) -> bool:
+        """Return whether a pattern has things of many kinds at an end, such as all with a name."""
+        key = ("general", _key(edge, None), at)
+        if key not in self._known:
+            kinds: set[str] = set()
+            for ends in islice(self._rows(edge, None), MAX_ROWS):
+                kinds.update(vocabulary.most_specific(self._kinds(ends[at], vocabulary)))
+            self._known[key] = len(kinds) > MIN_KINDS
+        return bool(self._known[key])
 
     def ends_differ(self, iri: str, vocabulary: Vocabulary) -> bool:
         """Return whether the subjects of a property are of other classes than its values."""
