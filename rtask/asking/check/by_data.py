@@ -76,8 +76,13 @@ class ByData:
         """Return the finding of a pattern that the data contradict, though the classes allow it."""
         if not self._evidence.matches(edge):
             return None
+        names = {end.value for end in edge.ends if end.kind == "variable"}
         for other in context.edges:
-            if other is edge or len(other.steps) != 1 or not self._evidence.matches(other):
+            if other is edge or len(other.steps) != 1:
+                continue
+            if not any(end.kind == "variable" and end.value in names for end in other.ends):
+                continue
+            if not self._evidence.matches(other):
                 continue
             for at, mine in enumerate(edge.ends):
                 for other_at, node in enumerate(other.ends):

@@ -102,10 +102,12 @@ class Fitting:
         self, edge: Edge, context: Context, *, only_matching: bool = False
     ) -> list[bool | None]:
         """Return for each pattern beside one whether the graph has both; None for perhaps."""
+        names = {end.value for end in edge.ends if end.kind == "variable"}
         return [
             self.evidence.meet(edge, at, other, other_at)
             for other in context.edges
-            if other.steps and not is_same_pattern(other, edge)
+            if other.steps and (other.subject.value in names or other.object.value in names)
+            if not is_same_pattern(other, edge)
             if not only_matching or self.evidence.matches(other)
             for at, mine in enumerate(edge.ends)
             for other_at, node in enumerate(other.ends)

@@ -112,9 +112,16 @@ class Demands:
     def __init__(self, vocabulary: Vocabulary, evidence: Evidence | None = None) -> None:
         self._vocabulary = vocabulary
         self._evidence = evidence
+        self._read: dict[int, tuple[Edge, tuple[Demand, Demand] | None]] = {}
 
     def of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         """Return what an edge demands of its ends; None where nothing is known."""
+        read = self._read.get(id(edge))
+        if read is None:  # the edge is held, so that no other gets its number
+            read = self._read[id(edge)] = (edge, self._of(edge, context))
+        return read[1]
+
+    def _of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         if edge.is_loose or not edge.steps:
             return None
         found = [self._of_step(step, edge, context) for step in edge.steps]
