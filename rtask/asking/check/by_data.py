@@ -34,13 +34,14 @@ class ByData:
             if step.node.value == TYPE:
                 continue
             turned = reversed_edge(edge)
-            constants = any(node.kind == "iri" for node in edge.ends)
-            if (
-                constants and not self._evidence.matches(edge) and self._evidence.matches(turned)
-            ) or self._is_turned(edge, context):
+            alone = any(node.kind == "iri" for node in edge.ends) and (
+                not self._evidence.matches(edge) and self._evidence.matches(turned)
+            )
+            if alone or self._is_turned(edge, context):
                 self._blamed.add(id(edge))
+                place = "" if alone else " together with those beside it"
                 words = (
-                    f"no statement matches this pattern with {local(step.node.value)}, "
+                    f"no statement matches this pattern with {local(step.node.value)}{place}, "
                     "but some match it the other way round"
                 )
                 repair = self._repairs.turned(edge)

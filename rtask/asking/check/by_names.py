@@ -33,13 +33,13 @@ class ByNames:
             if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
                 continue
             step = edge.steps[0]
-            known = self._vocabulary.properties.get(step.node.value)
-            if known is None or known.relates_things is not True:
+            axioms = self._vocabulary.properties.get(step.node.value)
+            if axioms is None or axioms.relates_things is not True:
                 continue
             about, value = edge.ends[:: -1 if step.is_inverse else 1]
             if about.kind != "variable" or value.kind != "variable":
                 continue
-            if self._is_turned_by_name(about, value, known.classes):
+            if self._is_turned_by_name(about, value, axioms.classes):
                 turned = reversed_edge(edge)
                 if self._fitting.misfits(turned, context):
                     continue
@@ -124,12 +124,12 @@ class ByNames:
         """Return whether a name of a class stands for a literal that no member of it has."""
         kinds = kinds_by_name(self._vocabulary).get(demand.node.value.lower(), 0)
         iri = demand.edge.steps[0].node.value
-        known = self._vocabulary.properties.get(iri)
-        if not kinds or demand.is_thing is not False or known is None or known.domain is None:
+        axioms = self._vocabulary.properties.get(iri)
+        if not kinds or demand.is_thing is not False or axioms is None or axioms.domain is None:
             return False
         if affinity(demand.node.value, iri, self._vocabulary) > 0:
             return False
-        return self._vocabulary.are_foreign(known.domain, kinds)
+        return self._vocabulary.are_foreign(axioms.domain, kinds)
 
     def _is_turned_by_name(
         self, about: Node, value: Node, classes: tuple[list[str], list[str]]

@@ -59,7 +59,7 @@ class Faults:
         ]
         while left:
             edge = self._culprit(left, context)
-            mine = [one for one in left if edge in (one.one.edge, one.other.edge)]
+            mine = [one for one in left if edge in (one.first.edge, one.other.edge)]
             left = [one for one in left if one not in mine]
             if id(edge) not in self._blamed:
                 self._blamed.add(id(edge))
@@ -67,9 +67,9 @@ class Faults:
 
     def _has_member(self, conflict: Conflict, context: Context) -> bool:
         """Return whether something in the graph is of both kinds all the same."""
-        if conflict.is_certain and conflict.one.is_thing != conflict.other.is_thing:
+        if conflict.is_certain and conflict.first.is_thing != conflict.other.is_thing:
             return False
-        one, other = conflict.one, conflict.other
+        one, other = conflict.first, conflict.other
         return self._evidence.meet(one.edge, one.at, other.edge, other.at) is True
 
     def _culprit(self, conflicts: list[Conflict], context: Context) -> Edge:
@@ -77,7 +77,7 @@ class Faults:
         count: dict[int, int] = defaultdict(int)
         edges: dict[int, Edge] = {}
         for one in conflicts:
-            for demand in (one.one, one.other):
+            for demand in (one.first, one.other):
                 count[id(demand.edge)] += 1
                 edges[id(demand.edge)] = demand.edge
         return max(edges.values(), key=lambda edge: self._suspicion(edge, count, context))
@@ -97,9 +97,9 @@ class Faults:
         return doubt, float(edge.start)
 
     def _conflict(self, edge: Edge, mine: list[Conflict], context: Context) -> Finding:
-        first = mine[0]
+        shown = mine[0]
         demand, other = (
-            (first.one, first.other) if first.one.edge is edge else (first.other, first.one)
+            (shown.first, shown.other) if shown.first.edge is edge else (shown.other, shown.first)
         )
         certain = any(one.is_certain for one in mine)
         words = self._words(demand, other)

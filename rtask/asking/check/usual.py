@@ -41,7 +41,7 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
     likely another pattern that was meant.
     """
     demands = Demands(vocabulary)
-    found: dict[str, int] = {}
+    usual: dict[str, int] = {}
     known = nouns(vocabulary)
     for outline in _questions():
         for context in contexts(outline.body):
@@ -50,19 +50,19 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
                     name = demand.node.value
                     is_named = demand.node.kind == "variable" and name in known
                     if is_named and demand.bits is not None:
-                        found[name] = found.get(name, 0) | demand.bits
-    return MappingProxyType(found)
+                        usual[name] = usual.get(name, 0) | demand.bits
+    return MappingProxyType(usual)
 
 
 @lru_cache(maxsize=4)
 def kinds_by_name(vocabulary: Vocabulary) -> Mapping[str, int]:
     """Return the bits of the classes that are called like a variable, in lower case."""
-    found: dict[str, int] = {}
+    usual: dict[str, int] = {}
     for iri, bits in vocabulary.below.items():
         for name in {local(iri).lower(), *vocabulary.labels.get(iri, ())}:
             key = name.replace(" ", "")
-            found[key] = found.get(key, 0) | bits
-    return MappingProxyType(found)
+            usual[key] = usual.get(key, 0) | bits
+    return MappingProxyType(usual)
 
 
 @lru_cache(maxsize=4)
@@ -72,7 +72,7 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
     Only names that never stand for a thing there, and that are in the name of no class.
     """
     demands = Demands(vocabulary)
-    found: dict[str, set[str]] = {}
+    usual: dict[str, set[str]] = {}
     things = set(nouns(vocabulary))
     for outline in _questions():
         for context in contexts(outline.body):
@@ -85,9 +85,9 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
                         things.add(name)
                     elif demand.is_thing is False:
                         kinds = {family(kind) for kind in demand.datatypes} or {""}
-                        found.setdefault(name, set()).update(kinds)
+                        usual.setdefault(name, set()).update(kinds)
     return MappingProxyType(
-        {name: frozenset(kinds) for name, kinds in found.items() if name not in things}
+        {name: frozenset(kinds) for name, kinds in usual.items() if name not in things}
     )
 
 

@@ -210,13 +210,13 @@ class Vocabulary:
                 if made.relates_things is None:
                     made.relates_things = False
                 continue
-            known = [name for name in names if name in self.below and name not in TOP]
-            if known and len(known) == len(names):
+            listed = [name for name in names if name in self.below and name not in TOP]
+            if listed and len(listed) == len(names):
                 bits = 0
-                for name in known:
+                for name in listed:
                     bits |= self.below[name]
                 (made.ranges if at else made.domains).append(bits)
-                made.classes[at].extend(known)
+                made.classes[at].extend(listed)
         made.classes[at][:] = self.most_specific(made.classes[at])
 
     def most_specific(self, names: Iterable[str]) -> list[str]:
@@ -246,12 +246,12 @@ class Vocabulary:
 
     def most_general(self, bits: int) -> list[str]:
         """Return the classes of bits that have none of the others above them."""
-        known = self._general.get(bits)
-        if known is None:
+        listed = self._general.get(bits)
+        if listed is None:
             names = set(self.names(bits))
-            known = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
-            self._general[bits] = known
-        return known
+            listed = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
+            self._general[bits] = listed
+        return listed
 
     def names(self, bits: int) -> list[str]:
         """Return the classes of bits."""
