@@ -94,7 +94,7 @@ ROUTES: tuple[Route, ...] = (
     Route(_DATASET + "/files/<path:path>", ("PUT", "DELETE"), "writes", "dataset"),
     Route("/datasets/<path:rest>", _GET, "reads", "dataset"),
     Route("/mcp", _POST, None, "agents", advice="send JSON-RPC by POST"),
-    Route("/mcp/services", _POST, "writes", "tools", advice="send JSON-RPC by POST"),
+    Route("/mcp/services", _POST, None, "tools", advice="send JSON-RPC by POST"),
     Route("/reasoner/rules", _GET, "reads", "reasoner"),
     Route("/reasoner/rules", ("POST", "DELETE"), "writes", "reasoner"),
     Route("/reasoner/rules/<path:name>", _GET, "reads", "reasoner"),
