@@ -21,7 +21,7 @@ from endpoint.api.proposals import plan_proposals
 from endpoint.api.reasoner import plan_reasoner
 from endpoint.api.services import ADDRESS as SERVICES
 from endpoint.api.services import plan_service
-from endpoint.api.tools import plan_tools
+from endpoint.api.tools import effect_of_tool, plan_tools
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
 from endpoint.follow.replication import require_replicate, snapshot
@@ -32,7 +32,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
-from endpoint.sparql import check, graph_store, protocol, questions
+from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -56,10 +56,7 @@ from rtask.wire.effect import Effect, strongest
 Handler = Callable[[Request, Caller, str], Plan]
 
 _KINDS = {"/sparql": (QUERY, UPDATE), "/query": (QUERY,), "/update": (UPDATE,)}
-_SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
-# A query may be sent by POST; what the protocol writes is counted once it has been parsed.
-_UNCOUNTED = frozenset(("protocol", "check", "ticket", "agents"))
 
 
 class Router:
@@ -99,6 +96,7 @@ class Router:
             "protocol": self._protocol,
             "check": lambda request, caller, address: check.plan_check(context.kb, request),
             "question": self._question,
+            "terms": self._terms,
             "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(
@@ -153,7 +151,7 @@ class Router:
             return self._handlers[first.handler](request, caller, address)
         if match.by(request.method) is None:
             require_method(request, match.allow, first.advice)
-        if request.method not in _SAFE_METHODS and first.handler not in _UNCOUNTED:
+        if self.effect(request, address) != "reads":
             self._context.limiter.admit_write(caller)
         handler = self._handlers.get(first.handler)
         if handler is None:  # a stream, which does not come through here
@@ -175,6 +173,9 @@ class Router:
         if route.handler == "agents":
             toolbox = self._toolbox()
             return strongest(*(toolbox.effect_of(name) for name in called_tools(request)))
+        if route.handler == "tools":
+            host = self._context.services
+            return strongest(*(effect_of_tool(host, name) for name in called_tools(request)))
         try:
             definition, method = self._called(address)
         except RtaskError:
@@ -185,13 +186,14 @@ class Router:
         """Return whether a follower passes a request on.
 
         These are all that write, and what needs something that only the writer has: a reasoner,
-        proposals, datasets, workers of services, services that are not offered here.
+        proposals, datasets, workers of services, services that are not offered here. Methods as
+        tools are all its own: a message that cancels a call does not say which tool was called.
         """
-        if self.effect(request, address) == "writes":
-            return True
         match: Match = find(address)
         handler = match.routes[0].handler if match.routes else ""
-        if handler == "proposals":
+        if handler in ("proposals", "tools") and match.by(request.method) is not None:
+            return True
+        if self.effect(request, address) == "writes":
             return True
         if handler == "reasoner" or (handler == "agents" and "explain" in called_tools(request)):
             return not getattr(self._context.kb, "reasons", False)
@@ -238,8 +240,6 @@ class Router:
 
     def _agents(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
-        if self.effect(request, address) == "writes":
-            context.limiter.admit_write(caller)
         context.queries.check_room()
         return plan_agents(
             self._toolbox(), context.auth, request, caller, self._calls, context.config.timeout_s
@@ -249,6 +249,11 @@ class Router:
         context = self._context
         context.queries.check_room()
         return questions.plan_question(context.kb, request, caller, context.config.timeout_s)
+
+    def _terms(self, request: Request, caller: Caller, address: str) -> Plan:
+        context = self._context
+        context.queries.check_room()
+        return terms.plan_terms(context.kb, request, caller, context.config.timeout_s)
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
@@ -276,7 +281,6 @@ class Router:
             )
         if isinstance(operation, UpdateRequest):
             context.auth.require_write(request, caller)
-            context.limiter.admit_write(caller)
             return protocol.plan_update(context.kb, operation, request, caller, context.config)
         context.queries.check_room()
         operation = limit_query(operation, caller.access, context.kb)

@@ -25,6 +25,7 @@ from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import request_schema
 from rtask.services.task import Task
+from rtask.wire.effect import Effect
 
 _DATA = "data_resources"
 _INSTRUCTIONS = (
@@ -49,6 +50,15 @@ def plan_tools(
         return Plan(lambda: response_of(reply(message, answered)))
 
     return plan_messages(auth, request, caller, calls, plan_message)
+
+
+def effect_of_tool(host: ServiceHost, name: object) -> Effect:
+    """Return what a call of a tool does to the graph; one that is refused does nothing."""
+    for definition in host.registry:
+        for method in definition.methods.values():
+            if _name(definition, method) == name:
+                return method.effect
+    return "reads"
 
 
 def _answer(

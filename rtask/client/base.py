@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from rtask.client.calls import Calls
+from rtask.client.calls import DEFERRABLE, REQUEST_IDS, Calls
 from rtask.client.outbox import Outbox
 from rtask.errors import (
     AuthenticationError,
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 __all__ = ["Client"]
 
 _log = logging.getLogger(__name__)
-
-_REPORTS = ("insert_object", "report_outcome", "report_refusal")
 
 
 class Client(Calls):
@@ -217,11 +215,13 @@ class Client(Calls):
             The server answered that it will not, and why.
         """
         args = {name: _as_text(value) for name, value in args.items()}
-        if operation not in _REPORTS:
+        if operation not in DEFERRABLE:
             received = self._call(operation, args, timeout_s)
             self._deliver_waiting(timeout_s)
             return received
-        args = _with_ids(operation, args)
+        ids = REQUEST_IDS.get(operation)
+        if ids is not None:
+            args = ids.filled(args, lambda _: f"urn:uuid:{uuid.uuid4()}")
         if self._outbox is None:
             return self._call(operation, args, timeout_s)
         entry = self._outbox.add(operation, args)
@@ -261,7 +261,7 @@ class Client(Calls):
         try:
             return self.call(operation, **args)
         except RemoteUnavailableError:
-            if self._outbox is None or operation not in _REPORTS:
+            if self._outbox is None or operation not in DEFERRABLE:
                 raise
             return None
 
@@ -356,16 +356,3 @@ def _as_text(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_as_text(part) for part in value]
     return value
-
-
-def _with_ids(operation: str, args: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments with an id wherever a repeated call would store something twice."""
-    if operation == "report_refusal":
-        return args
-    if operation == "report_outcome" or "objects" not in args:
-        return {"task_id": f"urn:uuid:{uuid.uuid4()}", **args}
-    objects = [
-        {"task_id": f"urn:uuid:{uuid.uuid4()}", **item} if isinstance(item, dict) else item
-        for item in args["objects"]
-    ]
-    return {**args, "objects": objects}

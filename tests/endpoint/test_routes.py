@@ -15,11 +15,29 @@ from endpoint.http.messages import Request
 from endpoint.routes import ROUTES, find
 from endpoint.settings import Config
 from rtask.engine import Engine
+from rtask.services import Service, ServiceHost
+from rtask.services import method as service_method
 from tests.servers import new_application
 
 _SITE = "http://localhost"
 _JSON = {"content-type": "application/json"}
 _RULE = {"label": "heavy", "text": "CONSTRUCT { ?s a <urn:Heavy> } WHERE { ?s <urn:kg> ?o }"}
+
+
+class Changing(Service):
+    """A service with a method of each effect."""
+
+    name = "lab/Changing"
+
+    @service_method(effect="writes")
+    def change(self) -> str:
+        """Change something."""
+        return "done"
+
+    @service_method(effect="reads")
+    def look(self) -> str:
+        """Change nothing."""
+        return "done"
 
 
 class Site:
@@ -45,7 +63,8 @@ def site():
     ):
         secret, _ = tokens.create("admin")
         config = Config(rate=1e6, write_rate=1e6)
-        application = new_application(kb, engine, tokens, config)
+        services = ServiceHost([Changing])
+        application = new_application(kb, engine, tokens, config, services=services)
         yield Site(application, kb, secret)
         application.close()
 
@@ -89,6 +108,7 @@ def test_an_address_that_reads_commits_nothing(site, route):
     assert site.kb.seq == before
 
 
+_FORM = {"content-type": "application/x-www-form-urlencoded"}
 _SPARQL = {"content-type": "application/sparql-update"}
 _TURTLE = {"content-type": "text/turtle"}
 _HAND = {"name": "hand", "kind": "ParallelJawGripper", "gripper_type": "jaws", "max_opening": 0.08,
@@ -121,12 +141,24 @@ def test_addresses_that_write_commit(site):
         assert site.router.effect(request, path) == "writes"
 
 
+def _called(tool):
+    return json.dumps({"id": 1, "method": "tools/call", "params": {"name": tool}}).encode()
+
+
 @pytest.mark.parametrize(
     ("method", "path", "body", "headers", "effect"),
     [
         ("GET", "/sparql", b"", {}, "reads"),
         ("POST", "/sparql", b"query=ASK{}", {}, "reads"),
+        ("POST", "/sparql", b"query=SELECT+*+{?s+a+?update}", {}, "reads"),
         ("POST", "/sparql", b"update=CLEAR+ALL", {}, "writes"),
+        ("POST", "/sparql", b"note=x&%75pdat%65=CLEAR+ALL", {}, "writes"),
+        ("POST", "/mcp/services", _called("lab_Changing_change"), _JSON, "writes"),
+        ("POST", "/mcp/services", _called("lab_Changing_look"), _JSON, "reads"),
+        ("POST", "/services/lab/Changing/change", b"{}", _JSON, "writes"),
+        ("POST", "/services/lab/Changing/look", b"{}", _JSON, "reads"),
+        ("POST", "/mcp/services", b'{"id": 1, "method": "tools/list"}', _JSON, "reads"),
+        ("POST", "/mcp/services", _called("no_such_tool"), _JSON, "reads"),
         ("POST", "/engine/recall_grasps", b"{}", _JSON, "reads"),
         ("POST", "/engine/recognise_for_grasp", b"{}", _JSON, "records"),
         ("POST", "/engine/teach_object", b"{}", _JSON, "writes"),
@@ -136,3 +168,42 @@ def test_addresses_that_write_commit(site):
 )
 def test_a_request_has_the_effect_that_it_asks_for(site, method, path, body, headers, effect):
     assert site.router.effect(Request(method, path, "", headers, body), path) == effect
+
+
+def test_an_update_in_the_address_is_one(site):
+    request = Request("POST", "/sparql", "update=CLEAR+ALL", _FORM, b"")
+    assert site.router.effect(request, "/sparql") == "writes"
+    before = site.kb.seq
+    insert = "update=INSERT+DATA+{<urn:x>+<urn:y>+<urn:z>}"
+    assert site.ask("POST", "/sparql", insert, b"", _FORM).status < 300
+    assert site.kb.seq > before
+
+
+def test_what_reads_does_not_count_as_a_change(site):
+    counted = []
+    limiter = site.application.context.limiter
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limiter, "admit_write", counted.append)
+        for path, body, headers in (
+            ("/reasoner/entails", b"{}", _JSON),
+            ("/sparql/check", b"{}", _JSON),
+            ("/engine/recall_grasps", b"{}", _JSON),
+            ("/sparql", b"ASK {}", {"content-type": "application/sparql-query"}),
+            ("/mcp/services", _called("lab_Changing_look"), _JSON),
+            ("/services/lab/Changing/look", b"{}", _JSON),
+            ("/mcp", _called("search"), _JSON),
+        ):
+            site.ask("POST", path, "", body, headers)
+        assert not counted
+        for path, body, headers in (
+            ("/update", b"CLEAR GRAPH <urn:none>", _SPARQL),
+            ("/sparql", b"CLEAR SILENT GRAPH <urn:none>", _SPARQL),
+            ("/engine/recognise_for_grasp", b"{}", _JSON),  # stores what it refuses
+            ("/engine/give_feedback", b"{}", _JSON),
+            ("/mcp", _called("propose_change"), _JSON),
+            ("/mcp/services", _called("lab_Changing_change"), _JSON),
+            ("/services/lab/Changing/change", b"{}", _JSON),
+        ):
+            counted.clear()
+            site.ask("POST", path, "", body, headers)
+            assert len(counted) == 1, path
