@@ -104,8 +104,9 @@ class ServiceSocket:
         if self._socket is not None:
             return
         # The server pings; a long upload must not be cut off.
-        socket = open_socket(self._address, self._token, max(patience.left_s, 0.1), alive_s=None)
-        self._socket = self._opened.enter_context(socket)
+        self._socket = open_socket(
+            self._opened, self._address, self._token, max(patience.left_s, 0.1), alive_s=None
+        )
 
     def _send(self, service: str, args: dict[str, Any], patience: Patience) -> str:
         from websockets.exceptions import ConnectionClosed

@@ -170,8 +170,13 @@ class TransformBuffer:
             if missing:
                 first, last = self._moving[missing].times[0], self._moving[missing].times[-1]
                 return f"{missing} is known from {first / 1e9:.3f} to {last / 1e9:.3f} s only"
-        lacking = [end for end in (target, source) if len(ways[end]) == 1]
+        lacking = [end for end in (target, source) if not self._is_published(end)]
         return f"nobody publishes {' or '.join(lacking)}" if lacking else "they are not connected"
+
+    def _is_published(self, frame: str) -> bool:
+        parents = [edge.parent for edge in self._moving.values()]
+        parents += [parent for parent, _ in self._static.values()]
+        return frame in self._moving or frame in self._static or frame in parents
 
     def _named_steps(self, frame: str, stamp_ns: int) -> Iterator[tuple[str, Transform | None]]:
         """Yield each frame on the way up, and its pose in its parent."""

@@ -209,31 +209,35 @@ class HeldSocket:
         pause_s = _PAUSE_S
         while not self._closed.is_set():
             try:
-                socket = open_socket(self._address, self._token, _OPEN_S)
-            except (OSError, RtaskError) as error:
-                with self._changed:
-                    self._trouble = error
-                    self._changed.notify_all()
-                self._closed.wait(pause_s)
-                pause_s = min(2 * pause_s, _MAX_PAUSE_S)
+                with contextlib.ExitStack() as opened:
+                    link = _Link(open_socket(opened, self._address, self._token, _OPEN_S))
+                    pause_s = _PAUSE_S
+                    self._serve(link)
                 continue
-            pause_s = _PAUSE_S
-            self._serve(socket)
+            except (OSError, RtaskError) as error:
+                trouble: Exception = error
+            except Exception as error:  # whatever it was, the next connection may do better
+                log.exception("%s: the connection ended", self._address)
+                trouble = error
+            with self._changed:
+                self._trouble = trouble
+                self._changed.notify_all()
+            self._closed.wait(pause_s)
+            pause_s = min(2 * pause_s, _MAX_PAUSE_S)
 
-    def _serve(self, socket: Any) -> None:
+    def _serve(self, link: _Link) -> None:
         """Read one connection to its end."""
         from websockets.exceptions import ConnectionClosed
 
-        link = _Link(socket)
         with self._changed:
             self._link, self._trouble = link, None
             topics = list(self._topics)
             self._changed.notify_all()
-        for topic in topics:
-            self._tell(link, {"op": "subscribe", "topic": topic})
         try:
+            for topic in topics:
+                self._tell(link, {"op": "subscribe", "topic": topic})
             while not self._closed.is_set():
-                self._take(link, json.loads(socket.recv()))
+                self._take(link, json.loads(link.socket.recv()))
         except (ConnectionClosed, OSError, EOFError) as error:
             log.info("%s: the connection ended: %s", self._address, error)
         except ValueError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from rtask.client.failures import Patience
@@ -40,12 +41,16 @@ def addresses(url: str) -> tuple[str, str]:
 
 
 def open_socket(
-    address: str, token: str | None, open_s: float, alive_s: float | None = 20.0
+    opened: ExitStack, address: str, token: str | None, open_s: float, alive_s: float | None = 20.0
 ) -> Any:
     """Open a websocket.
 
     Parameters
     ----------
+    opened
+        Closes it at its own end.
+    open_s
+        Longest wait, s.
     alive_s
         Time between pings, s, by which a link that was cut is noticed; None = the server's suffice.
 
@@ -60,7 +65,7 @@ def open_socket(
     from websockets.sync.client import connect
 
     try:
-        return connect(
+        context = connect(
             address,
             additional_headers=authorization(token),
             compression=None,  # clouds are compressed already
@@ -71,6 +76,7 @@ def open_socket(
             close_timeout=1.0,
             proxy=None if is_near(address) else True,
         )
+        return opened.enter_context(context)
     except InvalidStatus as error:
         raise refusal(address, error.response.status_code, error) from error
     except (InvalidHandshake, ConnectionClosed) as error:
