@@ -15,6 +15,7 @@ from pathlib import Path
 
 import click
 
+from rtask.cli.options import json_option, print_json
 from rtask.errors import UsageError
 
 __all__ = ["DEPENDENCIES", "PROVIDED", "package", "source_modules", "write_package"]
@@ -75,14 +76,19 @@ _XML = """<?xml version="1.0"?>
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-def package(folder: Path) -> None:
+@json_option
+def package(folder: Path, as_json: bool) -> None:
     """Write the package rtask_ros2, the node for ROS 2, into FOLDER.
 
     FOLDER is the src of a workspace; build it there with colcon, beside the package of `rtask ros
     messages`. Or `pip install FOLDER/rtask_ros2` into the Python of ROS 2. The node needs nothing
     else of this installation.
     """
-    click.echo(f"{write_package(folder)}")
+    written = write_package(folder)
+    if as_json:
+        print_json({"package": str(written), "modules": list(source_modules())})
+    else:
+        click.echo(f"{written}")
 
 
 def source_modules() -> dict[str, Path]:
