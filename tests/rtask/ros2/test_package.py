@@ -136,8 +136,11 @@ def test_another_folder_of_that_name_is_not_replaced(tmp_path):
 
 
 def test_the_command_writes_the_package(tmp_path):
-    run = CliRunner().invoke(cli, ["ros2", "package", str(tmp_path)])
+    run = CliRunner().invoke(cli, ["ros2", "package", str(tmp_path), "--json"])
     assert run.exit_code == 0, run.output
+    written = json.loads(run.stdout)
+    assert written["package"] == str(tmp_path / "rtask_ros2")
+    assert "rtask.ros2.main" in written["modules"]
     contract = json.loads((tmp_path / "rtask_ros2/rtask_ros2/ros2/contract.json").read_text())
     assert "where_is" in contract["rules"]["repeatable"]
 
