@@ -160,12 +160,14 @@ class Maintainer:
             return self.settings.max_facts
         return min(self.settings.max_facts, before + len(asserted.added) + budget.derived)
 
-    def work(self, everything: bool) -> Work:
-        """Return the counter for a change, or for deriving everything again."""
+    def work(self, asserted: int | None = None) -> Work:
+        """Return the counter for a change, or for deriving everything again from so many facts."""
         joins, budget = self.settings.max_joins, self.settings.budget
         if budget is None:
             return Work(joins)
-        firings = budget.firings + joins if everything else budget.firings
+        firings = budget.firings
+        if asserted is not None:
+            firings = budget.firings_to_rebuild(asserted, joins)
         return Work(joins, firings, budget.watch, self.terms.decode_fact)
 
     def rebuild(self, asserted: Asserted, before: int = 0, in_bulk: bool = False) -> Draft:
@@ -175,9 +177,14 @@ class Maintainer:
         ----------
         before : int
             Number of facts that held before the change.
+
+        Raises
+        ------
+        NeedsRebuildError
+            If the budget of the change does not include it.
         """
         layer = Layer(Facts())
-        layer.work = self.work(everything=True)
+        layer.work = self.work(len(asserted.facts) + len(asserted.added))
         equality = Equality()
         derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
         program = Program(CLOSING_RULES)
@@ -341,7 +348,7 @@ class _Revision:
         self.state = state
         self.asserted = asserted
         self.layer = Layer(state.facts)
-        self.layer.work = maintainer.work(everything=False)
+        self.layer.work = maintainer.work()
         self.equality = state.equality.copy()
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         max_facts = maintainer.max_facts(len(state.facts), asserted)
