@@ -192,7 +192,9 @@ class _Writer:
             if isinstance(again, Repeated):
                 return self._answer_again(again.before)
             prepared = again
-        answer = self._write_new(prepared, task_id or self.context.names.unique("task").value)
+        answer = self._write_new(
+            prepared, task_id or self.context.names.task(self.author.agent).value
+        )
         self.stored += 1
         if task_id:
             self._answered[task_id] = answer

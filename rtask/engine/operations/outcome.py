@@ -118,7 +118,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 received=grasp,
                 outcome=outcome,
                 task=request.task,
-                task_id=task_id or context.names.unique("task").value,
+                task_id=task_id or context.names.task(author.agent).value,
                 now=ended,
                 graph=context.home_graph(author),
                 decision=decision,

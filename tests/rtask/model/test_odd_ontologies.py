@@ -94,7 +94,7 @@ def test_generated_classes_are_typed_and_those_of_rtask(source: Path, module: Mo
     assert "colour" in module.OddLink.__fields__
     assert "colour" not in RTASK.Container.__fields__
     done = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", str(source)],
+        [sys.executable, "-m", "mypy", str(source)],
         capture_output=True,
         text=True,
         cwd=Path(rtask.__file__).parents[1],
