@@ -172,7 +172,8 @@ class SeeAction:
                 self._server.set_preempted(result, "cancelled")
                 return
             if isinstance(item, RtaskError):
-                self._server.set_aborted(result, refusal(item))
+                result.refused = refusal(item)
+                self._server.set_aborted(result, result.refused)
                 return
             if isinstance(item, Look):
                 self._show(item, result)
