@@ -12,8 +12,8 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.activity.words import AFTER
 from endpoint.pages.render import Model, blueprint, context, page, select
 from endpoint.pages.signin import require_form
-from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.memory.statistics import lower_95
+from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.words import PHASES
 from rtask.errors import MissingExtraError, UsageError
 from rtask.extras import naming_extras
