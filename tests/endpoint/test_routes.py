@@ -9,17 +9,21 @@ from contextlib import closing
 import pytest
 
 import rtask
+from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.openapi import document
+from endpoint.http.agent_calls import AgentCall
 from endpoint.http.messages import Request
 from endpoint.routes import ROUTES, find
 from endpoint.settings import Config
 from rtask.engine import Engine
+from rtask.kb.commit.access import Access
 from rtask.services import Service, ServiceHost
 from rtask.services import method as service_method
 from tests.servers import new_application
 
 _SITE = "http://localhost"
+_ADMIN = Caller(Access("admin", "admin"))
 _JSON = {"content-type": "application/json"}
 _RULE = {"label": "heavy", "text": "CONSTRUCT { ?s a <urn:Heavy> } WHERE { ?s <urn:kg> ?o }"}
 
@@ -141,8 +145,13 @@ def test_addresses_that_write_commit(site):
         assert site.router.effect(request, path) == "writes"
 
 
-def _called(tool):
-    return json.dumps({"id": 1, "method": "tools/call", "params": {"name": tool}}).encode()
+def _message(tool):
+    return {"id": 1, "method": "tools/call", "params": {"name": tool}}
+
+
+def _called(*tools):
+    messages = [_message(tool) for tool in tools]
+    return json.dumps(messages[0] if len(tools) == 1 else messages).encode()
 
 
 @pytest.mark.parametrize(
@@ -183,7 +192,7 @@ def test_what_reads_does_not_count_as_a_change(site):
     counted = []
     limiter = site.application.context.limiter
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(limiter, "admit_write", counted.append)
+        patch.setattr(limiter, "admit_calls", lambda _, calls, changes: counted.append(changes))
         for path, body, headers in (
             ("/reasoner/entails", b"{}", _JSON),
             ("/sparql/check", b"{}", _JSON),
@@ -194,7 +203,7 @@ def test_what_reads_does_not_count_as_a_change(site):
             ("/mcp", _called("search"), _JSON),
         ):
             site.ask("POST", path, "", body, headers)
-        assert not counted
+        assert counted == [0] * 7
         for path, body, headers in (
             ("/update", b"CLEAR GRAPH <urn:none>", _SPARQL),
             ("/sparql", b"CLEAR SILENT GRAPH <urn:none>", _SPARQL),
@@ -206,4 +215,45 @@ def test_what_reads_does_not_count_as_a_change(site):
         ):
             counted.clear()
             site.ask("POST", path, "", body, headers)
-            assert len(counted) == 1, path
+            assert counted == [1], path
+
+
+def test_each_call_in_a_list_of_messages_counts(site):
+    counted = []
+    limiter = site.application.context.limiter
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limiter, "admit_calls", lambda _, *counts: counted.append(counts))
+        look, change = "lab_Changing_look", "lab_Changing_change"
+        site.ask("POST", "/mcp/services", "", _called(look, change, look, change), _JSON)
+        site.ask("POST", "/mcp", "", _called("search", "propose_change", "search"), _JSON)
+        site.ask("POST", "/mcp", "", _called(*["propose_change"] * 21), _JSON)  # refused
+    assert counted == [(4, 2), (3, 1), (0, 0)]
+
+
+def test_a_follower_carries_out_what_it_has_and_passes_the_rest_on(site):
+    ways = {
+        ("lab_Changing_look",): False,
+        ("lab_Changing_change",): True,
+        ("lab_Changing_look", "lab_Changing_change"): True,
+        ("no_such_tool",): True,  # the other server may have it
+    }
+    for tools, is_passed_on in ways.items():
+        assert _is_for_writer(site, "/mcp/services", _called(*tools)) == is_passed_on, tools
+    listed = b'{"id": 1, "method": "tools/list"}'
+    assert not _is_for_writer(site, "/mcp/services", listed)
+
+
+@pytest.mark.parametrize("path", ["/mcp", "/mcp/services"])
+def test_a_follower_gives_up_the_calls_it_carries_out_and_passes_on_word_of_others(site, path):
+    note = {"method": "notifications/cancelled", "params": {"requestId": 7}}
+    body = json.dumps(note).encode()
+    assert _is_for_writer(site, path, body)
+    call = AgentCall(7)
+    remove = site.router._calls.add(_ADMIN.key, 7, call)
+    assert not _is_for_writer(site, path, body)
+    remove()
+    assert _is_for_writer(site, path, body)
+
+
+def _is_for_writer(site, path, body):
+    return site.router.is_for_writer(Request("POST", path, "", _JSON, body), _ADMIN, path)
