@@ -14,6 +14,7 @@ from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
+from rtask.kb.reverting import BUNDLED
 
 __all__ = ["refresh"]
 
@@ -33,7 +34,7 @@ def refresh(kb: GraphCore) -> Commit | None:
     if not stale:
         return None
     kinds: dict[GraphName, str] = {}
-    request = Request(kb.access(), note="bundled ontology", kinds=kinds, trusted=True)
+    request = Request(kb.access(), note=BUNDLED, kinds=kinds, trusted=True)
     with kb.commit_block(request) as tx:
         for path in stale:
             quads = list(parse(path=path, rename_blank_nodes=True))
