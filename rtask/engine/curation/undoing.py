@@ -258,16 +258,17 @@ def _leave_out_restated(edit: Edit) -> set[NamedNode]:
             for now in edit.match(quad.subject, quad.predicate)
         )
     }
-    grasps: set[NamedNode] = set()
-    for quad in list(edit.added):
-        if quad.object in clashing and quad.predicate == RT.hasEvaluation:
-            assert isinstance(quad.subject, NamedNode)
-            grasps.add(quad.subject)
-        if quad.subject in clashing:
-            if quad.predicate == RT.statisticsOf and isinstance(quad.object, NamedNode):
-                grasps.add(quad.object)
-            del edit.added[quad]
-    return grasps
+    grasps = set[object]()
+    for node in clashing:
+        # A verdict changes their values only, so the links may be in the graph instead.
+        assert isinstance(node, NamedNode)
+        links = [quad for quad in (*edit.added, *edit.match(node)) if quad.subject == node]
+        grasps |= {q.object for q in links if q.predicate == RT.statisticsOf}
+        owners = [*edit.added, *edit.match(None, RT.hasEvaluation, node)]
+        grasps |= {q.subject for q in owners if (q.predicate, q.object) == (RT.hasEvaluation, node)}
+    for quad in [quad for quad in edit.added if quad.subject in clashing]:
+        del edit.added[quad]
+    return {grasp for grasp in grasps if isinstance(grasp, NamedNode)}
 
 
 def _restate(context: Context, grasps: set[NamedNode], author: Access) -> None:
