@@ -10,12 +10,12 @@ from pyoxigraph import NamedNode, Quad, parse
 
 import ontology
 from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.reverting import BUNDLED
 from rtask.kb.store.collector import collector_paused
 from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
-from rtask.kb.reverting import BUNDLED
 
 __all__ = ["refresh"]
 
