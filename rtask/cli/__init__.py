@@ -59,7 +59,7 @@ _BUILT_IN = {
     "service": "rtask.cli.services.calling:service",
     "stats": "rtask.cli.contents:stats",
     "teach": "rtask.cli.perception.teach:teach",
-    "undo": "rtask.cli.undo:undo",
+    "undo": "rtask.cli.changing.undo:undo",
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
