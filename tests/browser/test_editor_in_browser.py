@@ -12,7 +12,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.pages.graph.workbench import _EDITOR
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [
@@ -59,7 +59,7 @@ def paste(page: Any, text: str) -> None:
     )
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_class_is_completed_its_prefix_declared_and_the_query_run(
     browser: Any, server: RunningServer, look: str
 ) -> None:
@@ -94,6 +94,32 @@ def test_an_error_is_marked_at_its_line_and_column(browser: Any, server: Running
         content.press("Control+a")
         paste(page, "ASK { ?x ?p ?o }")
         page.locator('sparql-editor[data-fault=""]').wait_for()
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_fault_is_underlined_and_its_repair_applied_by_a_click(
+    browser: Any, server: RunningServer, look: str
+) -> None:
+    with open_page(browser, server.url, **LOOKS[look]) as page:
+        _editor(page, server)
+        head = f"PREFIX rt: <{ontology.NS}>\n"
+        paste(page, head + "SELECT ?name { ?mug a rt:Mug ; rt:nmae ?name }")
+        page.locator('sparql-editor[data-findings="1"]').wait_for()
+        underlined = page.locator(".cm-lintRange-error")
+        assert underlined.inner_text() == "rt:nmae"
+        underlined.hover()
+        said = page.locator(".cm-tooltip .cm-diagnostic")
+        said.wait_for()
+        assert "there is no property rt:nmae; did you mean rt:name?" in said.inner_text()
+        assert fits(page)
+        keep_picture(page, f"editor-fault-{look}", full_page=False)
+        said.get_by_role("button", name="write rt:name").click()
+        page.locator('sparql-editor[data-findings=""]').wait_for()
+        assert page.locator("#query").input_value() == (
+            head + "SELECT ?name { ?mug a rt:Mug ; rt:name ?name }"
+        )
+        page.get_by_role("button", name="Run").click()
+        assert page.locator("#answer").get_by_text(HOSTILE).count() == 1
 
 
 def test_a_running_query_is_stopped(browser: Any, server: RunningServer) -> None:
