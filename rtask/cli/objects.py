@@ -165,11 +165,11 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
     undone, as `rtask objects undo` says.
     """
     from rtask.cli.progress import Working
-    from rtask.engine.curation.twins import find_twins, merges_of
+    from rtask.engine.curation.twins import count_untried, find_twins, merges_of
     from rtask.extras import naming_extras
 
     with open_to_read(data) as kb, naming_extras("rtask objects twins"), Working("comparing"):
-        pairs = find_twins(kb, views)
+        pairs, untried = find_twins(kb, views), count_untried(kb, views)
     commits = list[str]()
     if merges and pairs:
         author = {} if agent is None else {"operator": agent}
@@ -180,14 +180,27 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
                     str(client.call("curate_object", operation="merge", **request)["commit"])
                 )
     if as_json:
-        print_json({"twins": [asdict(pair) for pair in pairs], "commits": commits})
+        print_json(
+            {
+                "twins": [asdict(pair) for pair in pairs],
+                "commits": commits,
+                "views_untried": untried,
+            }
+        )
     else:
         for pair in pairs:
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
-        if not pairs:
+        if not pairs and not untried:
             click.echo("no twins: no object is recognised as another", err=True)
+        if untried:
+            rest = "1 view was" if untried == 1 else f"{untried} views were"
+            click.echo(
+                f"{'further twins' if pairs else 'twins'}: not decided, {rest} not tried; "
+                f"try more of each object with --views {2 * views}",
+                err=True,
+            )
     if pairs and not merges:
         raise SystemExit(1)
 
