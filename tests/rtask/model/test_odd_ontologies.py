@@ -42,7 +42,7 @@ x:mass a owl:DatatypeProperty ; rdfs:domain :Item .
 :steps a owl:ObjectProperty, owl:FunctionalProperty ; rdfs:domain :Item ; rdfs:range rdf:List .
 :colour a owl:DatatypeProperty ; rdfs:domain rt:ManipulableObject ; rdfs:range xsd:string .
 :Par a owl:Class . :Temp a owl:Class ; rdfs:subClassOf :Par .
-:Lim a owl:Class . :MaxLim a owl:Class ; rdfs:subClassOf :Lim .
+:Lim a owl:Class ; rdfs:subClassOf :Par . :MaxLim a owl:Class ; rdfs:subClassOf :Lim .
 :TempLim a owl:Class ; rdfs:subClassOf :Temp, :Lim .
 :MaxTemp a owl:Class ; rdfs:subClassOf :MaxLim, :Temp .
 :MaxTempLim a owl:Class ; rdfs:subClassOf :MaxTemp, :TempLim .
