@@ -1,0 +1,1 @@
+"""Plans for tasks of robots, from what the graph knows."""
