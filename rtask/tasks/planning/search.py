@@ -130,7 +130,8 @@ class _Search:
                 if id(operator) in chosen:
                     continue
                 chosen[id(operator)] = operator
-                # A fact that holds now may be deleted on the way and be needed again.
+                # What holds is not regressed: if it must be restored on the way, this search
+                # ends without a path, and that of all goals together takes over.
                 for fact in operator.need_list:
                     if fact not in seen and not state >> fact & 1:
                         seen.add(fact)
