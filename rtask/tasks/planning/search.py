@@ -98,9 +98,7 @@ class _Search:
             for operator in found:
                 state = state & ~operator.deletes | operator.adds
             steps += found
-        # Only the whole conjunction decides: an order may hold what a later goal deletes.
-        wanted = sum(1 << goal for goal in self.goals)
-        return _plan(steps) if state & wanted == wanted else self._together()
+        return _plan(steps)
 
     def _agenda(self) -> list[int]:
         """Return the goals, those that hold already first so that they are kept."""
