@@ -32,7 +32,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
-from endpoint.sparql import check, graph_store, protocol
+from endpoint.sparql import check, graph_store, protocol, questions
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -98,6 +98,7 @@ class Router:
         return {
             "protocol": self._protocol,
             "check": lambda request, caller, address: check.plan_check(context.kb, request),
+            "question": self._question,
             "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(
@@ -243,6 +244,11 @@ class Router:
         return plan_agents(
             self._toolbox(), context.auth, request, caller, self._calls, context.config.timeout_s
         )
+
+    def _question(self, request: Request, caller: Caller, address: str) -> Plan:
+        context = self._context
+        context.queries.check_room()
+        return questions.plan_question(context.kb, request, caller, context.config.timeout_s)
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context

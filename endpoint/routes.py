@@ -67,6 +67,7 @@ ROUTES: tuple[Route, ...] = (
     Route("/sparql", _BOTH, None, "protocol", limited=True, pages=_GET),
     Route("/query", _BOTH, "reads", "protocol", limited=True),
     Route("/update", _POST, "writes", "protocol", limited=True),
+    Route("/ask", _GET, "reads", "question", pages=_GET),
     Route("/sparql/check", _POST, "reads", "check"),
     Route("/store", _GET, "reads", "store", limited=True),
     Route("/store", _CHANGE, "writes", "store", limited=True),

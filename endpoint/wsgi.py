@@ -28,6 +28,9 @@ _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
 _OTHERS = ("/services", "/jobs", "/datasets")
 """Addresses that are pages under a WSGI server, and whose programs need the ASGI application."""
 
+_SHARED = ("/sparql", "/ask")
+"""Addresses that are pages for people, and answer programs here too."""
+
 _PROGRAMS = tuple(
     dict.fromkeys(
         route.pattern
@@ -70,7 +73,7 @@ def _admit(application: Application) -> flask.Response | None:
     """Pass programs on to the application, and check who opens a page."""
     context = application.context
     request = current_request()
-    at_protocol = flask.request.path.rstrip("/") == "/sparql"
+    at_protocol = flask.request.path.rstrip("/") in _SHARED
     wants_page = flask.request.method in ("GET", "HEAD") and prefers_html(request.header("accept"))
     if at_protocol and not wants_page:
         return to_flask(application.handle(request))

@@ -100,7 +100,7 @@ def products(default: str) -> Option:
     """Return the option for the set of products on the tables."""
     return click.option(
         "--products",
-        type=click.Choice(["plain", "hard"]),
+        type=click.Choice(["plain", "hard", "light"]),
         default=default,
         show_default=True,
         help="Plain products, or ones whose best grasp cannot be seen.",

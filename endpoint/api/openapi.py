@@ -189,7 +189,10 @@ def _fixed_paths() -> JsonObject:
     query = parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
     sparql = get("Ask in SPARQL 1.1", results, [query, *_query_options()])
     sparql["responses"].update(problems((413, 501, 507)))  # of earlier states
+    words = parameter("text", "query", "a question in words", text)
+    words["required"] = True
     return {
+        "/ask": {"get": get("Answer a question in words", (JSON_TYPE, "text/html"), [words])},
         # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
         "/sparql": {"get": sparql},
         **resource_paths(),

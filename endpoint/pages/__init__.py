@@ -19,13 +19,14 @@ from endpoint.pages import (
     signin,
     teach,
 )
-from endpoint.pages.graph import classes, proof, resource, workbench
+from endpoint.pages.graph import ask, classes, proof, resource, workbench
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
 
 __all__ = [
     "activity",
     "admin",
+    "ask",
     "benchmarks",
     "blueprint",
     "classes",

@@ -24,13 +24,14 @@ SECTIONS = (
     Section("/robots", "Robots", ("/robot", "/setup")),
     Section("/learning", "Learning"),
     Section("/classes", "Classes", ("/resource", "/explain")),
-    Section("/sparql", "SPARQL"),
+    Section("/sparql", "SPARQL", ("/ask",)),
     Section("/services", "Services", ("/datasets", "/jobs", "/operations", "/tools/pipeline")),
     Section("/tools/grasp", "Grasps"),
     Section("/tools/arm", "Arms"),
 )
 """What one comes to see first, what explains it, what computes it."""
 MORE = (
+    ("/ask", "Ask in words"),
     ("/setup", "Set up a robot"),
     ("/teach", "Name objects"),
     ("/tools/pipeline", "Compose a pipeline"),

@@ -33,6 +33,7 @@ GROUPS = ("objects", "robots", "classes", "properties", "services", "datasets", 
 _PAGES = (
     ("/activity", "Live activity", "watch robots camera now events"),
     ("/sparql", "SPARQL workbench", "ask query"),
+    ("/ask", "Ask in words", "questions answer"),
     ("/objects", "Objects", "things"),
     ("/classes", "Classes", "ontology tree kinds"),
     ("/robots", "Robots", ""),

@@ -106,6 +106,22 @@ class Client(Calls):
             Nobody answered for the client's time.
         """
 
+    def answer(self, text: str) -> dict[str, Any]:
+        """Answer a question in words, such as ``which robot fails at cartons, and why?``.
+
+        Returns
+        -------
+        dict
+            As :meth:`rtask.asking.questions.answering.Answer.to_dict` gives it; ``sparql`` is empty
+            if no question is near, and ``nearest`` has the three nearest.
+
+        Raises
+        ------
+        UsageError
+            The text is empty or too long.
+        """
+        raise UnsupportedError(f"{type(self).__name__} answers no questions in words")
+
     def services(self) -> list[dict[str, Any]]:
         """Return the services that are offered, with their versions and methods."""
         raise _no_services(self)

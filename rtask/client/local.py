@@ -90,6 +90,12 @@ class LocalClient(Client):
 
         return followed()
 
+    def answer(self, text: str) -> dict[str, Any]:
+        """Answer a question in words; see :meth:`Client.answer`."""
+        from rtask.asking.questions import answer
+
+        return answer(self.engine.kb, text).to_dict()
+
     def services(self) -> list[dict[str, Any]]:
         """Return the services that are offered; see :meth:`Client.services`."""
         return self._host().listing()

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 
 from rtask.client.base import Client
 from rtask.client.calls import REPEATABLE
@@ -129,6 +129,12 @@ class RemoteClient(Client):
         """Yield commits as they come; see :meth:`Client.follow`."""
         pattern = Pattern(s, p, o, graph, cls, inferred)
         return follow_remote(self._session, pattern, since, self._timeout_s)
+
+    def answer(self, text: str) -> dict[str, Any]:
+        """Answer a question in words; see :meth:`Client.answer`."""
+        place = f"/ask?{urlencode({'text': text})}"
+        answered: dict[str, Any] = self._exchange("GET", place, may_repeat=True)
+        return answered
 
     def services(self) -> list[dict[str, Any]]:
         """Return the services that are offered; see :meth:`Client.services`."""

@@ -61,8 +61,8 @@ class Settings:
     kinds
         Kinds of the robots, in turn; empty = the kind that suits the products.
     products
-        Set of :data:`simulate.world.objects.PRODUCTS`. On the hard ones, the last robot also works
-        with a graph of its own, for comparison.
+        Set of :data:`simulate.world.objects.PRODUCTS`. On all but the plain ones, the last robot
+        also works with a graph of its own, for comparison.
     min_grasp, cautious
         Of :class:`simulate.agent.decisions.Thresholds`.
     details, queries
@@ -109,7 +109,7 @@ class Settings:
     @property
     def compares(self) -> bool:
         """Whether the last robot also works with a graph of its own."""
-        return self.products == "hard" and self.robots > 1
+        return self.products != "plain" and self.robots > 1
 
 
 class Demo:

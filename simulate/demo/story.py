@@ -12,6 +12,9 @@ __all__ = ["Gain", "gain_of", "opening", "outcome"]
 _SECRETS = {
     "plain": "On this table nothing is hidden: geometry holds nearly every product at once, "
     "and sharing has little to add.",
+    "light": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
+    "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
+    "end. A robot that has only its eyes must fail first.",
     "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
     "end breaks when it is pressed, a bar or a flask has its weight near one end. A robot that "
     "has only its eyes must fail first.",

@@ -25,7 +25,7 @@ from simulate.robots import describe
 from simulate.study.intervals import share
 from simulate.study.runner import Study
 from simulate.world.camera import Lighting
-from simulate.world.hidden import HIDDEN_KINDS
+from simulate.world.hidden import HiddenKind
 from simulate.world.objects import KINDS, Kind, ObjectSpec, product
 from simulate.world.scene import Placement, arrange, lay
 from simulate.world.seeds import mix_seed, stream
@@ -48,6 +48,7 @@ _DRAWS = 5
 _FRICTION, _MASS_FACTOR = (0.03, 0.8), (1.0, 8.0)
 _POSITION_ERROR, _ANGLE_ERROR_RAD = 0.2, 0.17
 """Standard deviations; the position error as a share of the width of the open hand."""
+_HIDDEN: tuple[HiddenKind, ...] = ("bar", "flask", "carton")
 _IN_A_BOX = 4
 _OFF_MIDDLE = 0.36
 """Of a product's length, the farthest from its middle that it is held."""
@@ -90,8 +91,8 @@ def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     seed, robot = int(settings["seed"]), str(settings["robot"])
     rng, side = stream(seed, _FILL, number), 1 if number % 2 else -1
     specs = [
-        product(HIDDEN_KINDS[int(k)], int(rng.integers(_PRODUCTS_OF_A_KIND)))
-        for k in rng.integers(len(HIDDEN_KINDS), size=_IN_A_BOX)
+        product(_HIDDEN[int(k)], int(rng.integers(_PRODUCTS_OF_A_KIND)))
+        for k in rng.integers(len(_HIDDEN), size=_IN_A_BOX)
     ]
     attempts = []
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:

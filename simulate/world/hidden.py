@@ -13,11 +13,11 @@ import numpy as np
 
 __all__ = ["HIDDEN_KINDS", "NO_SECRET", "HiddenKind", "Part", "Secret", "draw_hidden"]
 
-HiddenKind = Literal["bar", "flask", "carton"]
+HiddenKind = Literal["bar", "flask", "carton", "rod"]
 
-HIDDEN_KINDS: tuple[HiddenKind, ...] = ("bar", "flask", "carton")
-"""Families with a secret: mass near one end (a tool, a half full flask lying down), or one end that
-breaks when it is pressed."""
+HIDDEN_KINDS: tuple[HiddenKind, ...] = ("bar", "flask", "carton", "rod")
+"""Families with a secret: mass near one end (a tool, a half full flask lying down, a light rod), or
+one end that breaks when it is pressed (a carton)."""
 
 Range = tuple[float, float]
 
@@ -25,11 +25,13 @@ _SIZES: dict[str, tuple[Range, Range, Range]] = {
     "bar": ((0.100, 0.130), (0.020, 0.030), (0.024, 0.030)),
     "flask": ((0.095, 0.120), (0.028, 0.036), (0.028, 0.036)),
     "carton": ((0.088, 0.110), (0.026, 0.036), (0.032, 0.050)),
+    "rod": ((0.100, 0.130), (0.018, 0.026), (0.022, 0.030)),
 }
 _MASSES: dict[str, Range] = {
     "bar": (0.9, 1.2),
     "flask": (0.9, 1.2),
     "carton": (0.03, 0.07),
+    "rod": (0.07, 0.15),
 }
 _OFF_CENTRE = (0.34, 0.42)
 _WEAK_SHARE = (0.56, 0.66)
@@ -87,7 +89,7 @@ def draw_hidden(
     x, y, z = (round(float(rng.uniform(low, high)), 4) for low, high in _SIZES[kind])
     mass = round(float(rng.uniform(*_MASSES[kind])), 4)
     end = 1.0 if rng.random() < 0.5 else -1.0
-    if kind in ("bar", "flask"):
+    if kind in ("bar", "flask", "rod"):
         offset = end * round(float(rng.uniform(*_OFF_CENTRE)) * x, 4)
         return (x, y, z), mass, Secret(mass_offset_m=offset)
     share = float(rng.uniform(*_WEAK_SHARE))

@@ -66,9 +66,10 @@ _MASSES = {
 PRODUCTS: dict[str, tuple[Kind, ...]] = {
     "plain": KINDS,
     "hard": ("carton", "bar", "carton", "flask", "carton", "box", "carton", "carton"),
+    "light": ("carton", "rod"),
 }
 """Sets of products: each a sequence of kinds that repeats. Of the hard ones, all but the box hide
-what decides a grasp."""
+what decides a grasp; so do all the light ones, which a hand of 2 to 3 N can lift."""
 
 _CATALOGUE = 200  # numbers that sample_objects draws from, per kind
 

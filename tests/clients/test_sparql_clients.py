@@ -8,11 +8,14 @@ import subprocess
 
 import httpx
 import pytest
+from click.testing import CliRunner
 from rdflib import Graph, Literal, URIRef
 from rdflib.plugins.stores.sparqlstore import SPARQLStore, SPARQLUpdateStore
 from SPARQLWrapper import CSV, JSON, POST, TURTLE, SPARQLExceptions, SPARQLWrapper
 
 import ontology
+import rtask
+from rtask.cli.asking.ask import ask
 from tests.servers import RunningServer
 
 MUG = "http://example.org/mug"
@@ -69,9 +72,9 @@ def test_an_update_says_what_it_did_when_json_is_wanted(client: httpx.Client) ->
 def test_what_is_inserted_is_reasoned_about_and_marked(client: httpx.Client) -> None:
     effector, of = f"{ontology.NS}hasEndEffector", f"{ontology.NS}endEffectorOf"
     insert(client, "urn:g:reasoned", f"<urn:r:1> <{effector}> <urn:r:1/hand>")
-    ask = f"ASK {{ <urn:r:1/hand> <{of}> <urn:r:1> }}"
-    with_inferred = client.get("/sparql", params={"query": ask}).json()["boolean"]
-    without = client.get("/sparql", params={"query": ask, "inferred": "0"}).json()["boolean"]
+    question = f"ASK {{ <urn:r:1/hand> <{of}> <urn:r:1> }}"
+    with_inferred = client.get("/sparql", params={"query": question}).json()["boolean"]
+    without = client.get("/sparql", params={"query": question, "inferred": "0"}).json()["boolean"]
     assert (with_inferred, without) == (True, False)
 
 
@@ -172,3 +175,15 @@ def test_a_problem_is_json_that_programs_can_read(client: httpx.Client) -> None:
     details = json.loads(answer.text)
     assert details["type"] == "/errors/query-syntax"
     assert details["line"] == 2
+
+
+def test_a_question_in_words_is_answered_by_the_client_and_by_the_command(
+    client: httpx.Client, server: RunningServer
+) -> None:
+    insert(client, "urn:g:words", f"<urn:c:1> a <{ontology.NS}Cup> ; <{ontology.NS}name> 'red cup'")
+    question = "which cups are there?"
+    with rtask.connect(server.url) as connected:
+        assert connected.answer(question)["sentence"] == "Cups: red cup."
+    printed = CliRunner().invoke(ask, [question, "--server", server.url])
+    assert printed.exit_code == 0, printed.output
+    assert "Cups: red cup." in printed.stdout

@@ -21,7 +21,9 @@ for _world in (MountainCar, Taxi, TwoRooms):
         max_episode_steps=_world.max_steps,
     )
 # These two cut their episodes off themselves.
-gymnasium.register("rtask/Grasp-v0", "grasp.learning.env:GraspEnv")
+gymnasium.register(
+    "rtask/Grasp-v0", "grasp.learning.environments.simulated_grasps:grasp_environment"
+)
 gymnasium.register(
     "rtask/SimulatedGrasps-v0", "grasp.learning.environments.simulated_grasps:SimulatedGrasps"
 )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from grasp.learning.env import Candidate, GraspEnv, Outcome, Problem
 from grasp.learning.simulated import WorldSettings, make_world
 
-__all__ = ["SimulatedGrasps"]
+__all__ = ["SimulatedGrasps", "grasp_environment"]
 
 
 @dataclass(frozen=True)
@@ -61,3 +62,30 @@ class SimulatedGrasps(GraspEnv):
     def _push(self, problem: Problem, candidate: Candidate) -> Outcome:
         assert isinstance(candidate, _Grasp)
         return Outcome(bool(self.np_random.random() < candidate.chance), "data")
+
+
+def grasp_environment(
+    problems: Sequence[Problem] | None = None,
+    outcome: Callable[[Problem, Candidate], Outcome] | None = None,
+    **options: Any,
+) -> GraspEnv:
+    """Return the environment registered as ``rtask/Grasp-v0``.
+
+    Parameters
+    ----------
+    problems, outcome
+        As of :class:`~grasp.learning.env.GraspEnv`; without them, simulated objects.
+    **options
+        Further arguments of that class, or of :class:`SimulatedGrasps`.
+
+    Raises
+    ------
+    ValueError
+        One of ``problems`` and ``outcome`` is missing.
+    """
+    if problems is None and outcome is None:
+        return SimulatedGrasps(**options)
+    if problems is None or outcome is None:
+        missing = "problems" if problems is None else "outcome"
+        raise ValueError(f"{missing} is missing: give problems and outcome, or neither of them")
+    return GraspEnv(problems, outcome, **options)

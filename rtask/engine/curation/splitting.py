@@ -278,8 +278,8 @@ def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: 
     ----------
     purge
         Delete its attempts as well, and its bytes at once; the journal of the knowledge base keeps
-        the statements. Otherwise attempts and outcomes stay as history, and the bytes until they
-        are collected.
+        the statements. Otherwise attempts and outcomes stay as history, with the grasps that they
+        executed and whose these were, and the bytes until they are collected.
     """
     with context.writing:
         edit = Edit(context.kb)
@@ -290,15 +290,25 @@ def forget_object(context: Context, object_iri: NamedNode, purge: bool, author: 
         ]
         withdraw_models(edit, object_iri)
         _forget_places(edit, object_iri)
+        tried = set[object]()
         if purge:
-            for node in _history(context, edit, object_iri):
-                freed += edit.forget_bytes(node)
-                edit.remove(edit.match(node))
-                edit.remove(edit.match(None, None, node))
+            gone = _history(context, edit, object_iri)
             edit.remove(edit.match(None, None, object_iri))
+        else:
+            grasps = _objects(edit, object_iri, RT.hasGrasp)
+            tried.update(g for g in grasps if edit.match(None, RT.executesGrasp, g))
+            gone = _depending(context, edit, [g for g in grasps if g not in tried])
+        for node in gone:
+            freed += edit.forget_bytes(node)
+            edit.remove(edit.match(node))
+            edit.remove(edit.match(None, None, node))
         frame = body_frame(context, object_iri)
         edit.remove(edit.match(frame))
-        edit.remove(q for q in edit.match(object_iri) if q not in edit.removed)
+        edit.remove(
+            q
+            for q in edit.match(object_iri)
+            if q not in edit.removed and not (q.predicate == RT.hasGrasp and q.object in tried)
+        )
         _forget_notes(edit, object_iri)
         triples = Triples()
         triples.add(object_iri, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
@@ -349,12 +359,16 @@ def _forget_notes(edit: Edit, object_iri: NamedNode) -> None:
 
 def _history(context: Context, edit: Edit, object_iri: NamedNode) -> set[NamedNode]:
     """Return everything that depends on an object: attempts, outcomes, grasps, counts."""
-    base = context.kb.base
-    starts = tuple(f"{base}{kind}/" for kind in _HISTORY)
-    seen: set[NamedNode] = set()
     inverse = (RT.handles, SOSA.hasFeatureOfInterest)
-    todo: list[object] = [q.subject for p in inverse for q in edit.match(None, p, object_iri)]
-    todo += [q.object for q in edit.match(object_iri)]
+    nodes: list[object] = [q.subject for p in inverse for q in edit.match(None, p, object_iri)]
+    return _depending(context, edit, [*nodes, *(q.object for q in edit.match(object_iri))])
+
+
+def _depending(context: Context, edit: Edit, nodes: Iterable[object]) -> set[NamedNode]:
+    """Return records, and those that depend on them, as far as they are parts of a history."""
+    starts = tuple(f"{context.kb.base}{kind}/" for kind in _HISTORY)
+    seen: set[NamedNode] = set()
+    todo = list(nodes)
     while todo:
         node = todo.pop()
         if not isinstance(node, NamedNode) or node in seen or not node.value.startswith(starts):

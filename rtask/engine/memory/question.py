@@ -102,13 +102,17 @@ def query_text(question: Question) -> str:
 
 
 def _object_part(question: Question) -> str:
-    """Return the pattern of statements about the objects themselves."""
+    """Return the pattern of statements about the objects themselves.
+
+    Of a forgotten one its kind may still follow from the attempts that stay.
+    """
     only = ""
     if question.only:
         allowed = f"VALUES ?wanted {{ {values(question.only)} }}"
         only = f"FILTER EXISTS {{ {allowed} ?object a ?wanted }}"
     return f"""VALUES ?object {{ {values(question.objects)} }}
     ?object a rt:ManipulableObject {only}
+    FILTER NOT EXISTS {{ ?object prov:invalidatedAtTime ?forgotten }}
     OPTIONAL {{ ?object rt:name ?name }}
     OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
     OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}

@@ -110,6 +110,8 @@ PAGES = [
     "/robots",
     "/search",
     "/search?q=mug",
+    "/ask",
+    "/ask?text=which+mugs+are+there",
     "/resource?iri=urn:lab/object/1",
     "/resource?iri=urn:lab/robot/nao-1",
     "/resource?iri=urn:lab/attempt/1",

@@ -12,7 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 from grasp.learning.agents import QLearning, run_episodes
 from grasp.learning.env import Candidate, Outcome, Problem
-from grasp.learning.environments import TwoRooms
+from grasp.learning.environments import TwoRooms, simulated_grasps
+from grasp.learning.simulated import WorldSettings, make_world
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ _PROBLEMS = [
 ]
 _GRASP: dict[str, Any] = {"problems": _PROBLEMS, "outcome": _holds_at_right_angles}
 _FEW: dict[str, Any] = {"objects": 3, "families": 2}
+_ONE_OBJECT = WorldSettings(families=1, objects=1, runs=2, samples=5)
 _WORLDS = [
     ("rtask/TwoRooms-v0", {}),
     ("rtask/Taxi-v0", {"stochastic": False}),
@@ -62,6 +64,18 @@ def test_a_seed_repeats_a_life_from_any_point(name: str, options: dict[str, Any]
         return seen
 
     assert live() == live()
+
+
+def test_the_grasp_problem_needs_no_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulated_grasps, "make_world", lambda _: make_world(_ONE_OBJECT))
+    world = gymnasium.make("rtask/Grasp-v0")
+    view, info = world.reset(seed=1)
+    assert view.shape == (5,)
+    assert info["candidates"] > 0
+    assert world.step(int(info["action_mask"].argmax()))[1] in (-1.0, 1.0)
+    for given, missing in (("problems", "outcome"), ("outcome", "problems")):
+        with pytest.raises(ValueError, match=f"{missing} is missing"):
+            gymnasium.make("rtask/Grasp-v0", **{given: _GRASP[given]})
 
 
 @pytest.mark.parametrize("name", ["TwoRooms", "Taxi", "MountainCar"])

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import click
 import numpy as np
 import pytest
 
 from rtask.errors import UsageError
 from simulate.fleet.assignment import spec_of
+from simulate.fleet.study_commands import attempts
 from simulate.study.attempt_table import attempt_study, attempt_trial, read_attempts
 from simulate.world.hidden import HIDDEN_KINDS
 from simulate.world.objects import PRODUCTS, product, sample_products
@@ -46,6 +48,15 @@ def test_the_hard_set_hides_most_of_what_it_holds() -> None:
     assert sorted(spec.kind for spec in specs) == sorted(PRODUCTS["hard"])
     with pytest.raises(UsageError, match="unknown products 'odd'"):
         sample_products("odd", np.random.default_rng(0), 1)
+
+
+def test_the_light_set_is_offered_and_weighs_what_a_weak_hand_lifts() -> None:
+    specs = sample_products("light", np.random.default_rng(0), 12)
+    assert {spec.kind for spec in specs} == {"carton", "rod"}
+    assert max(spec.mass for spec in specs) <= 0.15  # a Nao lifts 0.3 kg with its centre held
+    option = next(p for p in attempts.params if p.name == "products")
+    assert isinstance(option.type, click.Choice)
+    assert set(option.type.choices) == set(PRODUCTS)
 
 
 def test_the_pose_of_a_product_is_that_of_its_middle_wherever_its_mass_is() -> None:

@@ -7,6 +7,8 @@ import time
 
 import pytest
 
+import rtask
+from rtask.engine import Engine
 from rtask.errors import ForgottenError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, RT
@@ -102,24 +104,38 @@ def test_a_success_with_the_reason_that_nothing_was_held_is_refused(bench, repor
     assert caught.value.details["field"].endswith("outcome.reason")
 
 
-@pytest.mark.parametrize("purge", [False, True])
-def test_a_forgotten_object_does_not_come_back_half(bench, robots, engine, kb, purge):
-    robot, seen = robots("nao-1"), bench.sight(bench.BOX)
-    offered = robot.recognise(seen)["grasps"][0]
-    stored = robot.insert(seen, grasp=offered, outcome=bench.held(), name="tea box")["objects"][0]
-    forget = {"operation": "forget", "object": stored["object"], "purge": purge}
-    engine.call("curate_object", forget, Access("anna", "teacher"))
-    with pytest.raises(ForgottenError, match="was forgotten") as caught:
-        robot.insert(seen, object=stored["object"])
-    assert caught.value.status == 404
-    for operation in ("recall_grasps", "report_outcome"):
-        grasp = {"grasp": offered, "outcome": bench.held(), "gripper_id": robot.gripper}
-        grasp = {} if operation == "recall_grasps" else grasp
+@pytest.mark.parametrize(("purge", "reason"), [(False, True), (False, False), (True, False)])
+def test_a_forgotten_object_does_not_come_back_half(bench, purge, reason):
+    with rtask.open(":memory:", reason=reason) as kb, Engine(kb) as engine:
+        robot, seen = bench.Robot("nao-1", engine), bench.sight(bench.BOX)
+        robot.register()
+        offered = robot.recognise(seen)["grasps"][0]
+        tried = {"grasp": offered, "outcome": bench.held()}
+        stored = robot.insert(seen, **tried, name="tea box")["objects"][0]
+        name = stored["object"]
+        untried = iri(f"{kb.base}grasp/2")
+        with kb.transaction() as tx:
+            tx.add(iri(name), RT.hasGrasp, untried)
+            tx.add(untried, RT.graspPose, iri(f"{untried.value}/pose"))
+        assert len(kb.match(iri(name), RT.hasGrasp)) == 2
+        forget = {"operation": "forget", "object": name, "purge": purge}
+        commit = engine.call("curate_object", forget, Access("anna", "teacher")).as_json()["commit"]
+        with pytest.raises(ForgottenError, match="was forgotten") as caught:
+            robot.insert(seen, object=name)
+        assert caught.value.status == 404
         with pytest.raises(ForgottenError, match="was forgotten"):
-            robot.call(operation, object=stored["object"], **grasp)
-    with pytest.raises(ForgottenError, match="was forgotten"):
-        robot.recognise(seen, object=stored["object"])
-    gone = iri(stored["object"])
-    assert not kb.match(gone, RT.objectId)
-    assert not kb.match(gone, RT.hasView)
-    assert not (purge and kb.match(None, RT.graspPose)), "a grasp without its object"
+            robot.call("recall_grasps", object=name)
+        with pytest.raises(ForgottenError, match="was forgotten"):
+            robot.call("report_outcome", object=name, gripper_id=robot.gripper, **tried)
+        with pytest.raises(ForgottenError, match="was forgotten"):
+            robot.recognise(seen, object=name)
+        assert not kb.match(iri(name), RT.objectId)
+        assert not kb.match(iri(name), RT.hasView)
+        grasps = {quad.subject for quad in kb.match(None, RT.graspPose)}
+        assert grasps == {quad.object for quad in kb.match(None, RT.hasGrasp)}
+        assert grasps == (set() if purge else {iri(stored["grasp"])}), "only what was executed"
+        if not purge:
+            undo = {"operation": "undo", "commit": commit}
+            engine.call("curate_object", undo, Access("anna", "teacher"))
+            assert len(kb.match(iri(name), RT.hasGrasp)) == 2
+            assert robot.call("recall_grasps", object=name)["grasps"][0]["id"] == stored["grasp"]

@@ -1,0 +1,49 @@
+"""Page for questions in words, at the address where programs ask them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flask
+
+from endpoint.pages.graph.workbench import samples
+from endpoint.pages.render import Model, context, knowledge_base, page
+from endpoint.sparql.questions import ADDRESS, select_within
+from rtask.asking.questions import Answer, answer
+from rtask.errors import UsageError
+from rtask.rdf.terms import NamedNode, Term, python_value
+
+__all__ = ["ask"]
+
+
+@page(ADDRESS, "ask.html")
+def ask() -> Model:
+    """Return the answer to the question in the address, or the questions that can be asked."""
+    text = flask.request.args.get("text", "").strip()
+    model: Model = {"text": text, "answer": None, "problem": ""}
+    if text:
+        select = select_within(knowledge_base(), context().config.timeout_s)
+        try:
+            answered = answer(knowledge_base(), text, select=select)
+        except UsageError as error:  # such as too long a text
+            return {**model, "problem": str(error), "questions": []}
+        model["answer"] = _shown(answered)
+    questions = [] if text else [sample["question"] for sample in samples()]
+    return {**model, "questions": questions}
+
+
+def _shown(answered: Answer) -> dict[str, Any]:
+    """Return an answer as data, with each cell of its table as it is read."""
+    shown = answered.to_dict()
+    return {
+        **shown,
+        "cells": [[_cell(term, answered) for term in row] for row in answered.rows],
+    }
+
+
+def _cell(term: Term | None, answered: Answer) -> dict[str, str]:
+    if term is None:
+        return {"text": ""}
+    value = str(python_value(term))
+    name = answered.names.get(value, value)
+    return {"text": name, "iri": value} if isinstance(term, NamedNode) else {"text": name}
