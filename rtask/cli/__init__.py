@@ -77,7 +77,7 @@ _SECTIONS = {
     "Robots and services": ("robot", "ros", "ros2", "service", "dataset", "mcp"),
     "Look after": (
         "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
-        "rebuild", "backup", "restore", "promote", "proposals", "help",
+        "rebuild", "backup", "restore", "promote", "help",
     ),
 }  # fmt: skip
 """Sections of the help, by what one wants to do; a command of another package comes last."""

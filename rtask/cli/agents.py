@@ -66,7 +66,7 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
             outgoing.write(line)
             outgoing.flush()
 
-    waiting: dict[str, Future[None]] = {}
+    waiting: dict[str | None, Future[None]] = {}
     with ThreadPoolExecutor(THREADS, thread_name_prefix="agent") as pool:
         while line := incoming.readline(MAX_LINE):
             if not line.strip():
@@ -79,9 +79,9 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
                 error = {"code": _PARSE_ERROR, "message": "expected one JSON object on a line"}
                 send({"jsonrpc": "2.0", "id": None, "error": error})
                 continue
-            cancelled = _cancelled(message)
-            if cancelled in waiting:
-                waiting[cancelled].cancel()  # unless it has begun
+            # A call may end, and be forgotten, at any moment.
+            if (given_up := waiting.get(_cancelled(message))) is not None:
+                given_up.cancel()  # unless it has begun
             work = answer(message, send)
             if message.get("id") is None or message.get("method") != "tools/call":
                 _guarded(work, message, send)
@@ -91,7 +91,7 @@ def serve(answer: Answerer, incoming: IO[bytes], outgoing: IO[bytes]) -> None:
                 future.add_done_callback(partial(_forget, waiting, key))
 
 
-def _forget(waiting: dict[str, Future[None]], key: str, future: Future[None]) -> None:
+def _forget(waiting: dict[str | None, Future[None]], key: str, future: Future[None]) -> None:
     if waiting.get(key) is future:
         del waiting[key]
 

@@ -49,7 +49,7 @@ class Lessons:
 
     def sentence(self) -> str:
         """Return the figures in words."""
-        text = f"{self.robot} recalled {self.recalled} of {self.won} lessons won before it"
+        text = f"{self.robot} recalled {self.recalled} of {self.won} lessons about what it tried"
         if self.won_in_space:
             text += (
                 f", {self.recalled_in_space} of {self.won_in_space} of those won with a grasp "

@@ -111,9 +111,11 @@ class Guard:
             return
         self._looked = now
         memory = resident_bytes()
-        if self._before is None:
+        if memory is None:  # nothing tells it here: it is not asked for again
+            self._allowed = None
+        elif self._before is None:
             self._before = memory  # not before there is work: most commits end without a look
-        elif memory is not None and memory - self._before > allowed:
+        elif memory - self._before > allowed:
             raise BusyError(
                 f"deriving what follows from the change takes more than {allowed >> 20} MiB; "
                 "nothing was stored; try again later, or split the change",

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import psutil
 
+import ontology
 import rtask
 from rtask.knowledge_base import KnowledgeBase
 
@@ -46,7 +47,7 @@ def main() -> None:
     print(f"{4 * subjects} statements and the ontology; load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as folder, rtask.open(":memory:") as kb:
         path = Path(folder) / "data.ttl"
-        mug = "<https://w3id.org/rtask-kg#Mug>"
+        mug = f"<{ontology.NS}Mug>"
         path.write_text(
             "".join(
                 f"<urn:s{i}> a {mug} ; <urn:p> {i} ; <urn:q> <urn:s{i // 7}> ; "

@@ -46,8 +46,8 @@ def test_a_lesson_counts_as_recalled_if_the_first_attempt_is_from_the_graph() ->
     assert (lessons.won, lessons.recalled) == (3, 2)
     assert (lessons.won_in_space, lessons.recalled_in_space) == (2, 1)
     assert lessons.sentence() == (
-        "panda-2 recalled 2 of 3 lessons won before it, 1 of 2 of those won with a grasp planned "
-        "on the whole view."
+        "panda-2 recalled 2 of 3 lessons about what it tried, 1 of 2 of those won with a grasp "
+        "planned on the whole view."
     )
 
 
@@ -64,7 +64,7 @@ def test_what_was_lost_on_the_way_or_never_met_again_is_no_lesson() -> None:
     teacher = _robot("nao-1", _met("can", fell), _met("tin", _attempt("candidate")))
     lessons = lessons_of([teacher, _robot("nao-2", _met("can", _attempt("memory")))])
     assert lessons is not None
-    assert lessons.sentence() == "nao-2 recalled 0 of 0 lessons won before it."
+    assert lessons.sentence() == "nao-2 recalled 0 of 0 lessons about what it tried."
     assert lessons_of([teacher]) is None
 
 
@@ -76,4 +76,4 @@ def test_the_report_says_how_many_lessons_arrived(tmp_path: Path) -> None:
     write_report(tmp_path, {"robots": [], "lessons": lessons.to_dict()}, [], [])
     for name in ("report.md", "report.html", "report.json"):
         text = (tmp_path / name).read_text(encoding="utf-8")
-        assert "panda-2 recalled 1 of 1 lessons won before it" in text
+        assert "panda-2 recalled 1 of 1 lessons about what it tried" in text

@@ -169,7 +169,7 @@ class DdsNode:
             except RtaskError as error:
                 log.warning("%s: a request that cannot be answered: %s", name, error)
                 return
-            except Exception:
+            except Exception:  # one request must not end the others
                 log.exception("%s: the request could not be answered", name)
                 return
             writer.write(response.from_cdr(with_header(reply, guid, sequence)))
@@ -281,7 +281,7 @@ class DdsNode:
             for reader, take, sample in self._taken():
                 try:
                     take(reader, sample)
-                except Exception:
+                except Exception:  # one message must not end the thread that takes all
                     log.exception("a message could not be handled")
 
     def _taken(self) -> Iterator[tuple[Any, Take, Any]]:
@@ -297,9 +297,15 @@ class DdsNode:
 
 
 def is_of_cyclone(reader: Any, sample: Any, service: str) -> bool:
-    """Whether a request has a header; those of another DDS would be misread."""
+    """Whether a request has a header; those of another DDS would be misread.
+
+    Nor is one taken whose writer is gone: nobody can tell any more what it is, or waits for it.
+    """
     writer = reader.get_matched_publication_data(sample.sample_info.publication_handle)
-    if writer is None or writer.participant_key.bytes.startswith(_CYCLONE):
+    if writer is None:
+        log.warning("%s: a request was left out, because its sender is gone", service)
+        return False
+    if writer.participant_key.bytes.startswith(_CYCLONE):
         return True
     log.warning(
         "%s: a request was refused, because services work only with Cyclone as the peer's RMW; "

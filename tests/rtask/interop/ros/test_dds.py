@@ -251,6 +251,9 @@ def test_requests_of_another_dds_are_refused_with_the_reason(caplog):
     assert is_of_cyclone(reader(b"\x01\x10"), sample, "/s")
     assert not is_of_cyclone(reader(b"\x01\x0f"), sample, "/s")
     assert "services work only with Cyclone as the peer's RMW" in caplog.text
+    gone = SimpleNamespace(get_matched_publication_data=lambda handle: None)
+    assert not is_of_cyclone(gone, sample, "/s")
+    assert "its sender is gone" in caplog.text
 
 
 @pytest.mark.slow

@@ -81,8 +81,6 @@ def test_ten_deadlines_in_a_row_leave_nothing(tmp_path: Path) -> None:
                 _read_all(kb, seen)
             with kb.transaction() as tx:
                 tx.add("urn:a", "urn:b", number)
-        # under load the time may be over before there is a reader to kill
-        assert kb.stats()["readers"]["killed"] >= 1
         assert len(list((tmp_path / "kb" / "snapshots").iterdir())) <= 1
     assert not (tmp_path / "kb" / "snapshots").exists()
     wait_until(lambda: not any(map(is_alive, seen)))
