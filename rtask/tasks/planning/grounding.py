@@ -7,22 +7,29 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from rtask.tasks.planning.problem import Action, Atom, Problem, Step
 
-__all__ = ["ground"]
+__all__ = ["bindings", "ground", "instantiate", "unchanging_facts"]
 
 
 def ground(problem: Problem) -> tuple[Step, ...]:
     """Return the steps whose unchanging preconditions hold, in a fixed order."""
     fluents = problem.fluents
-    unchanging: dict[str, list[Atom]] = defaultdict(list)
-    for fact in sorted(problem.facts):
-        if fact[0] not in fluents:
-            unchanging[fact[0]].append(fact)
+    facts = unchanging_facts(problem)
     steps = []
     for action in problem.actions:
         conditions = [atom for atom in action.preconditions if atom[0] not in fluents]
-        for arguments in _bindings(problem, action, conditions, unchanging):
+        for arguments in bindings(problem.objects, action, conditions, facts):
             steps.append(instantiate(action, arguments))
     return tuple(steps)
+
+
+def unchanging_facts(problem: Problem) -> dict[str, list[Atom]]:
+    """Return the facts that no action changes, by predicate, in a fixed order."""
+    fluents = problem.fluents
+    facts: dict[str, list[Atom]] = defaultdict(list)
+    for fact in sorted(problem.facts):
+        if fact[0] not in fluents:
+            facts[fact[0]].append(fact)
+    return facts
 
 
 def instantiate(action: Action, arguments: Mapping[str, str]) -> Step:
@@ -39,21 +46,22 @@ def instantiate(action: Action, arguments: Mapping[str, str]) -> Step:
     )  # fmt: skip
 
 
-def _bindings(
-    problem: Problem, action: Action, conditions: Sequence[Atom],
-    unchanging: Mapping[str, Sequence[Atom]],
+def bindings(
+    objects: Mapping[str, Sequence[str]], action: Action, conditions: Sequence[Atom],
+    facts: Mapping[str, Sequence[Atom]],
 ) -> Iterator[dict[str, str]]:  # fmt: skip
-    types = {parameter.name: set(problem.objects.get(parameter.type, ()))
+    """Yield the arguments of an action under which conditions hold, objects of the right types."""
+    types = {parameter.name: set(objects.get(parameter.type, ()))
              for parameter in action.parameters}  # fmt: skip
     rows: list[dict[str, str]] = [{}]
     for condition in conditions:
-        rows = _join(rows, condition, unchanging.get(condition[0], ()), types)
+        rows = _join(rows, condition, facts.get(condition[0], ()), types)
     for parameter in action.parameters:
         rows = [
             row if parameter.name in row else {**row, parameter.name: value}
             for row in rows
             for value in (
-                ("",) if parameter.name in row else problem.objects.get(parameter.type, ())
+                ("",) if parameter.name in row else objects.get(parameter.type, ())
             )
         ]
     yield from rows

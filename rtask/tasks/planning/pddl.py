@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rtask.tasks.planning.grounding import ground
-from rtask.tasks.planning.problem import Action, Atom, Problem, Step
+from rtask.tasks.planning.problem import Action, Atom, Goal, Problem, Step
 
 __all__ = ["PddlProblem", "write_pddl"]
 
@@ -51,8 +51,8 @@ class PddlProblem:
             facts = facts.difference(step.deletes).union(step.adds)
             steps.append(step)
         for goal in self._source.goals:
-            if goal not in facts:
-                raise ValueError(f"at the end of the plan {_words(goal)} does not hold")
+            if facts.isdisjoint(goal):
+                raise ValueError(f"at the end of the plan {_words(goal[0])} does not hold")
         return tuple(steps)
 
 
@@ -63,7 +63,8 @@ def write_pddl(problem: Problem) -> PddlProblem:
         for member in members:
             names.of("object", member)
     steps = ground(problem)
-    domain = _domain(problem, names)
+    has_choice = any(len(goal) > 1 for goal in problem.goals)
+    domain = _domain(problem, names, " :disjunctive-preconditions" if has_choice else "")
     keys = {
         " ".join(
             (names.of("action", step.action), *(names.of("object", v) for _, v in step.arguments))
@@ -99,7 +100,7 @@ class _Names:
         return f"({' '.join((self.of('predicate', atom[0]), *arguments))})"
 
 
-def _domain(problem: Problem, names: _Names) -> str:
+def _domain(problem: Problem, names: _Names, more: str) -> str:
     types = " ".join(names.of("type", kind) for kind in problem.objects)
     predicates = "".join(f"\n    {line}" for line in _predicates(problem, names))
     costs = "".join(
@@ -108,7 +109,7 @@ def _domain(problem: Problem, names: _Names) -> str:
     )
     actions = "".join(_action(action, names) for action in problem.actions)
     return (
-        "(define (domain rtask)\n  (:requirements :strips :typing :action-costs)\n"
+        f"(define (domain rtask)\n  (:requirements :strips :typing :action-costs{more})\n"
         f"  (:types {types} - object)\n  (:predicates{predicates})\n"
         f"  (:functions (total-cost) - number{costs}){actions})\n"
     )
@@ -119,7 +120,7 @@ def _predicates(problem: Problem, names: _Names) -> list[str]:
     for action in problem.actions:
         for atom in (*action.preconditions, *action.adds, *action.deletes):
             sizes[atom[0]] = len(atom) - 1
-    for atom in (*sorted(problem.facts), *problem.goals):
+    for atom in (*sorted(problem.facts), *(atom for goal in problem.goals for atom in goal)):
         sizes.setdefault(atom[0], len(atom) - 1)
     return [
         f"({' '.join((names.of('predicate', name), *(f'?x{n}' for n in range(size))))})"
@@ -158,12 +159,17 @@ def _problem(problem: Problem, names: _Names, steps: dict[str, Step]) -> str:
         f"{round(1000 * step.cost_s(problem.failure_cost_s))})"
         for key, step in steps.items()
     )
-    goals = " ".join(names.atom(goal) for goal in problem.goals)
+    goals = " ".join(_goal(goal, names) for goal in problem.goals)
     return (
         f"(define (problem rtask-problem) (:domain rtask)\n  (:objects{objects})\n"
         f"  (:init{facts}\n    (= (total-cost) 0){costs})\n"
         f"  (:goal (and {goals}))\n  (:metric minimize (total-cost)))\n"
     )
+
+
+def _goal(goal: Goal, names: _Names) -> str:
+    atoms = [names.atom(atom) for atom in goal]
+    return atoms[0] if len(atoms) == 1 else f"(or {' '.join(atoms)})"
 
 
 def _lines(texts: Iterable[str]) -> str:

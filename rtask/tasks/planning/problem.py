@@ -7,10 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-__all__ = ["Action", "Atom", "Parameter", "Problem", "Step", "fixed_estimate"]
+__all__ = ["Action", "Atom", "Goal", "Parameter", "Problem", "Step", "fixed_estimate"]
 
 Atom: TypeAlias = tuple[str, ...]
 """A predicate and its arguments: objects, or names of parameters in an action."""
+
+Goal: TypeAlias = tuple[Atom, ...]
+"""Facts of which any is to hold."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Action:
 
 @dataclass(frozen=True)
 class Problem:
-    """Objects by type, actions, the facts that hold, and the facts that are to hold.
+    """Objects by type, actions, the facts that hold, and the goals, all of which are to hold.
 
     ``failure_cost_s`` is what a failed step costs, s: a step of duration *d* and chance *p*
     costs ``d - failure_cost_s * log(p)``.
@@ -69,7 +72,7 @@ class Problem:
     objects: Mapping[str, tuple[str, ...]]
     actions: tuple[Action, ...]
     facts: frozenset[Atom]
-    goals: tuple[Atom, ...]
+    goals: tuple[Goal, ...]
     failure_cost_s: float = 60.0
 
     @property

@@ -13,14 +13,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from rtask.errors import SearchLimit
 from rtask.tasks.planning.grounding import ground
 from rtask.tasks.planning.problem import Atom, Problem, Step
 
-__all__ = ["Plan", "SearchLimit", "find_plan"]
-
-
-class SearchLimit(Exception):
-    """The search was ended by its bound: whether there is a plan is not known."""
+__all__ = ["Plan", "find_plan", "goal_costs"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +39,18 @@ class _Operator:
     need_list: tuple[int, ...]
     add_list: tuple[int, ...]
     cost: float
+
+
+_Alternatives = tuple[int, ...]
+"""Numbers of facts of which any is to hold."""
+
+
+def _mask(facts: Iterable[int]) -> int:
+    return sum(1 << fact for fact in set(facts))
+
+
+def _holds(state: int, goal: _Alternatives) -> bool:
+    return any(state >> fact & 1 for fact in goal)
 
 
 class _Numbering(dict[Atom, int]):
@@ -69,13 +78,22 @@ def find_plan(problem: Problem, *, max_states: int = 200_000) -> Plan | None:
     return _Search(problem, max_states).run()
 
 
+def goal_costs(problem: Problem) -> list[float | None]:
+    """Return the cost of each goal by itself if no step undid anything; None if out of reach."""
+    search = _Search(problem, 0)
+    return search.costs()
+
+
 class _Search:
     """One search: its operators, and how many states it may still look at."""
 
     def __init__(self, problem: Problem, max_states: int) -> None:
         self.left = max_states
         fluents, self.numbers = problem.fluents, _Numbering()
-        self.goals = [self.numbers[goal] for goal in dict.fromkeys(problem.goals)]
+        self.goals = [
+            tuple(self.numbers[atom] for atom in dict.fromkeys(goal))
+            for goal in dict.fromkeys(problem.goals)
+        ]
         self.start = self.numbers.mask(
             fact for fact in problem.facts if fact[0] in fluents or fact in self.numbers
         )
@@ -89,9 +107,9 @@ class _Search:
 
     def run(self) -> Plan | None:
         """Return a plan for all goals."""
-        state, steps, reached = self.start, list[_Operator](), 0
+        state, steps, reached = self.start, list[_Operator](), list[_Alternatives]()
         for goal in self._agenda():
-            reached |= 1 << goal
+            reached.append(goal)
             found = self._reach(state, reached, (goal,), self._relevant(state, (goal,)))
             if found is None:
                 return self._together()
@@ -100,13 +118,17 @@ class _Search:
             steps += found
         return _plan(steps)
 
-    def _agenda(self) -> list[int]:
+    def costs(self) -> list[float | None]:
+        """Return what each goal costs by itself if nothing were ever deleted; None if no way."""
+        relaxed = _Relaxed(self.operators)
+        return [relaxed.cost(self.start, (goal,)) for goal in self.goals]
+
+    def _agenda(self) -> list[_Alternatives]:
         """Return the goals, those that hold already first so that they are kept."""
-        return sorted(self.goals, key=lambda goal: not self.start >> goal & 1)
+        return sorted(self.goals, key=lambda goal: not _holds(self.start, goal))
 
     def _together(self) -> Plan | None:
-        mask = sum(1 << goal for goal in self.goals)
-        found = self._reach(self.start, mask, tuple(self.goals), self.operators)
+        found = self._reach(self.start, self.goals, tuple(self.goals), self.operators)
         return None if found is None else _plan(found)
 
     def _operator(self, step: Step, fluents: frozenset[str], failure_cost_s: float) -> _Operator:
@@ -114,14 +136,14 @@ class _Search:
         adds = tuple(self.numbers[atom] for atom in step.adds)
         added = self.numbers.mask(step.adds)
         return _Operator(
-            step, sum(1 << fact for fact in set(needs)), added,
+            step, _mask(needs), added,
             self.numbers.mask(step.deletes) & ~added, tuple(set(needs)), adds,
             step.cost_s(failure_cost_s),
         )  # fmt: skip
 
-    def _relevant(self, state: int, goals: Sequence[int]) -> list[_Operator]:
+    def _relevant(self, state: int, goals: Sequence[_Alternatives]) -> list[_Operator]:
         """Return the steps that can matter to goals, by regression through facts not held."""
-        pending = [goal for goal in goals if not state >> goal & 1]
+        pending = [fact for goal in goals if not _holds(state, goal) for fact in goal]
         seen, chosen = set(pending), dict[int, _Operator]()
         while pending:
             for operator in self.achievers[pending.pop()]:
@@ -137,10 +159,12 @@ class _Search:
         return list(chosen.values())
 
     def _reach(
-        self, start: int, wanted: int, open_goals: Sequence[int], operators: Sequence[_Operator]
-    ) -> list[_Operator] | None:
-        """Return steps after which all wanted facts hold, or None."""
-        if start & wanted == wanted:
+        self, start: int, goals: Sequence[_Alternatives], open_goals: Sequence[_Alternatives],
+        operators: Sequence[_Operator],
+    ) -> list[_Operator] | None:  # fmt: skip
+        """Return steps after which all goals hold, guided by the open ones, or None."""
+        masks = [_mask(goal) for goal in goals]
+        if all(start & mask for mask in masks):
             return []
         relaxed = _Relaxed(operators)
         first = relaxed.cost(start, open_goals)
@@ -152,7 +176,7 @@ class _Search:
         parents: dict[int, tuple[int, _Operator]] = {}
         while queue:
             _, _, state = heapq.heappop(queue)
-            if state & wanted == wanted:
+            if all(state & mask for mask in masks):
                 return _path(parents, state, start)
             self.left -= 1
             if self.left < 0:
@@ -182,24 +206,28 @@ class _Relaxed:
             for fact in operator.need_list:
                 self._users[fact].append(number)
 
-    def cost(self, state: int, goals: Sequence[int]) -> float | None:
+    def cost(self, state: int, goals: Sequence[_Alternatives]) -> float | None:
         """Return the cost of the goals from a state, or None if they are out of reach."""
         missing = [len(operator.need_list) for operator in self._operators]
         sums = [operator.cost for operator in self._operators]
         costs: dict[int, float] = {}
         queue = [(0.0, fact) for fact in self._users if state >> fact & 1]
-        queue += [(0.0, goal) for goal in goals if state >> goal & 1]
+        queue += [(0.0, fact) for goal in goals for fact in goal if state >> fact & 1]
         for operator in self._operators:
             if not operator.need_list:
                 queue += [(operator.cost, fact) for fact in operator.add_list]
         heapq.heapify(queue)
-        open_goals = set(goals)
+        open_goals = dict.fromkeys(goals)
+        total = 0.0
         while queue and open_goals:
             cost, fact = heapq.heappop(queue)
             if fact in costs:
                 continue
             costs[fact] = cost
-            open_goals.discard(fact)
+            # Facts come in the order of their costs: the first alternative is the cheapest.
+            for goal in [goal for goal in open_goals if fact in goal]:
+                del open_goals[goal]
+                total += cost
             for number in self._users.get(fact, ()):
                 missing[number] -= 1
                 sums[number] += cost
@@ -207,7 +235,7 @@ class _Relaxed:
                     for added in self._operators[number].add_list:
                         if added not in costs:
                             heapq.heappush(queue, (sums[number], added))
-        return None if open_goals else sum(costs[goal] for goal in goals)
+        return None if open_goals else total
 
 
 def _path(parents: Mapping[int, tuple[int, _Operator]], state: int, start: int) -> list[_Operator]:

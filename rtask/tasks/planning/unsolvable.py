@@ -6,22 +6,22 @@ import heapq
 import itertools
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from rtask.tasks.planning.grounding import ground, instantiate
-from rtask.tasks.planning.problem import Action, Atom, Problem, Step
+from rtask.tasks.planning.grounding import bindings, ground, instantiate, unchanging_facts
+from rtask.tasks.planning.problem import Action, Atom, Goal, Parameter, Problem, Step
 
 __all__ = ["Obstacle", "explain_unsolvable"]
 
-_MAX_OBJECTS = 50
-"""Types with more objects are narrowed to those that the goal names, to bound the search."""
+_MAX_OBJECTS = 40
+"""A parameter with more objects is narrowed to those that the goal names, to bound the search."""
 
 
 @dataclass(frozen=True)
 class Obstacle:
     """A goal that no plan reaches: the fewest facts under which it could be reached."""
 
-    goal: Atom
+    goal: Goal
     missing: tuple[Atom, ...]
     """Facts to make true; empty if no facts of the given predicates would help."""
 
@@ -40,7 +40,9 @@ def explain_unsolvable(problem: Problem, mendable: Mapping[str, float]) -> tuple
     """
     reachable = _reachable(problem)
     return tuple(
-        _obstacle(problem, goal, mendable) for goal in problem.goals if goal not in reachable
+        _obstacle(problem, goal, mendable)
+        for goal in problem.goals
+        if reachable.isdisjoint(goal)
     )
 
 
@@ -69,7 +71,7 @@ def _reachable(problem: Problem) -> set[Atom]:
     return reached
 
 
-def _obstacle(problem: Problem, goal: Atom, mendable: Mapping[str, float]) -> Obstacle:
+def _obstacle(problem: Problem, goal: Goal, mendable: Mapping[str, float]) -> Obstacle:
     steps = list(_candidates(problem, goal, mendable))
     users: dict[Atom, list[int]] = defaultdict(list)
     missing, sums = [], []
@@ -88,7 +90,8 @@ def _obstacle(problem: Problem, goal: Atom, mendable: Mapping[str, float]) -> Ob
             queue.append((mendable[atom[0]], next(order), atom, -1))
     heapq.heapify(queue)
     causes: dict[Atom, int] = {}
-    while queue and goal not in causes:
+    alternatives = frozenset(goal)
+    while queue and alternatives.isdisjoint(causes):
         cost, _, fact, cause = heapq.heappop(queue)
         if fact in causes:
             continue
@@ -103,11 +106,12 @@ def _obstacle(problem: Problem, goal: Atom, mendable: Mapping[str, float]) -> Ob
 
 
 def _read_off(
-    problem: Problem, goal: Atom, steps: Sequence[Step], causes: Mapping[Atom, int]
+    problem: Problem, goal: Goal, steps: Sequence[Step], causes: Mapping[Atom, int]
 ) -> Obstacle:
-    if goal not in causes:
+    reached = [atom for atom in goal if atom in causes]
+    if not reached:
         return Obstacle(goal, (), ())
-    pending, seen, lacking = [goal], set[Atom](), list[Atom]()
+    pending, seen, lacking = reached[:1], set[Atom](), list[Atom]()
     while pending:
         fact = pending.pop()
         if fact in seen or fact in problem.facts:
@@ -124,25 +128,39 @@ def _read_off(
     return Obstacle(goal, tuple(sorted(lacking)), enabled)
 
 
-def _candidates(problem: Problem, goal: Atom, mendable: Mapping[str, float]) -> Iterator[Step]:
+def _candidates(problem: Problem, goal: Goal, mendable: Mapping[str, float]) -> Iterator[Step]:
     """Yield steps whose unchanging preconditions hold or could be made to hold."""
-    fluents, named = problem.fluents, set(goal[1:])
-    objects = {
-        kind: members if len(members) <= _MAX_OBJECTS else tuple(m for m in members if m in named)
-        for kind, members in problem.objects.items()
-    }
+    fluents, named = problem.fluents, {name for atom in goal for name in atom[1:]}
+    facts = unchanging_facts(problem)
     for action in problem.actions:
-        for arguments in _bindings(action, objects):
-            step = instantiate(action, arguments)
-            if all(
-                atom[0] in fluents or atom[0] in mendable or atom in problem.facts
-                for atom in step.preconditions
-            ):
-                yield step
+        mentioned = _mentioned(problem, action)
+        objects = {}
+        for parameter in action.parameters:
+            members = problem.objects.get(parameter.type, ())
+            # An object that no fact mentions in this place, and no goal, can be of no use there.
+            useful = [m for m in members if m in mentioned[parameter.name] or m in named]
+            narrow = [m for m in useful if m in named]
+            objects[parameter.name] = useful if len(useful) <= _MAX_OBJECTS else narrow or useful
+        renamed = replace(
+            action, parameters=tuple(Parameter(p.name, p.name) for p in action.parameters)
+        )
+        conditions = [
+            atom
+            for atom in action.preconditions
+            if atom[0] not in fluents and atom[0] not in mendable
+        ]
+        for arguments in bindings(objects, renamed, conditions, facts):
+            yield instantiate(action, arguments)
 
 
-def _bindings(action: Action, objects: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
-    domains = [objects.get(parameter.type, ()) for parameter in action.parameters]
-    for values in itertools.product(*domains):
-        names = (parameter.name for parameter in action.parameters)
-        yield dict(zip(names, values, strict=True))
+def _mentioned(problem: Problem, action: Action) -> dict[str, set[str]]:
+    """Return the objects that facts mention where an action has each of its parameters."""
+    by_place: dict[tuple[str, int], set[str]] = defaultdict(set)
+    for fact in problem.facts:
+        for place, value in enumerate(fact[1:]):
+            by_place[fact[0], place].add(value)
+    mentioned: dict[str, set[str]] = {parameter.name: set() for parameter in action.parameters}
+    for atom in (*action.preconditions, *action.adds):
+        for place, name in enumerate(atom[1:]):
+            mentioned[name] |= by_place.get((atom[0], place), set())
+    return mentioned

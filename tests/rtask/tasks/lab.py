@@ -33,7 +33,7 @@ def lab(things: int, robots: int) -> Problem:
     for number, thing in enumerate(objects):
         start = number % (robots + 1)
         facts.add(("at", thing, places[start]))
-        goals.append(("at", thing, places[(start + 2) % (robots + 1)]))
+        goals.append((("at", thing, places[(start + 2) % (robots + 1)]),))
     return Problem(
         {"robot": names, "place": places, "thing": objects},
         (PICK, PLACE), frozenset(facts), tuple(goals),

@@ -55,7 +55,7 @@ def test_iris_that_differ_in_case_or_signs_alone_keep_different_names():
     facts = {("free", "urn:R"), *(("reaches", "urn:R", place) for place in ("p", "q"))}
     facts |= {("can_grasp", "urn:R", thing) for thing in objects["thing"]}
     facts |= {("at", thing, "p") for thing in objects["thing"]}
-    problem = Problem(objects, (PICK, PLACE), frozenset(facts), (("at", "urn:A-b", "q"),))
+    problem = Problem(objects, (PICK, PLACE), frozenset(facts), ((("at", "urn:A-b", "q"),),))
     pddl = write_pddl(problem)
     assert "urn-a-b - thing" in pddl.problem
     assert "urn-a-b-2 - thing" in pddl.problem
