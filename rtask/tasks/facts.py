@@ -80,13 +80,24 @@ def _queries(actions: Sequence[ActionClass], patterns: Sequence[Pattern]) -> dic
     A pattern that only excludes is asked of all objects of the classes of its parameters.
     """
     queries: dict[str, str] = {}
+    kinds: dict[tuple[str, int], set[str]] = defaultdict(set)
+    negative: dict[str, Pattern] = {}
     for action in actions:
-        kinds = dict(action.parameters)
+        classes = dict(action.parameters)
         for pattern in (*action.preconditions, *action.additions, *action.removals):
-            typed = [
-                f"?p{n} a <{kinds[name]}> . " for n, name in enumerate(pattern.arguments, 1)
-            ] if pattern.is_negative else []  # fmt: skip
-            queries.setdefault(pattern.predicate, _query(pattern, "".join(typed)))
+            if not pattern.is_negative:
+                queries.setdefault(pattern.predicate, _query(pattern, ""))
+                continue
+            negative[pattern.predicate] = pattern
+            for number, name in enumerate(pattern.arguments, 1):
+                kinds[pattern.predicate, number].add(classes[name])
+    for predicate, pattern in negative.items():
+        typed = (
+            f"VALUES ?k{n} {{ {' '.join(f'<{kind}>' for kind in sorted(kinds[predicate, n]))} }} "
+            f"?p{n} a ?k{n} . "
+            for n in range(1, len(pattern.arguments) + 1)
+        )
+        queries[predicate] = _query(pattern, "".join(typed))
     for pattern in patterns:
         queries.setdefault(pattern.predicate, _query(pattern, ""))
     return queries

@@ -24,6 +24,7 @@ def names_of(select: Select, iris: Iterable[str]) -> dict[str, str]:
     """
     sought = sorted(set(iris))
     names: dict[str, str] = {}
+    exemplars: set[str] = set()
     for at in range(0, len(sought), _CHUNK):
         nodes = " ".join(str(NamedNode(value)) for value in sought[at : at + _CHUNK])
         rows = select(
@@ -36,16 +37,18 @@ def names_of(select: Select, iris: Iterable[str]) -> dict[str, str]:
             name = row.value("name") or row.value("product") or row.value("label")
             if name:
                 names[str(row.value("s"))] = str(name)
+            if row.value("product"):
+                exemplars.add(str(row.value("s")))
     for value in sought:
         names.setdefault(value, unquote(local_name(value)) or value)
-    return _distinct(names)
+    return _distinct(names, exemplars)
 
 
-def _distinct(names: dict[str, str]) -> dict[str, str]:
-    groups: dict[str, list[str]] = defaultdict(list)
+def _distinct(names: dict[str, str], exemplars: set[str]) -> dict[str, str]:
+    groups: dict[tuple[str, bool], list[str]] = defaultdict(list)
     for value, name in names.items():
-        groups[name].append(value)
-    for name, members in groups.items():
+        groups[name, value in exemplars].append(value)  # a thing is told from its product anyhow
+    for (name, _), members in groups.items():
         if len(members) > 1:
             for value in members:
                 names[value] = f"{name} ({_difference(value, members)})"

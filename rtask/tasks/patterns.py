@@ -162,6 +162,7 @@ def _expanded(word: str) -> str:
     namespace = ontology.PREFIXES.get(prefix)
     if namespace is None:
         raise DataError(
-            f"the prefix {prefix}: is not known; write <IRI> or one of {', '.join(ontology.PREFIXES)}"
+            f"the prefix {prefix}: is not known; write <IRI> or one of "
+            f"{', '.join(ontology.PREFIXES)}"
         )
     return str(NamedNode(namespace + local))

@@ -26,12 +26,12 @@ _ROLES = {
     "place": "rt:SupportSurface", "use": "rt:ObjectFunction",
 }  # fmt: skip
 _KINDS = {"kind": "rt:ManipulableObject"}
-_INTO = frozenset("into in onto on to inside at".split())
-_ALL = frozenset("all every each everything both".split())
-_ANY = frozenset("a an any some something anything one".split())
-_NUMBERS = {word: n for n, word in enumerate("two three four five six seven eight nine ten".split(), 2)}
-_HOLD = frozenset("hold grasp grip pick lift take".split())
-_CLEAR = frozenset("empty clear".split())
+_INTO = frozenset(["into", "in", "onto", "on", "to", "inside", "at"])
+_ALL = frozenset(["all", "every", "each", "everything", "both"])
+_ANY = frozenset(["a", "an", "any", "some", "something", "anything", "one"])
+_NUMBERS = {"two": 2, "three": 3, "four": 4, "five": 5, "six": 6, "seven": 7, "eight": 8, "nine": 9}
+_HOLD = frozenset(["hold", "grasp", "grip", "pick", "lift", "take"])
+_CLEAR = frozenset(["empty", "clear"])
 _FILLERS = frozenset(
     re.findall(
         r"\w+",
@@ -41,6 +41,7 @@ _FILLERS = frozenset(
         "lies lie stands stand standing lying only just everything something anything",
     )
 )
+_OTHERS = frozenset(("off", "my", "our"))
 _SEPARATORS = frozenset(("and", "then"))
 _MAX_NAMES = 500
 
@@ -136,10 +137,9 @@ def _moved(mention: Mention, by: int) -> Mention:
 
 
 def _is_familiar(word: str) -> bool:
+    groups = (_FILLERS, _INTO, _ALL, _ANY, _CLEAR, _HOLD, _OTHERS)
     is_number = word in _NUMBERS or word.isdigit()
-    return is_number or any(
-        word in group or stem(word) in group for group in (_FILLERS, _INTO, _ALL, _ANY, _CLEAR, _HOLD)
-    ) or word in ("off", "my", "our")  # fmt: skip
+    return is_number or any(word in group or stem(word) in group for group in groups)
 
 
 def _has_verb(part: _Part, verbs: frozenset[str]) -> bool:
@@ -160,7 +160,7 @@ def _target(part: _Part) -> Mention | None:
 
 def _aim(part: _Part, target: Mention | None, is_own: bool) -> Aim:
     if _has_verb(part, _CLEAR) and target is not None and is_own:
-        return _clearing(target)
+        return _clearing(target, [item for item in part.mentions if item is not target])
     spans = {(target.start, target.end)} if target is not None and is_own else set()
     subjects, owner, conditions = [], "", ["?thing a rt:Exemplar"]
     for span in sorted({(item.start, item.end) for item in part.mentions} - spans):
@@ -198,7 +198,6 @@ def _subject(same: Sequence[Mention], number: int) -> str:
     if not fitting:
         raise UsageError(f"{same[0].text!r} is a {same[0].role}, and nothing that can be moved")
     parts = [f"{{ {_terms(name, item)} {ways[item.role] % name} }}" for item in fitting]
-    # An instance beside a kind of the same name: the instance is meant, unless in the plural.
     return " UNION ".join(parts)
 
 
@@ -217,18 +216,31 @@ def _destination(target: Mention | None) -> str:
     return f"VALUES ?place {{ {' '.join(map(str, target.terms))} }}"
 
 
-def _clearing(target: Mention) -> Aim:
-    """Return the goal that nothing is at a place any more."""
+def _clearing(target: Mention, others: Sequence[Mention]) -> Aim:
+    """Return the goal that nothing is at a place any more.
+
+    Raises
+    ------
+    UsageError
+        Something else than a robot that reaches the place is named.
+    """
+    robots = [item for item in others if item.role == "robot"]
+    if len(robots) < len({(item.start, item.end) for item in others}):
+        raise UsageError(f"to clear {target.text!r}, name the place and, if need be, its robot")
+    owner = "".join(f"{_terms('owner', item)} ?owner rt:reaches ?source . " for item in robots)
     places = " ".join(map(str, target.terms))
     where = (
-        f"VALUES ?source {{ {places} }} ?thing a rt:Exemplar ; rt:locatedOn ?source . "
+        f"VALUES ?source {{ {places} }} {owner}?thing a rt:Exemplar ; rt:locatedOn ?source . "
         f"?robot rt:reaches ?place FILTER(?place NOT IN ({', '.join(map(str, target.terms))}))"
     )
     return Aim(LOCATED, where, None, f"everything at {target.text}: elsewhere")
 
 
 def _number(part: _Part, target: Iterable[tuple[int, int]]) -> tuple[int | None, str]:
-    """Return for how many things a goal is meant, None for all; and the words for that."""
+    """Return for how many things a goal is meant, None for all; and the words for that.
+
+    The name of a product without a word for how many means all things of it.
+    """
     end = min((start for start, _ in target), default=len(part.tokens))
     words = [word for at, word in part.words() if at < end]
     for word in words:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from rtask.tasks.planning.problem import Action, Parameter, Problem, fixed_estimate
 from rtask.errors import SearchLimit
+from rtask.tasks.planning.problem import Action, Parameter, Problem, fixed_estimate
 from rtask.tasks.planning.search import find_plan, goal_costs
 from rtask.tasks.planning.unsolvable import explain_unsolvable
 from tests.rtask.tasks.lab import PICK, PLACE, lab
@@ -87,7 +87,8 @@ def test_goals_whose_order_matters_are_reached_together():
 
 
 def test_a_goal_that_the_next_one_undoes_is_restored():
-    pot = Problem({"thing": ("pot",)}, LID, frozenset(), ((("covered", "pot"),), (("full", "pot"),)))
+    goals = ((("covered", "pot"),), (("full", "pot"),))
+    pot = Problem({"thing": ("pot",)}, LID, frozenset(), goals)
     plan = find_plan(pot)
     assert plan is not None
     assert all_hold(pot, carried_out(pot, plan.steps))
