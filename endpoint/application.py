@@ -224,7 +224,7 @@ class Application:
             request = replace(request, body=body, headers=headers)
         job.leave.append(context.limiter.admit(caller))
         following = context.following
-        if following is not None and self.router.is_for_writer(request, address):
+        if following is not None and self.router.is_for_writer(request, caller, address):
             job.plan = Plan(lambda: following.forward(request))
             return
         minimum = request.header("rtask-min-version")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from endpoint.access.auth import Caller, limited_refusal, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
-from endpoint.api.agent_messages import called_tools
+from endpoint.api.agent_messages import cancelled, messages_in, tool_called
 from endpoint.api.agents import plan_agents
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
@@ -21,7 +21,7 @@ from endpoint.api.proposals import plan_proposals
 from endpoint.api.reasoner import plan_reasoner
 from endpoint.api.services import ADDRESS as SERVICES
 from endpoint.api.services import plan_service
-from endpoint.api.tools import plan_tools
+from endpoint.api.tools import effect_of_tool, plan_tools, tools_named
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
 from endpoint.follow.replication import require_replicate, snapshot
@@ -32,7 +32,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.hosted import is_at_copy
 from endpoint.routes import Match, find
 from endpoint.served import embedded
-from endpoint.sparql import check, graph_store, protocol, questions
+from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -56,10 +56,7 @@ from rtask.wire.effect import Effect, strongest
 Handler = Callable[[Request, Caller, str], Plan]
 
 _KINDS = {"/sparql": (QUERY, UPDATE), "/query": (QUERY,), "/update": (UPDATE,)}
-_SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
-# A query may be sent by POST; what the protocol writes is counted once it has been parsed.
-_UNCOUNTED = frozenset(("protocol", "check", "ticket", "agents"))
 
 
 class Router:
@@ -99,6 +96,7 @@ class Router:
             "protocol": self._protocol,
             "check": lambda request, caller, address: check.plan_check(context.kb, request),
             "question": self._question,
+            "terms": self._terms,
             "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(
@@ -153,8 +151,9 @@ class Router:
             return self._handlers[first.handler](request, caller, address)
         if match.by(request.method) is None:
             require_method(request, match.allow, first.advice)
-        if request.method not in _SAFE_METHODS and first.handler not in _UNCOUNTED:
-            self._context.limiter.admit_write(caller)
+        effects = self._effects(request, address)
+        changes = sum(effect != "reads" for effect in effects)
+        self._context.limiter.admit_calls(caller, len(effects), changes)
         handler = self._handlers.get(first.handler)
         if handler is None:  # a stream, which does not come through here
             raise self._nothing_at(address)
@@ -162,39 +161,51 @@ class Router:
 
     def effect(self, request: Request, address: str) -> Effect:
         """Return what a request does to the graph; one that is refused does nothing."""
+        return strongest(*self._effects(request, address))
+
+    def _effects(self, request: Request, address: str) -> list[Effect]:
+        """Return the effect of each call in a request; only messages of agents hold several."""
         route = find(address).by(request.method)
         if route is None:
-            return "reads"
+            return ["reads"]
         if route.effect is not None:
-            return route.effect
+            return [route.effect]
         if route.handler == "protocol":
-            return "writes" if is_update(request) else "reads"
+            return ["writes" if is_update(request) else "reads"]
         if route.handler == "operation":
             operation = self._context.engine.operations.get(address.removeprefix(ENGINE))
-            return "reads" if operation is None else operation.effect
-        if route.handler == "agents":
-            toolbox = self._toolbox()
-            return strongest(*(toolbox.effect_of(name) for name in called_tools(request)))
+            return ["reads" if operation is None else operation.effect]
+        if route.handler in ("agents", "tools"):
+            effect_of = self._effect_of_tool(route.handler)
+            called = [tool_called(message) for message in messages_in(request)]
+            return ["reads" if name is None else effect_of(name) for name in called]
         try:
             definition, method = self._called(address)
         except RtaskError:
-            return "reads"
-        return definition.methods[method].effect
+            return ["reads"]
+        return [definition.methods[method].effect]
 
-    def is_for_writer(self, request: Request, address: str) -> bool:
+    def _effect_of_tool(self, handler: str) -> Callable[[str], Effect]:
+        if handler == "agents":
+            return self._toolbox().effect_of
+        return lambda name: effect_of_tool(self._context.services, name)
+
+    def is_for_writer(self, request: Request, caller: Caller, address: str) -> bool:
         """Return whether a follower passes a request on.
 
         These are all that write, and what needs something that only the writer has: a reasoner,
         proposals, datasets, workers of services, services that are not offered here.
         """
-        if self.effect(request, address) == "writes":
-            return True
         match: Match = find(address)
         handler = match.routes[0].handler if match.routes else ""
-        if handler == "proposals":
+        if match.by(request.method) is None:
+            return False
+        if handler == "proposals" or self.effect(request, address) == "writes":
             return True
-        if handler == "reasoner" or (handler == "agents" and "explain" in called_tools(request)):
-            return not getattr(self._context.kb, "reasons", False)
+        if handler == "reasoner":
+            return not self._reasons
+        if handler in ("agents", "tools"):
+            return self._has_message_for_writer(request, caller, handler)
         if handler != "service" or request.method != "POST":
             return False
         try:
@@ -202,6 +213,27 @@ class Router:
         except RtaskError:
             return True
         return not is_at_copy(definition, definition.methods[method])
+
+    @property
+    def _reasons(self) -> bool:
+        return bool(getattr(self._context.kb, "reasons", False))
+
+    def _has_message_for_writer(self, request: Request, caller: Caller, handler: str) -> bool:
+        """Return whether an agent calls what only the writer has, or gives up a call there."""
+        for message in messages_in(request):
+            if any(not self._calls.has(caller.key, given_up) for given_up in cancelled(message)):
+                return True
+            name = tool_called(message)
+            if name is None:
+                continue
+            if handler == "agents":
+                if name == "explain" and not self._reasons:
+                    return True
+                continue
+            named = tools_named(self._context.services, name)
+            if not named or not all(is_at_copy(*pair) for pair in named):
+                return True
+        return False
 
     def _called(self, address: str) -> tuple[Definition, str]:
         """Return the service and the method at ``/services/<ns>/<name>/<method>``.
@@ -238,8 +270,6 @@ class Router:
 
     def _agents(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
-        if self.effect(request, address) == "writes":
-            context.limiter.admit_write(caller)
         context.queries.check_room()
         return plan_agents(
             self._toolbox(), context.auth, request, caller, self._calls, context.config.timeout_s
@@ -249,6 +279,11 @@ class Router:
         context = self._context
         context.queries.check_room()
         return questions.plan_question(context.kb, request, caller, context.config.timeout_s)
+
+    def _terms(self, request: Request, caller: Caller, address: str) -> Plan:
+        context = self._context
+        context.queries.check_room()
+        return terms.plan_terms(context.kb, request, caller, context.config.timeout_s)
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
@@ -276,7 +311,6 @@ class Router:
             )
         if isinstance(operation, UpdateRequest):
             context.auth.require_write(request, caller)
-            context.limiter.admit_write(caller)
             return protocol.plan_update(context.kb, operation, request, caller, context.config)
         context.queries.check_room()
         operation = limit_query(operation, caller.access, context.kb)

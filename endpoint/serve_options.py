@@ -188,7 +188,7 @@ _LIMITS = _options(
     _number("--rate", 200.0, _ZERO_OR_MORE,
             "Requests per second of one token; 0 for no limit."),
     _number("--write-rate", 100.0, _ZERO_OR_MORE,
-            "Changes per second of one token; 0 for no limit."),
+            "Requests per second of one token that change or record something; 0 for no limit."),
     click.option(
         "--no-cache", is_flag=True, help="Evaluate every query, even if nothing was written since."
     ),

@@ -28,7 +28,7 @@ _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
 _OTHERS = ("/services", "/jobs", "/datasets")
 """Addresses that are pages under a WSGI server, and whose programs need the ASGI application."""
 
-_SHARED = ("/sparql", "/ask")
+_SHARED = ("/sparql", "/ask", "/terms")
 """Addresses that are pages for people, and answer programs here too."""
 
 _PROGRAMS = tuple(

@@ -10,7 +10,7 @@ from reasoner.entail import Entailment, entails
 from reasoner.proofs import Decision, Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
-from reasoner.rules.work import ChangeBudget, ClosureTooLargeError
+from reasoner.rules.work import ChangeBudget, ClosureTooLargeError, NeedsRebuildError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Entailment",
     "InconsistentError",
     "LabelledRule",
+    "NeedsRebuildError",
     "ProfileViolation",
     "Proof",
     "Refutation",

@@ -10,7 +10,7 @@ import click
 
 from rtask.errors import RobotError
 from simulate.fleet.commands import requests
-from simulate.fleet.study_commands import attempts, sharing, trust
+from simulate.fleet.study_commands import attempts, demo, sharing, trust
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
 from simulate.study.pushes.command import push_grasps
@@ -28,7 +28,7 @@ def study() -> None:
 
 
 for _command in (
-    attempts, grasp_quality, grasping, judging, learn, piles, push_grasps, requests, sharing,
+    attempts, demo, grasp_quality, grasping, judging, learn, piles, push_grasps, requests, sharing,
     table4, table5, trust,
 ):  # fmt: skip
     study.add_command(_command)

@@ -35,6 +35,8 @@ class Buckets:
     >>> buckets = Buckets(1.0, clock=lambda: 100.0)
     >>> [buckets.take("nao-1") for _ in range(3)]
     [0.0, 0.0, 1.0]
+    >>> [buckets.take("nao-2", 2), buckets.take("nao-2")]
+    [0.0, 1.0]
     """
 
     def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -44,16 +46,20 @@ class Buckets:
         self._lock = threading.Lock()
         self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
-    def take(self, caller: str) -> float:
-        """Take one token and return 0, or return the seconds until there is one."""
+    def take(self, caller: str, count: int = 1) -> float:
+        """Take tokens and return 0, or return the seconds until there are as many.
+
+        More than a bucket holds can be taken from a full one; it then fills from below zero.
+        """
         if self.rate <= 0:
             return 0.0
         with self._lock:
             now = self._clock()
             level, seen = self._levels.pop(caller, (self._burst, now))
             level = min(self._burst, level + (now - seen) * self.rate)
-            wait = 0.0 if level >= 1.0 else (1.0 - level) / self.rate
-            self._levels[caller] = (level - 1.0 if wait == 0.0 else level, now)
+            needed = min(float(count), self._burst)
+            wait = 0.0 if level >= needed else (needed - level) / self.rate
+            self._levels[caller] = (level - count if wait == 0.0 else level, now)
             if len(self._levels) > _MAX_CALLERS:
                 self._levels.popitem(last=False)
         return wait
@@ -142,13 +148,25 @@ class Limiter:
             raise _too_many(f"{self._in_flight.allowed} of your requests are in progress", 1.0)
         return lambda: self._in_flight.leave(caller)
 
-    def admit_write(self, caller: Caller) -> None:
-        """Admit a change; raises as :meth:`admit` does."""
+    def admit_calls(self, caller: Caller, calls: int, changes: int) -> None:
+        """Admit what a request that was admitted holds; raises as :meth:`admit` does.
+
+        Parameters
+        ----------
+        calls
+            Calls in the request; the first was counted by :meth:`admit`.
+        changes
+            Calls among them that change or record something.
+        """
         if caller.access.role == "anonymous":
             return
-        wait = self._writes.take(caller.key)
-        if wait:
-            raise _too_many(f"more than {self._writes.rate:g} changes per second", wait)
+        for buckets, count, what in (
+            (self._writes, changes, "changes"),
+            (self._requests, calls - 1, "requests"),
+        ):
+            wait = buckets.take(caller.key, count) if count > 0 else 0.0
+            if wait:
+                raise _too_many(f"more than {buckets.rate:g} {what} per second", wait)
 
 
 def _too_many(what: str, wait: float) -> RefusedError:

@@ -19,7 +19,7 @@ from endpoint.http.plan import Plan
 from rtask.asking.tools.protocol import VERSIONS
 from rtask.errors import UsageError
 
-__all__ = ["called_tools", "plan_messages", "response_of"]
+__all__ = ["cancelled", "messages_in", "plan_messages", "response_of", "tool_called"]
 
 JsonObject = dict[str, Any]
 PlanMessage = Callable[[JsonObject, AgentCall], Plan]
@@ -77,20 +77,33 @@ def plan_messages(
     return plan_message(sent, AgentCall(sent["id"], token))
 
 
-def called_tools(request: Request) -> list[object]:
-    """Return the names of the tools that a request calls; none if it cannot be read."""
+def messages_in(request: Request) -> list[JsonObject]:
+    """Return the messages that a request holds; none if it is one that is refused."""
     try:
         sent = json.loads(request.body)
     except (ValueError, RecursionError):
         return []
     messages = sent if isinstance(sent, list) else [sent]
-    return [
-        message["params"].get("name")
-        for message in messages
-        if isinstance(message, dict)
-        and message.get("method") == "tools/call"
-        and isinstance(message.get("params"), dict)
-    ]
+    if len(messages) > MAX_BATCH or not all(isinstance(message, dict) for message in messages):
+        return []
+    return messages
+
+
+def tool_called(message: JsonObject) -> str | None:
+    """Return the name of the tool that a message calls, or None if it calls none."""
+    params = message.get("params")
+    if message.get("method") != "tools/call" or not isinstance(params, dict):
+        return None
+    name = params.get("name")
+    return name if isinstance(name, str) else ""
+
+
+def cancelled(message: JsonObject) -> tuple[object, ...]:
+    """Return the id of the request that a message gives up, alone in a tuple, or an empty one."""
+    params = message.get("params")
+    if message.get("method") != _CANCELLED or not isinstance(params, dict):
+        return ()
+    return (params.get("requestId"),)
 
 
 def _is_notification(message: JsonObject) -> bool:
@@ -100,9 +113,8 @@ def _is_notification(message: JsonObject) -> bool:
 
 
 def _take_note(caller: Caller, calls: AgentCalls, message: JsonObject) -> None:
-    params = message.get("params")
-    if message.get("method") == _CANCELLED and isinstance(params, dict):
-        calls.cancel(caller.key, params.get("requestId"))
+    for request_id in cancelled(message):
+        calls.cancel(caller.key, request_id)
 
 
 def _progress_token(message: JsonObject) -> str | int | None:

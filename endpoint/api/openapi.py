@@ -193,6 +193,16 @@ def _fixed_paths() -> JsonObject:
     words["required"] = True
     return {
         "/ask": {"get": get("Answer a question in words", (JSON_TYPE, "text/html"), [words])},
+        "/terms": {
+            "get": get(
+                "Describe a class or property, or list those that have all words",
+                (JSON_TYPE, "text/html"),
+                [
+                    parameter("term", "query", "IRI, prefixed name, name or label", text),
+                    parameter("words", "query", "words to look for", text),
+                ],
+            )
+        },
         # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
         "/sparql": {"get": sparql},
         **resource_paths(),

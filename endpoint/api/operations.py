@@ -14,6 +14,7 @@ from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, UsageError
+from rtask.wire.fields import request_id_of
 from rtask.wire.message import Answer
 
 ADDRESS = "/engine/"
@@ -50,12 +51,11 @@ def plan_operation(
     args = json_object(request)
     if operation.effect != "writes":
         return Plan(lambda: _answered(engine.call(name, args, caller.access)))
-    keyed = keys.read(request, name, caller.name, args)
-    return Plan(
-        lambda: _answered(
-            keys.once(request, name, caller.name, lambda: engine.call(name, keyed, caller.access))
-        )
+    ids = request_id_of(operation.request)
+    run = keys.prepared(
+        request, name, caller.name, ids, args, lambda given: engine.call(name, given, caller.access)
     )
+    return Plan(lambda: _answered(run()))
 
 
 def _answered(answer: Answer) -> Response:

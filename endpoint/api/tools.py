@@ -25,6 +25,7 @@ from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import request_schema
 from rtask.services.task import Task
+from rtask.wire.effect import Effect, strongest
 
 _DATA = "data_resources"
 _INSTRUCTIONS = (
@@ -49,6 +50,21 @@ def plan_tools(
         return Plan(lambda: response_of(reply(message, answered)))
 
     return plan_messages(auth, request, caller, calls, plan_message)
+
+
+def tools_named(host: ServiceHost, name: str) -> list[tuple[Definition, Method]]:
+    """Return the methods that a tool of this name may mean: one at most, but for odd names."""
+    return [
+        (definition, method)
+        for definition in host.registry
+        for method in definition.methods.values()
+        if _name(definition, method) == name
+    ]
+
+
+def effect_of_tool(host: ServiceHost, name: str) -> Effect:
+    """Return what a call of a tool does to the graph; one that is refused does nothing."""
+    return strongest(*(method.effect for _, method in tools_named(host, name)))
 
 
 def _answer(

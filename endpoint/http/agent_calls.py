@@ -94,6 +94,11 @@ class AgentCalls:
             self._calls[key].append(kept)
         return remove
 
+    def has(self, caller: str, request_id: object) -> bool:
+        """Return whether a call of a caller with this id is under way here."""
+        with self._lock:
+            return (caller, repr(request_id)) in self._calls
+
     def cancel(self, caller: str, request_id: object) -> None:
         """Give up the call of a caller that a notification names, if it is known which one."""
         with self._lock:

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 from rtask.errors import TRANSIENT_STATUSES, RtaskError
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
-_MAX_FIELDS = 2_000
+MAX_FIELDS = 2_000
 _REQUEST_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _RUN = secrets.token_hex(4)
 _NUMBERS = itertools.count(1)
@@ -88,8 +88,8 @@ def parse_fields(text: str, where: str) -> list[tuple[str, str]]:
     if broken:
         near = text[broken.start() : broken.start() + 12]
         raise RefusedError(400, "usage", f"broken percent escape in the {where}: {near!r}")
-    if text.count("&") >= _MAX_FIELDS:
-        raise RefusedError(400, "usage", f"more than {_MAX_FIELDS} fields in the {where}")
+    if text.count("&") >= MAX_FIELDS:
+        raise RefusedError(400, "usage", f"more than {MAX_FIELDS} fields in the {where}")
     try:
         pairs = (field.partition("=") for field in text.split("&") if field)
         return [(_decoded(name), _decoded(value)) for name, _, value in pairs]

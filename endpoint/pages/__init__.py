@@ -19,7 +19,7 @@ from endpoint.pages import (
     signin,
     teach,
 )
-from endpoint.pages.graph import ask, classes, proof, resource, workbench
+from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
 
@@ -49,6 +49,7 @@ __all__ = [
     "setup",
     "signin",
     "teach",
+    "terms",
     "tools",
     "workbench",
 ]

@@ -23,7 +23,7 @@ SECTIONS = (
     Section("/objects", "Objects", ("/object", "/teach", "/curation")),
     Section("/robots", "Robots", ("/robot", "/setup")),
     Section("/learning", "Learning"),
-    Section("/classes", "Classes", ("/resource", "/explain")),
+    Section("/classes", "Classes", ("/terms", "/resource", "/explain")),
     Section("/sparql", "SPARQL", ("/ask",)),
     Section("/services", "Services", ("/datasets", "/jobs", "/operations", "/tools/pipeline")),
     Section("/tools/grasp", "Grasps"),
@@ -32,6 +32,7 @@ SECTIONS = (
 """What one comes to see first, what explains it, what computes it."""
 MORE = (
     ("/ask", "Ask in words"),
+    ("/terms", "Terms"),
     ("/setup", "Set up a robot"),
     ("/teach", "Name objects"),
     ("/tools/pipeline", "Compose a pipeline"),

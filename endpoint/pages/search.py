@@ -34,6 +34,7 @@ _PAGES = (
     ("/activity", "Live activity", "watch robots camera now events"),
     ("/sparql", "SPARQL workbench", "ask query"),
     ("/ask", "Ask in words", "questions answer"),
+    ("/terms", "Terms", "vocabulary ontology properties"),
     ("/objects", "Objects", "things"),
     ("/classes", "Classes", "ontology tree kinds"),
     ("/robots", "Robots", ""),

@@ -183,13 +183,15 @@ def update_with_loads(
             for number, (operation, source) in enumerate(steps)
         )
         return run_bounded(whole)
-    with kb.transaction(access=caller.access, note=note) as tx:
+
+    def run(tx: Transaction) -> None:
         for number, (operation, source) in enumerate(steps):
             if operation.kind == "LOAD":
                 _store(tx, operation, documents[number], update.base)
             else:
                 tx.update(source, update.using, update.using_named, update.base or None)
-    return tx.commit
+
+    return kb.commit_work(run, note, access=caller.access)
 
 
 def _steps(text: str) -> list[tuple[Operation, str]]:

@@ -31,6 +31,7 @@ from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
 from endpoint.sparql.readable import require_read
 from endpoint.sparql.request import QueryRequest, absolute_iri
 from rtask.errors import VersionConflictError
+from rtask.kb.commit.transaction import Transaction
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.formats import read_document
 from rtask.rdf.terms import GraphName
@@ -194,7 +195,8 @@ class GraphStore:
         version = self._check_preconditions(request, graph, existed)
         quads = self._read(request, graph, parts)
         note = f"graph store PUT, {caller.note(request)}"
-        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
+
+        def replace_contents(tx: Transaction) -> None:
             if graph is None:
                 tx.update("DROP ALL")
             else:
@@ -202,6 +204,8 @@ class GraphStore:
             if isinstance(graph, NamedNode):
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
+
+        self._kb.commit_work(replace_contents, note, access=caller.access, if_version=version)
         return Response(204 if existed else 201)
 
     def _post(
@@ -216,10 +220,13 @@ class GraphStore:
         version = self._check_preconditions(request, graph, existed)
         quads = self._read(request, graph, parts)
         note = f"graph store POST, {caller.note(request)}"
-        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
+
+        def merge(tx: Transaction) -> None:
             if isinstance(graph, NamedNode) and not existed:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             tx.add_quads(quads, graph if isinstance(graph, NamedNode) else None)
+
+        self._kb.commit_work(merge, note, access=caller.access, if_version=version)
         return Response(204 if existed else 201, headers=headers)
 
     @staticmethod

@@ -5,9 +5,11 @@ from __future__ import annotations
 import difflib
 import math
 from dataclasses import dataclass
+from urllib.parse import unquote_to_bytes
 
 from endpoint.http.messages import (
     FORM_TYPE,
+    MAX_FIELDS,
     RefusedError,
     Request,
     parse_fields,
@@ -129,13 +131,24 @@ def is_update(request: Request) -> bool:
 
     >>> is_update(Request("POST", "/sparql", "", {"content-type": UPDATE_TYPE}))
     True
+    >>> is_update(Request("POST", "/sparql", "", {"content-type": FORM_TYPE}, b"u%70date=x"))
+    True
     """
     if request.method in ("GET", "HEAD"):
         return False
     media_type = request.content_type[0]
     if media_type in (QUERY_TYPE, UPDATE_TYPE):
         return media_type == UPDATE_TYPE
-    return request.body.startswith(b"update=") or b"&update=" in request.body
+    return _has_update(request.body) or _has_update(request.query_string.encode())
+
+
+def _has_update(fields: bytes) -> bool:
+    """Return whether a form has a field ``update``, its name escaped or not."""
+    for field in fields.split(b"&", MAX_FIELDS):
+        name = field.partition(b"=")[0]
+        if name == b"update" or (b"%" in name and unquote_to_bytes(name) == b"update"):
+            return True
+    return False
 
 
 def _from_get(request: Request) -> Operation:

@@ -86,6 +86,29 @@ def merge(old: Keys, new: Keys) -> Keys:
     return both
 
 
+def connecting(keys: Keys) -> Keys:
+    """Return as few pairs as connect all that some pairs connect, each from a lowest id.
+
+    >>> clique = Column.of([1, 1, 2, 7], [2, 3, 3, 8]).keys
+    >>> [(int(key) >> 32, int(key) & 0xFFFFFFFF) for key in connecting(clique)]
+    [(1, 2), (1, 3), (7, 8)]
+    """
+    ids = distinct(np.concatenate((distinct(upper(keys)), distinct(lower(keys)))))
+    left, right = np.searchsorted(ids, upper(keys)), np.searchsorted(ids, lower(keys))
+    lowest = np.arange(len(ids))
+    while True:
+        apart = lowest[left] != lowest[right]
+        if not apart.any():
+            break
+        left, right = left[apart], right[apart]
+        a, b = lowest[left], lowest[right]
+        np.minimum.at(lowest, np.maximum(a, b), np.minimum(a, b))
+        while not np.array_equal(further := lowest[lowest], lowest):
+            lowest = further
+    others = lowest != np.arange(len(ids))
+    return pack(ids[lowest[others]], ids[others])
+
+
 class Column:
     """The pairs of one property, immutable.
 

@@ -75,11 +75,10 @@ class Equality:
 
     def union(self, winner: int, loser: int) -> None:
         """Join two classes, given by their representatives."""
-        joined = tuple(sorted((*self.members(winner), *self.members(loser))))
-        self._members.pop(loser, None)
-        self._members[winner] = joined
-        for member in joined:
-            self._representative[member] = winner
+        joining = self._members.pop(loser, (loser,))
+        self._members[winner] = tuple(sorted((*self._members.get(winner, (winner,)), *joining)))
+        self._representative[winner] = winner
+        self._representative.update(dict.fromkeys(joining, winner))
 
     def adopt(self, representative: int, members: Iterable[int]) -> None:
         """Add a class whose members and representative are known."""

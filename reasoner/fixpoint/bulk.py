@@ -315,9 +315,10 @@ class Bulk:
     def _unite(self, pairs: Keys) -> set[int]:
         """Merge pairs of terms; return the terms that were given up for another."""
         losers = set()
-        for key in pairs.tolist():
+        pairs = pairs[arrays.lower(pairs) < LITERAL]
+        for key in arrays.connecting(pairs).tolist():
             a, b = self._equality.find(key >> 32), self._equality.find(key & 0xFFFFFFFF)
-            if a == b or b >= LITERAL:
+            if a == b:
                 continue
             winner, loser = sorted((a, b), key=lambda x: ranking(x, self._terms))
             if self._work is not None:

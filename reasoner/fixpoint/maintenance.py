@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
@@ -21,6 +21,7 @@ from reasoner.fixpoint.checks import (
 )
 from reasoner.fixpoint.deletion import CannotRetractError, Retraction, candidates
 from reasoner.fixpoint.delta import Derivation, TooMuchWorkError
+from reasoner.fixpoint.memo import Memo, Question
 from reasoner.rules.compile import compile_lists, compile_schema
 from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
@@ -43,6 +44,8 @@ REBUILD_RATIO = 10
 
 BULK_RATIO = 8
 """A change of more than one part in so many is quicker derived from nothing, by whole relations."""
+
+_MEMO = Memo()
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,9 @@ class Maintainer:
         if former_rules is not None and (size or set(former_rules) - set(self.settings.user_rules)):
             return self.rebuild(asserted, len(state.facts))
         if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
-            return self.rebuild(asserted, len(state.facts))
+            if len(state.asserted) or len(state.facts):
+                return self.rebuild(asserted, len(state.facts))
+            return self._from_nothing(asserted)
         try:
             if any(is_schema(p, o) for _, p, o in asserted.removed):
                 raise CannotRetractError("schema is retracted")
@@ -155,12 +160,14 @@ class Maintainer:
             return self.settings.max_facts
         return min(self.settings.max_facts, before + len(asserted.added) + budget.derived)
 
-    def work(self, everything: bool) -> Work:
-        """Return the counter for a change, or for deriving everything again."""
+    def work(self, asserted: int | None = None) -> Work:
+        """Return the counter for a change, or for deriving everything again from so many facts."""
         joins, budget = self.settings.max_joins, self.settings.budget
         if budget is None:
             return Work(joins)
-        firings = budget.firings + joins if everything else budget.firings
+        firings = budget.firings
+        if asserted is not None:
+            firings = budget.firings_to_rebuild(asserted, joins)
         return Work(joins, firings, budget.watch, self.terms.decode_fact)
 
     def rebuild(self, asserted: Asserted, before: int = 0, in_bulk: bool = False) -> Draft:
@@ -170,9 +177,14 @@ class Maintainer:
         ----------
         before : int
             Number of facts that held before the change.
+
+        Raises
+        ------
+        NeedsRebuildError
+            If the budget of the change does not include it.
         """
         layer = Layer(Facts())
-        layer.work = self.work(everything=True)
+        layer.work = self.work(len(asserted.facts) + len(asserted.added))
         equality = Equality()
         derivation = self._derivation(layer, equality, asserted, self.max_facts(before, asserted))
         program = Program(CLOSING_RULES)
@@ -200,6 +212,25 @@ class Maintainer:
             *self.ill_typed(facts),
         ]
         draft.clashes = {finding.identity: finding for finding in findings}
+        return draft
+
+    def _from_nothing(self, asserted: Asserted) -> Draft:
+        """Return the first state of a closure, from memory if another one began with the same."""
+        settings, budget = self.settings, self.settings.budget
+        bounds = (None,) if budget is None else (budget.derived, budget.firings)
+        key = (replace(settings, budget=None), *bounds)
+        question = Question.of(asserted.added, self.terms, key)
+        known = None if question is None else _MEMO.recall(question, self.terms)
+        if known is not None:
+            facts, program = known
+            layer = Layer(Facts())
+            layer.added = facts
+            return Draft(asserted, layer, Equality(), program, (), is_rebuilt=True)
+        draft = self.rebuild(asserted)
+        # Labels choose the representatives of equal terms, and occur in reports of faults.
+        needs_labels = draft.equality or draft.problems or draft.clashes
+        if question is not None and not needs_labels:
+            _MEMO.remember(question, draft.layer.added, draft.program, self.terms)
         return draft
 
     def _derive_in_bulk(
@@ -317,7 +348,7 @@ class _Revision:
         self.state = state
         self.asserted = asserted
         self.layer = Layer(state.facts)
-        self.layer.work = maintainer.work(everything=False)
+        self.layer.work = maintainer.work()
         self.equality = state.equality.copy()
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         max_facts = maintainer.max_facts(len(state.facts), asserted)

@@ -270,8 +270,7 @@ def is_true(result: Result, terms: Dictionary) -> bool:
 def _text(result: Result, terms: Dictionary) -> str:
     if isinstance(result, Value):
         return literal_of(result).value
-    term = terms.decode(result)
-    return term.value
+    return terms.text(result)
 
 
 def _datatype(result: Result, terms: Dictionary) -> int:

@@ -15,11 +15,13 @@ from dataclasses import dataclass
 from reasoner.rules.rule import Atom, Rule, Step
 from reasoner.terms.dictionary import Fact, Triple
 
-__all__ = ["ChangeBudget", "ClosureTooLargeError", "Work"]
+__all__ = ["ChangeBudget", "ClosureTooLargeError", "NeedsRebuildError", "Work"]
 
 _ROWS_AT_ONCE = 64
 _WATCHED_EVERY = 2_000
 """Candidates between two calls of the watch, about a millisecond of work."""
+_REBUILT = 15
+"""Candidates for each asserted fact when everything is derived again on a narrow budget."""
 _CALL = 4
 """Candidates that one step of a rule counts as, however few it finds."""
 _USER = "rule:"
@@ -51,6 +53,10 @@ class ClosureTooLargeError(RuntimeError):
         self.limit = limit
 
 
+class NeedsRebuildError(RuntimeError):
+    """Everything would have to be derived again, which the change's budget does not include."""
+
+
 def _never() -> None:
     """Let the work go on."""
 
@@ -69,11 +75,36 @@ class ChangeBudget:
     watch : callable
         Called about every millisecond of work; an exception that it raises ends the work and
         leaves nothing changed.
+    rebuild_up_to : int or None
+        Number of asserted facts up to which everything may be derived again, within 15 more
+        candidates for each of them; a change to more that needs it is refused with
+        :class:`NeedsRebuildError`.
     """
 
     derived: int
     firings: int
     watch: Callable[[], None] = _never
+    rebuild_up_to: int | None = None
+
+    def firings_to_rebuild(self, asserted: int, joins: int) -> int:
+        """Return the candidates for deriving everything again from so many facts.
+
+        Parameters
+        ----------
+        asserted : int
+        joins : int
+            Bound of the closure for one rule, which is added where any rebuild is allowed.
+
+        Raises
+        ------
+        NeedsRebuildError
+            If that is not part of the budget.
+        """
+        if self.rebuild_up_to is None:
+            return self.firings + joins
+        if asserted > self.rebuild_up_to:
+            raise NeedsRebuildError(f"everything has to be derived again from {asserted} facts")
+        return self.firings + _REBUILT * asserted
 
 
 class Work:

@@ -31,6 +31,11 @@ class Dictionary:
     table : TermTable, optional
         Terms that have ids already; they are looked up there until they are first met.
 
+    Attributes
+    ----------
+    has_read_label : bool
+        Whether :meth:`text` returned the label of a blank node.
+
     Examples
     --------
     >>> terms = Dictionary()
@@ -43,6 +48,7 @@ class Dictionary:
         fixed = [NamedNode(iri) for iri in IRIS]
         fixed += [NamedNode(f"urn:rtask:reserved:{i}") for i in range(len(IRIS), RESERVED)]
         self._table = self._saved = table
+        self.has_read_label = False
         self._ids: dict[Term, int] = {term: i for i, term in enumerate(fixed)}
         self._resources: list[NamedNode | BlankNode | None] = [*fixed]
         self._literals: list[Literal | None] = []
@@ -201,6 +207,12 @@ class Dictionary:
         term = self._resource(number)
         return term.value if isinstance(term, NamedNode) else str(term)
 
+    def text(self, number: int) -> str:
+        """Return the text of a term: an IRI, a literal without its type, or a label."""
+        term = self.decode(number)
+        self.has_read_label |= isinstance(term, BlankNode)
+        return term.value
+
     def is_blank(self, number: int) -> bool:
         """Tell whether an id is a blank node."""
         return number < LITERAL and isinstance(self._resource(number), BlankNode)
@@ -217,6 +229,16 @@ class Dictionary:
     def variants(self, number: int) -> tuple[int, ...]:
         """Return the ids of all known literals with the value of this one, itself included."""
         return self._variants.get(number, (number,))
+
+    def listed(self) -> tuple[tuple[Term | None, ...], int] | None:
+        """Return all terms by id and the number of resources; None if some are in a table.
+
+        Resources come first. None stands for a blank node.
+        """
+        if self._table is not None:
+            return None
+        resources = (None if isinstance(r, BlankNode) else r for r in self._resources)
+        return (*resources, *self._literals), len(self._resources)
 
     @property
     def has_variants(self) -> bool:

@@ -193,7 +193,7 @@ def _remote(server: str, services: bool) -> Iterator[Answerer]:
     """Yield what passes messages on to a server."""
     import httpx
 
-    from rtask.client.remote import addresses
+    from rtask.client.calling.messages import addresses
     from rtask.wire.address import authorization
 
     address, _ = addresses(server)

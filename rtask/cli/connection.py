@@ -58,7 +58,7 @@ def open_graph(data: Path, server: str | None) -> Graph:
     if not server:
         return open_to_read(data)
     import rtask
-    from rtask.client.remote import addresses
+    from rtask.client.calling.messages import addresses
 
     address, _ = addresses(server)
     return rtask.open(f"{address}/sparql", token=os.environ.get("RTASK_TOKEN"))

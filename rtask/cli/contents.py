@@ -193,8 +193,8 @@ def _export_from_server(server: str, target: str, form: str | None, graphs: tupl
     """Write graphs by the Graph Store HTTP Protocol; return the number of bytes."""
     import httpx
 
+    from rtask.client.calling.messages import addresses
     from rtask.client.failures import failure_of
-    from rtask.client.remote import addresses
     from rtask.errors import RemoteUnavailableError
     from rtask.rdf.formats import find_format
     from rtask.wire.address import authorization

@@ -142,7 +142,8 @@ def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
             click.echo(f"{finding.severity:10s} {finding}{where}")
         for shape in report.left_out:
             click.echo(f"not applied: {shape}")
-        click.echo(f"{'all well' if not findings else 'checked'}: {_counted(report.shapes)}")
+        all_well = not findings and not report.left_out
+        click.echo(f"{'all well' if all_well else 'checked'}: {_counted(report.shapes)}")
     if not conforms:
         raise SystemExit(1)
 

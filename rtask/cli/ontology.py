@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from rtask.cli.connection import open_graph, open_to_change
 from rtask.cli.options import (
@@ -184,14 +185,29 @@ def path(iri: str, as_json: bool) -> None:
 @ontology.command()
 @click.argument("name", required=False)
 @source_option
+@data_option
+@server_option
 @json_option
-def show(name: str | None, source: str, as_json: bool) -> None:
+@click.pass_context
+def show(
+    context: click.Context,
+    name: str | None,
+    source: str,
+    data: Path,
+    server: str | None,
+    as_json: bool,
+) -> None:
     """Show all modules, the terms of one, or the definition of a term.
 
     NAME is a module ("grasp") or a term ("Mug", "rt:mass", an IRI). Without it, all modules are
-    listed.
+    listed. With --data or --server, show the card of a term: what it means, how that knowledge base
+    uses it, and a query with it; without NAME, all classes and properties.
     """
     from rtask.ontology_docs import Vocabulary, read_source
+
+    if server is not None or context.get_parameter_source("data") is ParameterSource.COMMANDLINE:
+        _show_card(name, data, server, as_json)
+        return
 
     vocabulary = Vocabulary(read_source(source))
     module = vocabulary.module(name) if name else None
@@ -206,6 +222,29 @@ def show(name: str | None, source: str, as_json: bool) -> None:
     else:
         facts = _term_facts(vocabulary, vocabulary.find(name))
         lines = _term_lines(facts)
+    if as_json:
+        print_json(facts)
+    else:
+        click.echo("\n".join(lines))
+
+
+def _show_card(name: str | None, data: Path, server: str | None, as_json: bool) -> None:
+    """Print the card of a term as a knowledge base uses it, or all its terms."""
+    from dataclasses import asdict
+
+    from rtask.asking.cards import card_of, find_term, list_terms
+
+    with open_graph(data, server) as kb:
+        if name is not None:
+            card = card_of(kb.select, find_term(kb.select, name))
+            facts: Any = card.to_dict()
+            lines = card.lines()
+        else:
+            terms = list_terms(kb.select)
+            facts = [asdict(line) for line in terms]
+            lines = [
+                f"{line.term:40s} {line.kind:9s} {line.comment or line.label}" for line in terms
+            ]
     if as_json:
         print_json(facts)
     else:

@@ -6,8 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NotRequired, Required, TypedDict
 
+from rtask.wire.request_id import RequestId
+
 __all__ = [
+    "DEFERRABLE",
     "REPEATABLE",
+    "REQUEST_IDS",
     "Calls",
     "Camera",
     "ComparedContributors",
@@ -70,6 +74,22 @@ REPEATABLE = frozenset(
     )
 )
 """Operations whose request may be sent again: it changes nothing, or is stored once."""
+
+DEFERRABLE = frozenset(
+    (
+        "insert_object",
+        "report_outcome",
+        "report_refusal",
+    )
+)
+"""Operations whose answer a robot need not wait for: an outbox keeps them until they arrive."""
+
+REQUEST_IDS: Mapping[str, RequestId] = {
+    "insert_object": RequestId("task_id", entries="objects"),
+    "report_outcome": RequestId("task_id"),
+    "teach_object": RequestId("task_id", where=("operation", "teach")),
+}
+"""Where requests carry the ids by which they are stored once, by operation."""
 
 
 class EndEffector(TypedDict, total=False):

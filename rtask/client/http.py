@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Any, Self
 
+from rtask.client.calling.messages import addresses
 from rtask.client.failures import failure_of
-from rtask.client.remote import addresses
 from rtask.errors import RemoteUnavailableError
 from rtask.wire.address import authorization, is_near
 

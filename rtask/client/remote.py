@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
 from rtask.client.base import Client
+from rtask.client.calling.messages import addresses
 from rtask.client.calls import REPEATABLE
 from rtask.client.failures import Patience, failure_of, is_transient
 from rtask.client.following import FollowedChange, Pattern, follow_remote
@@ -18,32 +19,15 @@ from rtask.errors import (
     RemoteUnavailableError,
     UsageError,
 )
-from rtask.wire.address import authorization, is_near, split_address
+from rtask.wire.address import authorization, is_near
 
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["RemoteClient", "addresses"]
+__all__ = ["RemoteClient"]
 
 _MARGIN_S = 0.5
 _LEAST_S = 0.01
-
-
-def addresses(url: str) -> tuple[str, str]:
-    """Return the addresses for HTTP and for the websocket of a server.
-
-    >>> addresses("http://127.0.0.1:8765")
-    ('http://127.0.0.1:8765', 'ws://127.0.0.1:8765/rosbridge')
-    >>> addresses("wss://graph.example.org/rosbridge")
-    ('https://graph.example.org', 'wss://graph.example.org/rosbridge')
-    """
-    parts = split_address(url)
-    secure = {"http": False, "ws": False, "https": True, "wss": True}.get(parts.scheme)
-    if secure is None:
-        raise UsageError(f"{url!r} is not the address of a server; expected http://host:port")
-    path = parts.path.rstrip("/").removesuffix("/rosbridge")
-    http, ws = ("https", "wss") if secure else ("http", "ws")
-    return f"{http}://{parts.netloc}{path}", f"{ws}://{parts.netloc}{path}/rosbridge"
 
 
 class RemoteClient(Client):

@@ -8,21 +8,11 @@ import json
 import threading
 from typing import Any
 
+from rtask.client.calling.messages import answer_values, open_socket, service_call
 from rtask.client.failures import Patience
-from rtask.errors import (
-    TRANSIENT_STATUSES,
-    AuthenticationError,
-    CallFailedError,
-    ForbiddenError,
-    RemoteUnavailableError,
-    RtaskError,
-    UsageError,
-)
-from rtask.wire.address import authorization, is_near
+from rtask.errors import CallFailedError, RemoteUnavailableError
 
 __all__ = ["ServiceSocket"]
-
-_MAX_BYTES = 64 * 2**20
 
 
 class ServiceSocket:
@@ -113,37 +103,16 @@ class ServiceSocket:
     def _open(self, patience: Patience) -> None:
         if self._socket is not None:
             return
-        from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
-        from websockets.sync.client import connect
-
-        headers = authorization(self._token)
-        try:
-            context = connect(
-                self._address,
-                additional_headers=headers,
-                compression=None,  # clouds are compressed already
-                max_size=_MAX_BYTES,
-                open_timeout=max(patience.left_s, 0.1),
-                ping_interval=None,  # the server pings; a long upload must not be cut off
-                close_timeout=1.0,
-                proxy=None if is_near(self._address) else True,
-            )
-            self._socket = self._opened.enter_context(context)
-        except InvalidStatus as error:
-            raise _refusal(self._address, error.response.status_code, error) from error
-        except (InvalidHandshake, ConnectionClosed) as error:
-            raise OSError(str(error)) from error
+        # The server pings; a long upload must not be cut off.
+        self._socket = open_socket(
+            self._opened, self._address, self._token, max(patience.left_s, 0.1), alive_s=None
+        )
 
     def _send(self, service: str, args: dict[str, Any], patience: Patience) -> str:
         from websockets.exceptions import ConnectionClosed
 
         number = f"call_service:{service}:{next(self._ids)}"
-        message: dict[str, Any] = {"op": "call_service", "id": number, "service": service}
-        message.update(args=args, timeout=max(patience.left_s, 0.001))
-        try:
-            text = json.dumps(message, allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise UsageError(f"{service}: the arguments are not JSON: {error}") from error
+        text = service_call(service, args, number, patience)
         try:
             self._socket.send(text)
         except ConnectionClosed as error:
@@ -160,14 +129,8 @@ class ServiceSocket:
             except ConnectionClosed as error:
                 raise EOFError(str(error)) from error
             message = json.loads(text)
-            if message.get("op") == "status" and message.get("id") == number:
-                raise CallFailedError(str(message.get("msg")))
-            if message.get("op") != "service_response" or message.get("id") != number:
-                continue
-            values = message.get("values")
-            if message.get("result") is not True:
-                raise _failure(str(values), message.get("status"), message.get("transient"))
-            return values if isinstance(values, dict) else {}
+            if message.get("op") in ("service_response", "status") and message.get("id") == number:
+                return answer_values(message)
 
     def _drop(self) -> None:
         from websockets.exceptions import WebSocketException
@@ -177,19 +140,3 @@ class ServiceSocket:
             self._opened.close()
         self._opened = contextlib.ExitStack()
         self._socket = None
-
-
-def _failure(words: str, status: Any, transient: Any) -> RtaskError:
-    """Return the error of a failed call; our server says besides which status it had over HTTP."""
-    if type(status) is not int:
-        return CallFailedError(words)
-    may_pass = transient if isinstance(transient, bool) else status in TRANSIENT_STATUSES
-    return CallFailedError(words, http_status=status, transient=may_pass)
-
-
-def _refusal(address: str, status: int, error: Exception) -> RtaskError | OSError:
-    if status == 401:
-        return AuthenticationError(f"{address} wants a valid token")
-    if status == 403:
-        return ForbiddenError(f"{address} refuses this caller")
-    return OSError(f"{address} answered {status}: {error}")

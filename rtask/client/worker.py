@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rtask.client.remote import addresses
+from rtask.client.calling.messages import addresses
 from rtask.client.worker_data import ServerDatasets
 from rtask.errors import AuthenticationError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.access import Access

@@ -7,7 +7,7 @@ import threading
 import unicodedata
 from typing import TYPE_CHECKING
 
-from rtask.rdf.namespaces import PREFIXES, uuid7
+from rtask.rdf.namespaces import PREFIXES, owned_uuid7, uuid7
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
@@ -76,6 +76,10 @@ class Names:
     def unique(self, kind: str) -> NamedNode:
         """Return a fresh ``{base}<kind>/<uuid7>``."""
         return self.named(kind, str(uuid7()))
+
+    def task(self, asked_by: str | None) -> NamedNode:
+        """Return a fresh ``{base}task/<uuid7>`` that belongs to the robot of this name."""
+        return self.named("task", str(owned_uuid7(asked_by or "")))
 
     def named(self, kind: str, name: str) -> NamedNode:
         """Return ``{base}<kind>/<name>``; the name must be fit for an IRI."""

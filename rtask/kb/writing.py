@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from pyoxigraph import Quad
@@ -12,11 +12,12 @@ from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset, prepare, run_update
 from rtask.kb.commit.transaction import Transaction
-from rtask.kb.commit.untouched import why_untouched
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.updating import UpdateOrder, commit_update, needs_reader
 from rtask.kb.searching import Searching
+from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import GraphName, NamedNode, iri
+from rtask.sparql.untouched import why_untouched
 
 __all__ = ["Writing"]
 
@@ -93,13 +94,9 @@ class Writing(Searching):
             done = commit_update(order, request, self.readers, self._writer, lambda: self.seq)
             return self._with_remark(done, text, request.access, base)
         prepared = prepare(text, dataset)
-        overlay = self._writer.begin()
-        try:
-            run_update(overlay, prepared, request.access, limits)
-        except BaseException:
-            self._writer.cancel()
-            raise
-        done = self._writer.finish(overlay, request)
+        done = self._writer.commit(
+            lambda change: run_update(change, prepared, request.access, limits), request
+        )
         return self._with_remark(done, text, request.access, base)
 
     @staticmethod
@@ -127,6 +124,26 @@ class Writing(Searching):
         """Return a context manager whose changes become one commit; see :meth:`update`."""
         request = Request(self.access(agent, access), note, if_version=if_version)
         return Transaction(self._writer, self.blobs, request)
+
+    def commit_work(
+        self,
+        work: Callable[[Transaction], object],
+        note: str | None = None,
+        *,
+        access: Access | None = None,
+        if_version: int | None = None,
+    ) -> Commit:
+        """Make a commit of what a function does in a transaction; see :meth:`update`.
+
+        Unlike the block of :meth:`transaction`, the function can be called again, so that others
+        write while it is found out whether too much follows from the change.
+        """
+        request = Request(self.access(None, access), note, if_version=if_version)
+
+        def make(change: Overlay) -> None:
+            work(Transaction.of(change, self._writer, self.blobs, request))
+
+        return self._writer.commit(make, request)
 
     def commit_block(self, request: Request) -> Transaction:
         """Return a transaction with all conditions of a request."""

@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode, Quad, parse
 
 import ontology
 from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.store.collector import collector_paused
 from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def refresh(kb: GraphCore) -> Commit | None:
         return None
     kinds: dict[GraphName, str] = {}
     request = Request(kb.access(), note="bundled ontology", kinds=kinds, trusted=True)
-    with kb.commit_block(request) as tx:
+    with collector_paused(), kb.commit_block(request) as tx:
         for path in stale:
             quads = list(parse(path=path, rename_blank_nodes=True))
             name = _name(quads, path)

@@ -159,6 +159,7 @@ class _Writer:
         self.own = [spec for spec in schema.classes.values() if self._model_of(spec.iri) is None]
         specs = [prop for spec in schema.classes.values() for prop in spec.properties]
         self._names = {prop.iri: prop.name for prop in specs}
+        self._orders: dict[str, list[str] | None] = {}
 
     def _model_of(self, iri: str) -> type[Model] | None:
         return self._parent.find(iri) if self._parent is not None else None
@@ -167,6 +168,16 @@ class _Writer:
         """Return the name of a class in the module."""
         model = self._model_of(iri)
         return f"RTASK.{model.__name__}" if model else self._schema.classes[iri].name
+
+    def _order(self, iri: str) -> list[str] | None:
+        """Return a class and its superclasses in Python's order; ``None`` if there is none."""
+        if iri not in self._orders:
+            model = self._model_of(iri)
+            above = self._schema.classes[iri].parents if model is None else _iris_above(model)
+            orders = [self._order(parent) or [parent] for parent in above]
+            merged = _merged([*orders, list(above)])
+            self._orders[iri] = None if merged is None else [iri, *merged]
+        return self._orders[iri]
 
     def fields(self, spec: ClassSpec) -> list[PropertySpec]:
         """Return the fields that a class adds, and what the ontology adds to RTASK's above it."""
@@ -191,7 +202,9 @@ class _Writer:
     def model(self, spec: ClassSpec) -> str:
         """Return the source of one class."""
         bases = ", ".join(map(self._class, spec.parents)) or "Model"
-        lines = [f"class {spec.name}({bases}):", self._docstring(spec), ""]
+        # Type checkers have only Python's own order of bases; see `ModelType`.
+        unordered = "" if self._order(spec.iri) else "  # type: ignore[misc, metaclass]"
+        lines = [f"class {spec.name}({bases}):{unordered}", self._docstring(spec), ""]
         lines.append(f"    __iri__: ClassVar[str] = {self.iri(spec.iri)}")
         if spec.iri == THING or self._parent is not None:
             lines.append("    __registry__ = REGISTRY")
@@ -257,6 +270,25 @@ class _Writer:
             listed = ", ".join(self.iri(iri) for iri in limits.one_of)
             options.append(f"one_of=({listed},)")
         return f"Limits({', '.join(options)})" if options else ""
+
+
+def _iris_above(model: type[Model]) -> list[str]:
+    return [
+        base.__iri__ for base in model.__bases__ if issubclass(base, Model) and base is not Model
+    ]
+
+
+def _merged(orders: list[list[str]]) -> list[str] | None:
+    """Merge orders of classes into one that agrees with each (C3, Barrett et al. 1996)."""
+    merged: list[str] = []
+    while orders := [order for order in orders if order]:
+        later = {iri for order in orders for iri in order[1:]}
+        head = next((order[0] for order in orders if order[0] not in later), None)
+        if head is None:
+            return None
+        merged.append(head)
+        orders = [order[1:] if order[0] == head else order for order in orders]
+    return merged
 
 
 def _quoted(text: str) -> str:

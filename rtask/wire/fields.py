@@ -6,12 +6,15 @@ import json
 import types
 import typing
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-__all__ = ["Also", "Kind", "absence", "kind_of", "parts_of", "wire_name"]
+from rtask.wire.request_id import RequestId, StoredOnce
+
+__all__ = ["Also", "Kind", "absence", "kind_of", "parts_of", "request_id_of", "wire_name"]
 
 
 @dataclass(frozen=True)
@@ -111,3 +114,26 @@ def parts_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
             parts.update(parts_of(part))
             parts[part.__name__] = part
     return parts
+
+
+@lru_cache(maxsize=256)
+def request_id_of(model: type[BaseModel]) -> RequestId | None:
+    """Return where a request carries its ids, or None if none of its fields is marked.
+
+    Examples
+    --------
+    >>> from rtask.wire.message import Message
+    >>> class Report(Message):
+    ...     task_id: Annotated[str | None, StoredOnce()] = None
+    >>> request_id_of(Report)
+    RequestId(field='task_id', entries='', where=None)
+    """
+    for name, field in model.model_fields.items():
+        kind = kind_of(field)
+        for marker in kind.metadata:
+            if isinstance(marker, StoredOnce):
+                return RequestId(wire_name(name, field), where=marker.where)
+        if kind.message is not None and name == getattr(model, "entries", ""):
+            inner = request_id_of(kind.message)
+            return None if inner is None else replace(inner, entries=wire_name(name, field))
+    return None

@@ -9,13 +9,13 @@ from __future__ import annotations
 import keyword
 import textwrap
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Literal, Protocol
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rtask.wire.fields import Also, Kind, kind_of, parts_of, wire_name
+from rtask.wire.fields import Also, Kind, kind_of, parts_of, request_id_of, wire_name
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Unit, carried
 
@@ -30,6 +30,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NotRequired, Required, TypedDict
 
+from rtask.wire.request_id import RequestId
+
 __all__ = [
 {names}
 ]
@@ -43,7 +45,20 @@ REPEATABLE = frozenset(
     )
 )
 """Operations whose request may be sent again: it changes nothing, or is stored once."""
+
+DEFERRABLE = frozenset(
+    (
+{deferrable}
+    )
+)
+"""Operations whose answer a robot need not wait for: an outbox keeps them until they arrive."""
+
+REQUEST_IDS: Mapping[str, RequestId] = {{
+{request_ids}
+}}
+"""Where requests carry the ids by which they are stored once, by operation."""
 '''
+_TABLES = ("DEFERRABLE", "REPEATABLE", "REQUEST_IDS")
 _CLASS = '''class Calls(ABC):
     """One method for each operation; what is left out, or None, is not sent."""
 
@@ -76,6 +91,10 @@ class Declared(Protocol):
     def repeatable(self) -> bool:
         """Whether a request that arrives twice has the effect of one."""
 
+    @property
+    def deferrable(self) -> bool:
+        """Whether a robot may work on without the answer."""
+
 
 def source_of(operations: Iterable[Declared], maker: str) -> str:
     """Return the source of a module with the methods of all operations.
@@ -91,14 +110,35 @@ def source_of(operations: Iterable[Declared], maker: str) -> str:
         held.update(parts_of(operation.request))
     for operation in operations:
         held.update({**parts_of(operation.answer), operation.answer.__name__: operation.answer})
-    names = "\n".join(f'    "{name}",' for name in ["REPEATABLE", *sorted([*held, "Calls"])])
-    repeatable = "\n".join(
-        f'        "{operation.name}",' for operation in operations if operation.repeatable
+    names = "\n".join(f'    "{name}",' for name in [*_TABLES, *sorted([*held, "Calls"])])
+    head = _HEAD.format(
+        maker=maker,
+        names=names,
+        repeatable=_listed(operation.name for operation in operations if operation.repeatable),
+        deferrable=_listed(operation.name for operation in operations if operation.deferrable),
+        request_ids="\n".join(_request_ids(operations)),
     )
-    parts = [_HEAD.format(maker=maker, names=names, repeatable=repeatable)]
+    parts = [head]
     parts += [_typed_dict(model) for model in held.values()]
     methods = [_CLASS, *(_method(operation) for operation in operations)]
     return "\n\n".join([*parts, "\n".join(methods)])
+
+
+def _listed(names: Iterable[str]) -> str:
+    return "\n".join(f"        {_quoted(name)}," for name in names)
+
+
+def _request_ids(operations: Iterable[Declared]) -> Iterator[str]:
+    """Yield a line for each operation whose request carries ids."""
+    for operation in operations:
+        ids = request_id_of(operation.request)
+        if ids is None:
+            continue
+        arguments = [_quoted(ids.field)]
+        arguments += [f"entries={_quoted(ids.entries)}"] if ids.entries else []
+        if ids.where is not None:
+            arguments.append(f"where=({', '.join(_quoted(part) for part in ids.where)})")
+        yield f"    {_quoted(operation.name)}: RequestId({', '.join(arguments)}),"
 
 
 def _type(kind: Kind) -> str:

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 
-from rtask.client.remote import addresses
+from rtask.client.calling.messages import addresses
 from rtask.errors import (
     AuthenticationError,
     RemoteUnavailableError,

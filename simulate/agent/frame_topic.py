@@ -17,7 +17,7 @@ from typing import Any
 from features.codec import decode, encode_frame, from_wire, to_wire
 from features.geometry import Frame
 from features.scene_change import SceneChange, SceneChangeGate, SceneChangeParams
-from rtask.client.remote import addresses
+from rtask.client.calling.messages import addresses
 from rtask.errors import DataError, RemoteUnavailableError
 
 __all__ = ["FrameKeeper", "FramePublisher"]

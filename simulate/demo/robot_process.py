@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from typing import Any
 import rtask
 from features.geometry import Frame
 from features.perception import Seen
+from rtask.client import Client
 from rtask.errors import RtaskError
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
@@ -35,7 +37,7 @@ from simulate.world.objects import sample_products
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 
-__all__ = ["EventWriter", "main", "make_body"]
+__all__ = ["EventWriter", "clear_table", "main", "make_body"]
 
 # Streams of random numbers, one per purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
@@ -52,7 +54,7 @@ def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
         gui=job.gui,
         lighting=Lighting.sample(stream(job.seed, _LIGHT, job.index)),
         noise_seed=(job.seed, _NOISE, job.index),
-        pictures=Path(job.pictures),
+        pictures=Path(job.pictures) if job.pictures else None,
     )
     return SimulatedBody(placements, assets, conditions)
 
@@ -68,8 +70,28 @@ class EventWriter:
         self._stream.flush()
 
 
-def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
-    """Connect, register the robot, clear the table and report the result."""
+def clear_table(
+    job: RobotJob,
+    body: SimulatedBody,
+    client: Client,
+    *,
+    tell: Callable[[str, dict[str, Any]], None],
+    watch: Callable[[Frame], None] = lambda frame: None,
+    may_begin: Callable[[], bool] = lambda: True,
+) -> dict[str, Any] | None:
+    """Register a robot and let it clear its table; return what it did, scored.
+
+    Parameters
+    ----------
+    client
+        Its connection to the graph.
+    tell
+        Called with the name and the data of each event.
+    watch
+        Called with each frame.
+    may_begin
+        Called when the robot is ready; None is returned if it answers no.
+    """
     scorer = Scorer(body)
     first_sight: dict[int, int] = {}
 
@@ -79,8 +101,29 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
     def waiting(operation: str) -> None:
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
 
+    server = RetryingServer(client, waiting)
+    server.register_robot(**body.robot.describe(job.name))
+    in_reach = scorer.in_reach()
+    tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
+    if not may_begin():
+        return None
+    started = time.perf_counter()
+    config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job), thresholds=job.thresholds)
+    agent = Agent(body, server, config, on_event=tell, on_sight=on_sight, on_frame=watch)
+    encounters = agent.clear_table()
+    return {
+        "name": job.name,
+        "seconds": time.perf_counter() - started,
+        "products": [laid.placement.spec.name for laid in body.laid],
+        "encounters": scorer.score(encounters, first_sight, in_reach),
+    }
+
+
+def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
+    """Connect, clear the table when told to begin, and report the result."""
     token = os.environ.get("RTASK_TOKEN")
     with ExitStack() as stack:
+        watch = _unwatched
         if job.url:
             client = stack.enter_context(
                 rtask.connect(job.url, token=token, timeout_s=LONG_CALL_S, outbox=Path(job.outbox))
@@ -88,30 +131,18 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
             watch = stack.enter_context(FramePublisher(job.url, job.name, token)).watch
         else:
             own = stack.enter_context(rtask.open(":memory:"))
-            client, watch = stack.enter_context(rtask.connect(own, agent=job.name)), _unwatched
-        server = RetryingServer(client, waiting)
-        server.register_robot(**body.robot.describe(job.name))
-        in_reach = scorer.in_reach()
-        tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
-        if sys.stdin.readline().strip() != "go":
-            return
-        threading.Thread(target=_end_with_parent, daemon=True).start()
-        started = time.perf_counter()
-        config = AgentConfig(
-            max_attempts=job.max_attempts, seed=_mixed(job), thresholds=job.thresholds
-        )
-        agent = Agent(body, server, config, on_event=tell, on_sight=on_sight, on_frame=watch)
-        encounters = agent.clear_table()
-        seconds = time.perf_counter() - started
-    tell(
-        "done",
-        {
-            "name": job.name,
-            "seconds": seconds,
-            "products": [laid.placement.spec.name for laid in body.laid],
-            "encounters": scorer.score(encounters, first_sight, in_reach),
-        },
-    )
+            client = stack.enter_context(rtask.connect(own, agent=job.name))
+        done = clear_table(job, body, client, tell=tell, watch=watch, may_begin=_is_to_begin)
+    if done is not None:
+        tell("done", done)
+
+
+def _is_to_begin() -> bool:
+    """Wait for the parent's ``go``, then end with the parent."""
+    if sys.stdin.readline().strip() != "go":
+        return False
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    return True
 
 
 def _unwatched(frame: Frame) -> None:

@@ -13,7 +13,7 @@ from rtask.kb.durability.settings import write_durably
 from simulate import options
 from simulate.study.commands import print_table
 
-__all__ = ["attempts", "sharing", "trust"]
+__all__ = ["attempts", "demo", "sharing", "trust"]
 
 
 @click.command()
@@ -177,6 +177,53 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
             f"{effect['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
     click.echo(f"report  {out / 'replay.json'}")
+
+
+@click.command()
+@click.option("-n", "--demos", default=10, show_default=True, help="Demos, with consecutive seeds.")
+@click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@click.option("--objects", default=6, show_default=True, help="Objects on each table.")
+@click.option("--attempts", "max_attempts", default=6, show_default=True, help="Per object.")
+@options.seed("the first demo; the next has the next seed")
+@options.products(default="light")
+@click.option(
+    "--robot",
+    "kinds",
+    multiple=True,
+    help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
+)
+@options.runs_trials("rtask-demos")
+def demo(
+    demos: int,
+    robots: int,
+    objects: int,
+    max_attempts: int,
+    seed: int,
+    products: str,
+    kinds: tuple[str, ...],
+    workers: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often a demo shows what sharing is worth.
+
+    Runs `rtask demo` on many seeds without its processes: the last robot of each works with the
+    graph and without.
+    """
+    from simulate.fleet.demos import COLUMNS, demo_rows, demo_study, demo_words, write_demos
+    from simulate.study.runner import run
+
+    study = demo_study(demos, robots, objects, seed, products, kinds, max_attempts, preset)
+    summary = write_demos(out, run(study, out, workers, resume), study.settings)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table("The last robot with the graph and without", COLUMNS, demo_rows(summary))
+    for line in demo_words(summary):
+        click.echo(line)
+    click.echo(f"report  {out / 'report.json'}")
 
 
 @click.command()

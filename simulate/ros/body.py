@@ -11,7 +11,8 @@ from typing import Any
 
 from rtask.errors import RtaskError
 from rtask.interop.ros.convert import mapping_of
-from rtask.interop.ros.services import refusal, service_type
+from rtask.interop.ros.operations import refusal
+from rtask.interop.ros.services import service_type
 from simulate.act.service import ActService
 from simulate.ros.sensors import Rates, Sensors
 from simulate.ros.trajectories import ArmAction

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RemoteUnavailableError, RobotError
-from rtask.interop.ros.convert import fill
-from rtask.interop.ros.package import make_message
+from rtask.interop.ros.convert import fill, make_message
 from simulate.drivers.contract import (
     JointLimits,
     check_arrival,

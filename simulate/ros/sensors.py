@@ -191,8 +191,7 @@ class Sensors:
         from geometry_msgs.msg import TransformStamped
 
         from grasp.messages import pose_message
-        from rtask.interop.ros.convert import fill
-        from rtask.interop.ros.package import make_message
+        from rtask.interop.ros.convert import fill, make_message
 
         made = TransformStamped(child_frame_id=f"{self._prefix}{child}")
         made.header.stamp, made.header.frame_id = stamp, f"{self._prefix}{parent}"

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import UsageError
-from rtask.interop.ros.convert import mapping_of
-from rtask.interop.ros.package import make_message
+from rtask.interop.ros.convert import make_message, mapping_of
 from simulate.motion.joint_messages import (
     GOAL_TOLERANCE,
     INVALID_GOAL,

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import pytest
+
 PHONE = {"width": 360, "height": 740}
 LAPTOP = {"width": 1280, "height": 800}
 SIZES = {"phone": PHONE, "laptop": LAPTOP}
@@ -20,6 +22,8 @@ ALL_LOOKS = {
 }  # fmt: skip
 LOOKS = {name: ALL_LOOKS[name] for name in ("phone-dark", "laptop-light")}
 """Both sizes and both themes, in two runs instead of four."""
+EACH_LOOK = ("phone-dark", pytest.param("laptop-light", marks=pytest.mark.deep))
+"""Parameters of tests of behaviour; that pages fit both is tested for all of them in one place."""
 TIMEOUT_MS = 60_000
 
 

@@ -16,7 +16,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, PHONE, fits, keep_picture, open_page
 from tests.browser.robots import Robot, robot
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, bearer, running_server
@@ -66,7 +66,7 @@ def _see(robot: Robot, width: int) -> None:
     robot.send(op="publish", topic="/nao-1/camera", msg=message)
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_robot_comes_sees_reports_and_leaves_on_an_open_page(
     browser: Any, site: tuple[RunningServer, str], look: str
 ) -> None:

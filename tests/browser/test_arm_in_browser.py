@@ -10,7 +10,7 @@ from urllib.parse import urlencode
 import httpx
 import pytest
 
-from tests.browser.pages import LOOKS, TIMEOUT_MS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, TIMEOUT_MS, fits, keep_picture, open_page
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
@@ -53,7 +53,7 @@ def _wait_for_pose(page: Any, axis: int, value: float) -> None:
     )
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_path_leads_around_a_ball_is_played_and_smoothed(
     browser: Any, server: RunningServer, look: str
 ) -> None:

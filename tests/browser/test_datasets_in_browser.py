@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
@@ -39,7 +39,7 @@ def _files(server: RunningServer, name: str) -> dict[str, str]:
     return {path: httpx.get(f"{server.url}/datasets/{name}/files/{path}").text for path in listed}
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_dataset_grows_is_forked_and_merged_with_a_conflict(
     browser: Any, server: RunningServer, look: str
 ) -> None:

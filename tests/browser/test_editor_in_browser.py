@@ -12,7 +12,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.pages.graph.workbench import _EDITOR
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [
@@ -59,7 +59,7 @@ def paste(page: Any, text: str) -> None:
     )
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_class_is_completed_its_prefix_declared_and_the_query_run(
     browser: Any, server: RunningServer, look: str
 ) -> None:

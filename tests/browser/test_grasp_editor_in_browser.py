@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
@@ -40,7 +40,7 @@ def _vertices(page: Any) -> list[list[float]]:
     return found
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_there_is_a_whisker_or_a_dot_for_each_grasp_and_the_best_is_the_longest(
     browser: Any, server: RunningServer, look: str
 ) -> None:

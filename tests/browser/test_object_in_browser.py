@@ -14,7 +14,7 @@ import pytest
 import endpoint.pages.drawn as drawn
 import ontology
 import rtask
-from tests.browser.pages import LOOKS, SIZES, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, SIZES, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -93,7 +93,7 @@ def _times_drawn(place: Any) -> int:
 
 
 @pytest.mark.skipif(not drawn.has_viewer(), reason="the 3D library needs npm at set-up")
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_the_cloud_turns_and_keys_select_a_grasp_in_table_and_drawing(
     browser_3d: Any, server: RunningServer, look: str
 ) -> None:

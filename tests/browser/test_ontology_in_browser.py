@@ -14,7 +14,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, PHONE, fits, keep_picture, open_page
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, bearer, running_server
 
@@ -50,7 +50,7 @@ def _count(server: RunningServer, where: str) -> int:
     return int(rows["results"]["bindings"][0]["n"]["value"])
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_the_tree_is_walked_by_keys_and_its_counts_are_those_of_sparql(
     browser: Any, site: tuple[RunningServer, str], look: str
 ) -> None:
@@ -105,7 +105,7 @@ def _proof_of_vessel(server: RunningServer) -> str:
     return f"{server.url}/explain?{urlencode(given)}"
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_derived_statement_leads_to_its_proof(
     browser: Any, site: tuple[RunningServer, str], look: str
 ) -> None:

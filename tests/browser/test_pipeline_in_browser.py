@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlencode, urlsplit
 import httpx
 import pytest
 
-from tests.browser.pages import LOOKS, PHONE, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, PHONE, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -134,7 +134,7 @@ def _compose(page: Any, url: str) -> None:
     _add(page, "lab/Cut/weigh", 2)
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_steps_are_joined_where_their_types_fit_and_run(
     browser: Any, server: RunningServer, look: str
 ) -> None:
@@ -441,7 +441,7 @@ def _slow(seconds: float) -> str:
     return urlencode({"pipeline": json.dumps({"steps": steps})})
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_long_run_tells_how_far_it_is_and_is_cancelled(
     browser: Any, server: RunningServer, look: str
 ) -> None:

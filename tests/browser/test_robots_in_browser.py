@@ -14,7 +14,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.browser.robots import robot
 from tests.servers import RunningServer, bearer, running_server
 
@@ -37,7 +37,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
         yield running, nao, admin
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_robot_comes_and_is_sent_away_on_open_pages(
     browser: Any, site: tuple[RunningServer, str, str], look: str
 ) -> None:

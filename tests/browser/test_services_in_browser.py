@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.browser.waiting import has_count
 from tests.servers import RunningServer, running_server
 
@@ -118,7 +118,7 @@ def _answer(page: Any) -> Any:
     return json.loads(page.locator("[data-json]").text_content())
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_method_is_called_by_its_form_and_by_the_code_beside_it(
     browser: Any, server: RunningServer, look: str
 ) -> None:
@@ -183,7 +183,7 @@ def test_a_built_in_service_is_called_by_its_form(browser: Any, server: RunningS
         assert len(_answer(page)["grasps"]) == 3
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_pictures_clouds_poses_and_curves_are_shown_as_such(
     browser: Any, server: RunningServer, look: str
 ) -> None:

@@ -17,7 +17,7 @@ import pytest
 import rtask
 from endpoint.access.tokens import TokenStore
 from features.codec import encode_cloud
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, fits, keep_picture, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -53,7 +53,7 @@ def _model(server: RunningServer, token: str) -> bytes:
     return httpx.get(address, headers=headers, timeout=60).raise_for_status().content
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 def test_a_robot_is_described_drawn_and_stored_and_its_program_recognises(
     browser: Any, site: tuple[RunningServer, str], look: str, tmp_path: Path
 ) -> None:

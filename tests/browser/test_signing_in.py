@@ -13,7 +13,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import LOOKS, open_page
+from tests.browser.pages import EACH_LOOK, LOOKS, open_page
 from tests.servers import RunningServer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -39,7 +39,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
         yield running, admin
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", EACH_LOOK)
 @pytest.mark.parametrize("path", ["/objects", "/robots", "/feedback", "/tools/grasp", "/services"])
 def test_a_stranger_is_led_to_signing_in_and_back(
     browser: Any, site: tuple[RunningServer, str], look: str, path: str

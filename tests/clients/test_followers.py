@@ -81,7 +81,7 @@ def _wait(condition: Callable[[], bool], seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.02)
+        time.sleep(0.1)
 
 
 def _values(server: RunningServer, subject: str, headers: dict[str, str]) -> list[str]:

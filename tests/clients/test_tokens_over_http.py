@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from urllib.parse import quote
 
 import httpx
 import pytest
+from websockets.sync.client import connect
 
+from rtask.rdf.namespaces import owned_uuid7
 from tests.servers import RunningServer
 
 pytestmark = pytest.mark.slow
@@ -153,3 +156,43 @@ def test_a_foreign_page_cannot_update_without_a_token(server: RunningServer) -> 
 def test_a_rebound_name_is_not_this_server(server: RunningServer) -> None:
     refused = httpx.get(f"{server.url}/", headers={"Host": "evil.example"})
     assert refused.status_code == 403
+
+
+ROBOT = {
+    "model": "Nao",
+    "end_effectors": [
+        {"name": "right_hand", "kind": "ParallelJawGripper", "gripper_type": "two_finger",
+         "max_opening": 0.08, "max_payload": 0.5}
+    ],
+}  # fmt: skip
+
+
+def test_no_way_in_lets_a_robot_name_the_hand_or_the_task_of_another(
+    nao_1: httpx.Client, nao_2: httpx.Client, guarded: RunningServer, base: str
+) -> None:
+    for robot, name in ((nao_1, "nao-1"), (nao_2, "nao-2")):
+        stored = robot.post("/engine/register_robot", json={"name": name, **ROBOT})
+        assert stored.status_code == 200, stored.text
+    failed = {"success": False, "reason": "missed", "object": f"{base}object/1"}
+    hand = f"{base}robot/nao-1/right_hand"
+    task = f"{base}task/{owned_uuid7('nao-1')}"
+    named = {
+        hand: {**failed, "gripper_id": hand},
+        task: {**failed, "gripper_id": "right_hand", "task_id": task},
+    }
+    with connect(
+        guarded.websocket, additional_headers={"Authorization": nao_2.headers["Authorization"]}
+    ) as robot:
+        for full_id, report in named.items():
+            ways = {
+                "operation": nao_2.post("/engine/report_outcome", json=report),
+                "service": nao_2.post("/services/rtask/Engine/report_outcome", json=report),
+            }
+            for way, answer in ways.items():
+                assert answer.status_code == 403, (way, answer.text)
+                assert full_id in answer.json()["detail"], way
+            call = {"op": "call_service", "service": "/rtask/report_outcome", "args": report}
+            robot.send(json.dumps(call))
+            refused = json.loads(robot.recv(timeout=60))
+            assert (refused["result"], refused["status"]) == (False, 403)
+            assert full_id in refused["values"]

@@ -1,11 +1,12 @@
-"""Run SHACL cases written as DASH test cases (the W3C core suite, pySHACL's tests) through RTASK.
+"""Run cases of SHACL through RTASK: the W3C's test suite, and DASH test cases such as pySHACL's.
 
     python shacl_core.py FOLDER [--json FILE]
 
-FOLDER holds ``*.test.ttl`` files, such as ``test/resources/dash_tests/core`` of pySHACL's source
-package. Each file is loaded into a new graph without ontology or reasoner and checked by
-``kb.validate()``; focus node, value, severity and number of results are compared, blank nodes
-aside. A case that passes in pySHACL alone and not here would be a fault of ours.
+FOLDER holds ``data-shapes-test-suite/tests/core`` of the W3C, or ``*.test.ttl`` files such as
+``test/resources/dash_tests/core`` of pySHACL's source package. The graph of each case is loaded
+into a new graph without ontology or reasoner and checked by ``kb.validate()``; focus node, value,
+severity and number of results are compared, blank nodes aside. A case that passes in pySHACL alone
+and not here would be a fault of ours.
 """
 
 from __future__ import annotations
@@ -14,45 +15,85 @@ import argparse
 import json
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pyoxigraph as ox
 
 import rtask
+from rtask.errors import DataError, RtaskError
 from rtask.rdf.terms import stored
 
-EXPECTED = """PREFIX sh: <http://www.w3.org/ns/shacl#> PREFIX dash: <http://datashapes.org/dash#>
+RESULTS = """PREFIX sh: <http://www.w3.org/ns/shacl#> PREFIX dash: <http://datashapes.org/dash#>
+PREFIX sht: <http://www.w3.org/ns/shacl-test#>
+PREFIX mf: <http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#>
 SELECT ?result ?focus ?value ?severity {
-  ?case a dash:GraphValidationTestCase ; dash:expectedResult/sh:result ?result .
+  { ?case a dash:GraphValidationTestCase ; dash:expectedResult/sh:result ?result }
+  UNION { ?case a sht:Validate ; mf:result/sh:result ?result }
   ?result sh:focusNode ?focus ; sh:resultSeverity ?severity OPTIONAL { ?result sh:value ?value }
 }"""
+CASE = """PREFIX dash: <http://datashapes.org/dash#> PREFIX sht: <http://www.w3.org/ns/shacl-test#>
+PREFIX mf: <http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#>
+SELECT ?case ?data ?shapes ?result {
+  { ?case a dash:GraphValidationTestCase }
+  UNION {
+    ?case a sht:Validate ; mf:result ?result
+    OPTIONAL { ?case mf:action/sht:dataGraph ?data }
+    OPTIONAL { ?case mf:action/sht:shapesGraph ?shapes }
+  }
+}"""
+FAILURE = "http://www.w3.org/ns/shacl-test#Failure"
+"""Result of a case whose shapes a processor must refuse."""
 
 Result = tuple[str, str | None, str]
 
 
 def written(term: object) -> str:
-    """Return a term as text; blank nodes are all alike."""
-    return "_:" if str(term).startswith("_:") else str(term)
+    """Return a term as text; blank nodes are all alike, also those that were given an IRI."""
+    return "_:" if str(term).startswith("_:") or "/.well-known/genid/" in str(term) else str(term)
 
 
-def expected(path: Path) -> Counter[Result]:
-    """Return the results that a case lists."""
+@dataclass(frozen=True)
+class Case:
+    """What one file asks for."""
+
+    data: list[Path]
+    """The files of its data and shapes."""
+    results: Counter[Result]
+    is_failure: bool
+
+
+def case_of(path: Path) -> Case | None:
+    """Return the case of a file, or None if it holds none."""
     store = ox.Store()
     store.load(path=path, format=ox.RdfFormat.TURTLE, base_iri=path.as_uri())
-    found: Counter[Result] = Counter()
-    for row in store.query(EXPECTED):  # type: ignore[union-attr]
+    cases = list(store.query(CASE))  # type: ignore[arg-type]
+    if not cases:
+        return None
+    graphs = {
+        row[name].value for row in cases for name in ("data", "shapes") if row[name] is not None
+    }
+    files = sorted(Path(unquote(urlsplit(graph).path)) for graph in graphs - {path.as_uri()})
+    results: Counter[Result] = Counter()
+    for row in store.query(RESULTS):  # type: ignore[union-attr]
         value = None if row["value"] is None else written(stored(row["value"]))
         severity = row["severity"].value.removeprefix("http://www.w3.org/ns/shacl#")
-        found[written(stored(row["focus"])), value, severity] += 1
-    return found
+        results[written(stored(row["focus"])), value, severity] += 1
+    is_failure = any(str(row["result"]) == f"<{FAILURE}>" for row in cases)
+    own = [path] if path.as_uri() in graphs or not graphs else []
+    return Case([*own, *files], results, is_failure)
 
 
-def actual(path: Path) -> Counter[Result]:
+def actual(case: Case) -> Counter[Result]:
     """Return the results of RTASK."""
     with rtask.open(":memory:", ontologies=False, reason=False) as kb:
-        kb.load(path, base=path.as_uri(), missing_imports="ignore")
+        for path in case.data:
+            kb.load(path, base=path.as_uri(), missing_imports="ignore")
         report = kb.validate()
-        if not any(str(path.as_uri()) in name or "(" in name for name in report.shapes):
+        if case.is_failure and report.left_out:
+            raise DataError("; ".join(report.left_out))
+        if not any(name.startswith("file:") or "(" in name for name in report.shapes):
             raise AssertionError("no shape of the case was applied")
     return Counter(
         (written(v.focus), None if v.value is None else written(v.value), v.severity)
@@ -60,19 +101,30 @@ def actual(path: Path) -> Counter[Result]:
     )
 
 
-def run(folder: Path) -> dict[str, str]:
-    """Run all cases of a folder; return why each one that fails does."""
-    failed = {}
-    for path in sorted(folder.rglob("*.test.ttl")):
-        try:
-            wanted, got = expected(path), actual(path)
-        except Exception as error:  # noqa: BLE001 - one case must not end the run
-            failed[str(path.relative_to(folder))] = f"{type(error).__name__}: {error}"[:300]
-            continue
-        if wanted != got:
-            missing, more = wanted - got, got - wanted
-            failed[str(path.relative_to(folder))] = f"missing {[*missing]}, surplus {[*more]}"
-    return failed
+def why_failed(case: Case) -> str | None:
+    """Return why a case fails, or None if it passes."""
+    try:
+        got = actual(case)
+    except Exception as error:  # noqa: BLE001 - one case must not end the run
+        if case.is_failure and isinstance(error, RtaskError):
+            return None
+        return f"{type(error).__name__}: {error}"[:300]
+    if case.is_failure:
+        return "its shapes should have been refused"
+    if case.results != got:
+        return f"missing {[*(case.results - got)]}, surplus {[*(got - case.results)]}"
+    return None
+
+
+def run(folder: Path) -> tuple[int, dict[str, str]]:
+    """Run all cases of a folder; return their number, and why each one that fails does."""
+    cases = {path: case_of(path) for path in sorted(folder.rglob("*.ttl"))}
+    reasons = {
+        str(path.relative_to(folder)): why_failed(case)
+        for path, case in cases.items()
+        if case is not None
+    }
+    return len(reasons), {name: why for name, why in reasons.items() if why is not None}
 
 
 def main() -> int:
@@ -81,8 +133,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    total = sum(1 for _ in options.folder.rglob("*.test.ttl"))
-    failed = run(options.folder)
+    total, failed = run(options.folder.resolve())
     sys.stdout.write(f"SHACL: {total - len(failed)} of {total}\n")
     for name, why in failed.items():
         sys.stdout.write(f"  {name}: {why}\n")

@@ -79,6 +79,16 @@ def test_a_bucket_gives_its_rate_and_two_seconds_of_burst() -> None:
     assert [buckets.take("a") for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)]
 
 
+def test_more_than_a_bucket_holds_is_taken_from_a_full_one_and_owed() -> None:
+    clock = Clock()
+    buckets = Buckets(1.0, clock)
+    assert buckets.take("a", 20) == 0.0  # else a large request could never be made
+    assert buckets.take("a") == pytest.approx(19.0)
+    clock.now = 19.0
+    assert buckets.take("a", 20) == pytest.approx(1.0)
+    assert buckets.take("a") == 0.0
+
+
 def test_a_bucket_remembers_no_more_callers_than_it_may() -> None:
     buckets = Buckets(1.0)
     for number in range(10_050):
@@ -101,6 +111,11 @@ def test_what_is_too_much_says_when_to_come_again() -> None:
         limiter.admit(caller)
     assert refused.value.http_status == 429
     assert dict(refused.value.headers)["Retry-After"] == "1"
+    limiter.admit_calls(Caller(Access("nao-2", "robot"), address="b"), calls=1, changes=2)
+    with pytest.raises(RefusedError, match="more than 1 changes per second"):
+        limiter.admit_calls(Caller(Access("nao-2", "robot"), address="b"), calls=1, changes=1)
+    with pytest.raises(RefusedError, match="more than 1 requests per second"):
+        limiter.admit_calls(caller, calls=2, changes=0)
 
 
 def test_a_token_is_limited_and_its_neighbour_is_not(tokens: TokenStore) -> None:

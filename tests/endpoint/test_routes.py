@@ -9,17 +9,39 @@ from contextlib import closing
 import pytest
 
 import rtask
+from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.openapi import document
+from endpoint.http.agent_calls import AgentCall
 from endpoint.http.messages import Request
 from endpoint.routes import ROUTES, find
 from endpoint.settings import Config
 from rtask.engine import Engine
+from rtask.kb.commit.access import Access
+from rtask.services import Service, ServiceHost
+from rtask.services import method as service_method
 from tests.servers import new_application
 
 _SITE = "http://localhost"
+_ADMIN = Caller(Access("admin", "admin"))
 _JSON = {"content-type": "application/json"}
 _RULE = {"label": "heavy", "text": "CONSTRUCT { ?s a <urn:Heavy> } WHERE { ?s <urn:kg> ?o }"}
+
+
+class Changing(Service):
+    """A service with a method of each effect."""
+
+    name = "lab/Changing"
+
+    @service_method(effect="writes")
+    def change(self) -> str:
+        """Change something."""
+        return "done"
+
+    @service_method(effect="reads")
+    def look(self) -> str:
+        """Change nothing."""
+        return "done"
 
 
 class Site:
@@ -45,7 +67,8 @@ def site():
     ):
         secret, _ = tokens.create("admin")
         config = Config(rate=1e6, write_rate=1e6)
-        application = new_application(kb, engine, tokens, config)
+        services = ServiceHost([Changing])
+        application = new_application(kb, engine, tokens, config, services=services)
         yield Site(application, kb, secret)
         application.close()
 
@@ -89,6 +112,7 @@ def test_an_address_that_reads_commits_nothing(site, route):
     assert site.kb.seq == before
 
 
+_FORM = {"content-type": "application/x-www-form-urlencoded"}
 _SPARQL = {"content-type": "application/sparql-update"}
 _TURTLE = {"content-type": "text/turtle"}
 _HAND = {"name": "hand", "kind": "ParallelJawGripper", "gripper_type": "jaws", "max_opening": 0.08,
@@ -121,12 +145,29 @@ def test_addresses_that_write_commit(site):
         assert site.router.effect(request, path) == "writes"
 
 
+def _message(tool):
+    return {"id": 1, "method": "tools/call", "params": {"name": tool}}
+
+
+def _called(*tools):
+    messages = [_message(tool) for tool in tools]
+    return json.dumps(messages[0] if len(tools) == 1 else messages).encode()
+
+
 @pytest.mark.parametrize(
     ("method", "path", "body", "headers", "effect"),
     [
         ("GET", "/sparql", b"", {}, "reads"),
         ("POST", "/sparql", b"query=ASK{}", {}, "reads"),
+        ("POST", "/sparql", b"query=SELECT+*+{?s+a+?update}", {}, "reads"),
         ("POST", "/sparql", b"update=CLEAR+ALL", {}, "writes"),
+        ("POST", "/sparql", b"note=x&%75pdat%65=CLEAR+ALL", {}, "writes"),
+        ("POST", "/mcp/services", _called("lab_Changing_change"), _JSON, "writes"),
+        ("POST", "/mcp/services", _called("lab_Changing_look"), _JSON, "reads"),
+        ("POST", "/services/lab/Changing/change", b"{}", _JSON, "writes"),
+        ("POST", "/services/lab/Changing/look", b"{}", _JSON, "reads"),
+        ("POST", "/mcp/services", b'{"id": 1, "method": "tools/list"}', _JSON, "reads"),
+        ("POST", "/mcp/services", _called("no_such_tool"), _JSON, "reads"),
         ("POST", "/engine/recall_grasps", b"{}", _JSON, "reads"),
         ("POST", "/engine/recognise_for_grasp", b"{}", _JSON, "records"),
         ("POST", "/engine/teach_object", b"{}", _JSON, "writes"),
@@ -136,3 +177,83 @@ def test_addresses_that_write_commit(site):
 )
 def test_a_request_has_the_effect_that_it_asks_for(site, method, path, body, headers, effect):
     assert site.router.effect(Request(method, path, "", headers, body), path) == effect
+
+
+def test_an_update_in_the_address_is_one(site):
+    request = Request("POST", "/sparql", "update=CLEAR+ALL", _FORM, b"")
+    assert site.router.effect(request, "/sparql") == "writes"
+    before = site.kb.seq
+    insert = "update=INSERT+DATA+{<urn:x>+<urn:y>+<urn:z>}"
+    assert site.ask("POST", "/sparql", insert, b"", _FORM).status < 300
+    assert site.kb.seq > before
+
+
+def test_what_reads_does_not_count_as_a_change(site):
+    counted = []
+    limiter = site.application.context.limiter
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limiter, "admit_calls", lambda _, calls, changes: counted.append(changes))
+        for path, body, headers in (
+            ("/reasoner/entails", b"{}", _JSON),
+            ("/sparql/check", b"{}", _JSON),
+            ("/engine/recall_grasps", b"{}", _JSON),
+            ("/sparql", b"ASK {}", {"content-type": "application/sparql-query"}),
+            ("/mcp/services", _called("lab_Changing_look"), _JSON),
+            ("/services/lab/Changing/look", b"{}", _JSON),
+            ("/mcp", _called("search"), _JSON),
+        ):
+            site.ask("POST", path, "", body, headers)
+        assert counted == [0] * 7
+        for path, body, headers in (
+            ("/update", b"CLEAR GRAPH <urn:none>", _SPARQL),
+            ("/sparql", b"CLEAR SILENT GRAPH <urn:none>", _SPARQL),
+            ("/engine/recognise_for_grasp", b"{}", _JSON),  # stores what it refuses
+            ("/engine/give_feedback", b"{}", _JSON),
+            ("/mcp", _called("propose_change"), _JSON),
+            ("/mcp/services", _called("lab_Changing_change"), _JSON),
+            ("/services/lab/Changing/change", b"{}", _JSON),
+        ):
+            counted.clear()
+            site.ask("POST", path, "", body, headers)
+            assert counted == [1], path
+
+
+def test_each_call_in_a_list_of_messages_counts(site):
+    counted = []
+    limiter = site.application.context.limiter
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limiter, "admit_calls", lambda _, *counts: counted.append(counts))
+        look, change = "lab_Changing_look", "lab_Changing_change"
+        site.ask("POST", "/mcp/services", "", _called(look, change, look, change), _JSON)
+        site.ask("POST", "/mcp", "", _called("search", "propose_change", "search"), _JSON)
+        site.ask("POST", "/mcp", "", _called(*["propose_change"] * 21), _JSON)  # refused
+    assert counted == [(4, 2), (3, 1), (0, 0)]
+
+
+def test_a_follower_carries_out_what_it_has_and_passes_the_rest_on(site):
+    ways = {
+        ("lab_Changing_look",): False,
+        ("lab_Changing_change",): True,
+        ("lab_Changing_look", "lab_Changing_change"): True,
+        ("no_such_tool",): True,  # the other server may have it
+    }
+    for tools, is_passed_on in ways.items():
+        assert _is_for_writer(site, "/mcp/services", _called(*tools)) == is_passed_on, tools
+    listed = b'{"id": 1, "method": "tools/list"}'
+    assert not _is_for_writer(site, "/mcp/services", listed)
+
+
+@pytest.mark.parametrize("path", ["/mcp", "/mcp/services"])
+def test_a_follower_gives_up_the_calls_it_carries_out_and_passes_on_word_of_others(site, path):
+    note = {"method": "notifications/cancelled", "params": {"requestId": 7}}
+    body = json.dumps(note).encode()
+    assert _is_for_writer(site, path, body)
+    call = AgentCall(7)
+    remove = site.router._calls.add(_ADMIN.key, 7, call)
+    assert not _is_for_writer(site, path, body)
+    remove()
+    assert _is_for_writer(site, path, body)
+
+
+def _is_for_writer(site, path, body):
+    return site.router.is_for_writer(Request("POST", path, "", _JSON, body), _ADMIN, path)

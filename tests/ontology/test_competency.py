@@ -24,7 +24,7 @@ def test_the_questions_are_numbered() -> None:
     assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 25)]
 
 
-@pytest.fixture(scope="module", params=["engine", "owlrl"])
+@pytest.fixture(scope="module", params=["engine", pytest.param("owlrl", marks=pytest.mark.deep)])
 def sample_closed(request: pytest.FixtureRequest):  # type: ignore[no-untyped-def]
     return request.getfixturevalue(f"closed_by_{request.param}")
 
@@ -56,6 +56,7 @@ def test_a_hidden_cause_of_no_known_kind_is_told_as_a_zone() -> None:
     ]
 
 
+@pytest.mark.deep
 def test_two_engines_derive_the_same_about_the_sample(closed_by_engine, closed_by_owlrl) -> None:  # type: ignore[no-untyped-def]
     """Apart from what only owlrl writes down: sameAs itself, owl:Thing, nameless classes."""
     owl = ontology.PREFIXES["owl"]

@@ -45,6 +45,24 @@ def test_show_lists_modules_terms_and_facts(capsys: pytest.CaptureFixture[str]) 
     assert ":mug rt:mass 0.3e0 ." in out
 
 
+@pytest.mark.slow
+def test_show_with_a_graph_prints_the_card_of_a_term_there(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with rtask.open(tmp_path / "kb") as kb:
+        kb.update(f"INSERT DATA {{ <urn:m> a <{ontology.NS}Mug> }}")
+    code, out, _ = _run(capsys, "show", "Mug", "--data", tmp_path / "kb")
+    assert code == 0
+    assert "1 member" in out.splitlines()
+    assert "?thing a rt:Mug" in out
+    card = json.loads(_run(capsys, "show", "Mug", "--data", tmp_path / "kb", "--json")[1])
+    assert (card["count"], card["above"]) == (1, ["rt:Cup"])
+    assert "rt:Mug " in _run(capsys, "show", "--data", tmp_path / "kb")[1]
+    code, _, error = _run(capsys, "show", "Mugg", "--data", tmp_path / "kb")
+    assert code != 0
+    assert "'mug'" in error
+
+
 def test_show_gives_json(capsys: pytest.CaptureFixture[str]) -> None:
     facts = json.loads(_run(capsys, "show", "rt:Mug", "--json")[1])
     assert facts["iri"] == ontology.NS + "Mug"

@@ -33,6 +33,7 @@ def test_answers_are_those_that_were_drawn(department):
     assert all(found[n] for n in QUERIES if n not in (2, 13))
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_answers_are_those_of_another_engine(department):
     pytest.importorskip("owlrl", reason="owlrl is not installed")

@@ -242,7 +242,7 @@ def _schema_of(term: NamedNode) -> list[TripleKey]:
 
 
 @blueprint.route("/terms.json", methods=["GET"])
-def terms() -> WerkzeugResponse:
+def completions() -> WerkzeugResponse:
     """Return label, kind and comment of all classes and properties, for completion."""
     kb = knowledge_base()
     etag = f"{kb.epoch}-{kb.seq}"

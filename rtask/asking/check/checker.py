@@ -10,8 +10,8 @@ from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.faults import Faults
 from rtask.asking.check.findings import Finding, in_order
 from rtask.asking.check.literals import check_literals
-from rtask.asking.check.outline import Outline
-from rtask.asking.check.reading import read_outline
+from rtask.asking.check.syntax.outline import Outline
+from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.unknown import Unknown
 from rtask.asking.check.variables import check_variables
 from rtask.asking.check.vocabulary import Vocabulary

@@ -7,16 +7,20 @@ where the bound is reached, the answer is "perhaps".
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 from pyoxigraph import Literal, NamedNode
 
-from rtask.asking.check.outline import Edge, Node, Step
+from rtask.asking.check.syntax.outline import Edge, Node, Step
+from rtask.asking.check.vocabulary import TOP, Vocabulary
 from rtask.kb.core import GraphCore
-from rtask.rdf.terms import Term, stored
+from rtask.rdf.terms import RDF_TYPE, Term, stored
 
 __all__ = ["Evidence"]
 
-MAX_ROWS, MIN_ROWS = 60, 12
+MAX_ROWS, MIN_ROWS = 24, 12
+MIN_KINDS = 2
+MAX_ENDS, MAX_KINDS = 30, 1
 _KNOWN = 20_000
 
 
@@ -27,21 +31,21 @@ class Evidence:
         self._quads = kb.store.quads_for_pattern
         self._seq = -1
         self._kb = kb
-        self._known: dict[object, bool | None] = {}
+        self._answers: dict[object, int | None] = {}
 
     def refresh(self) -> None:
         """Forget what an earlier state answered."""
-        if self._seq != self._kb.seq or len(self._known) > _KNOWN:
+        if self._seq != self._kb.seq or len(self._answers) > _KNOWN:
             self._seq = self._kb.seq
-            self._known = {}
+            self._answers = {}
 
     def is_used(self, iri: str) -> bool:
         """Return whether any statement, or the name of a graph, mentions an IRI."""
         key = ("used", iri)
-        found = self._known.get(key)
-        if found is None:
+        answer: int | None = self._answers.get(key)
+        if answer is None:
             term = NamedNode(iri)
-            found = any(
+            answer = any(
                 next(iter(rows), None) is not None
                 for rows in (
                     self._quads(term, None, None, None),
@@ -50,37 +54,103 @@ class Evidence:
                     self._quads(None, None, None, term),
                 )
             )
-            self._known[key] = found
-        return bool(found)
+            self._answers[key] = answer
+        return bool(answer)
+
+    def kinds_of(self, iri: str, vocabulary: Vocabulary) -> frozenset[str]:
+        """Return the classes that a thing is stated, or follows, to be of."""
+        return self._kinds(NamedNode(iri), vocabulary)
+
+    def _kinds(self, term: Term, vocabulary: Vocabulary) -> frozenset[str]:
+        if isinstance(term, Literal):
+            return frozenset()
+        rows = self._quads(term, RDF_TYPE, None, None)
+        named = (quad.object.value for quad in rows if isinstance(quad.object, NamedNode))
+        return frozenset(iri for iri in named if iri in vocabulary.bit and iri not in TOP)
+
+    def ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
+        """Return the bits of the classes of all subjects, or values, of a property.
+
+        None where there are none, too many to look at, some of no known class, or ones of so many
+        classes that the property seems to be for all.
+        """
+        key = ("ends", iri, at)
+        if key not in self._answers:
+            self._answers[key] = self._ends_of(iri, at, vocabulary)
+        return self._answers[key]
+
+    def _ends_of(self, iri: str, at: int, vocabulary: Vocabulary) -> int | None:
+        bits = 0
+        seen: set[Term] = set()
+        specific: set[str] = set()
+        for row, quad in enumerate(self._quads(None, NamedNode(iri), None, None)):
+            term = quad.object if at else quad.subject
+            if row >= MAX_ENDS:
+                return None
+            if term in seen:
+                continue
+            seen.add(term)
+            kinds = self._kinds(term, vocabulary)
+            if not kinds:
+                return None
+            specific.update(vocabulary.most_specific(kinds))
+            if len(specific) > MAX_KINDS:
+                return None
+            for kind in kinds:
+                bits |= vocabulary.bit[kind]
+        return bits or None
+
+    def is_general(self, edge: Edge, at: int, vocabulary: Vocabulary) -> bool:
+        """Return whether a pattern has things of many kinds at an end, such as all with a name."""
+        key = ("general", _key(edge, None), at)
+        if key not in self._answers:
+            kinds: set[str] = set()
+            for ends in islice(self._rows(edge, None), MAX_ROWS):
+                kinds.update(vocabulary.most_specific(self._kinds(ends[at], vocabulary)))
+            self._answers[key] = len(kinds) > MIN_KINDS
+        return bool(self._answers[key])
+
+    def ends_differ(self, iri: str, vocabulary: Vocabulary) -> bool:
+        """Return whether the subjects of a property are of other classes than its values."""
+        key = ("differ", iri)
+        if key not in self._answers:
+            kinds: tuple[set[str], set[str]] = (set(), set())
+            rows = self._quads(None, NamedNode(iri), None, None)
+            for quad in islice(rows, MAX_ROWS):
+                for at, term in enumerate((quad.subject, quad.object)):
+                    kinds[at].update(vocabulary.most_specific(self._kinds(term, vocabulary)))
+            self._answers[key] = bool(kinds[0] and kinds[1]) and not kinds[0] & kinds[1]
+        return bool(self._answers[key])
 
     def matches(self, edge: Edge, steps: list[Step] | None = None) -> bool:
         """Return whether a pattern matches anything by itself."""
         key = ("edge", _key(edge, steps))
-        if key not in self._known:
-            self._known[key] = next(self._rows(edge, steps), None) is not None
-        return bool(self._known[key])
+        if key not in self._answers:
+            self._answers[key] = next(self._rows(edge, steps), None) is not None
+        return bool(self._answers[key])
 
     def is_common(self, edge: Edge) -> bool:
         """Return whether a pattern matches more than a few times."""
         key = ("common", _key(edge, None))
-        if key not in self._known:
+        if key not in self._answers:
             rows = zip(range(MIN_ROWS), self._rows(edge, None), strict=False)
-            self._known[key] = sum(1 for _ in rows) == MIN_ROWS
-        return bool(self._known[key])
+            self._answers[key] = sum(1 for _ in rows) == MIN_ROWS
+        return bool(self._answers[key])
 
-    def meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
+    def meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         """Return whether two patterns match with the same term at an end; None for perhaps."""
-        key = ("meet", _key(one, None), at, _key(other, None), other_at)
-        if key not in self._known:
-            found = self._meet(one, at, other, other_at)
-            if found is None:
-                found = self._meet(other, other_at, one, at)
-            self._known[key] = found
-        return self._known[key]
+        key = ("meet", _key(edge, None), at, _key(other, None), other_at)
+        if key not in self._answers:
+            answer: int | None = self._meet(edge, at, other, other_at)
+            if answer is None:
+                answer = self._meet(other, other_at, edge, at)
+            self._answers[key] = answer
+        met = self._answers[key]
+        return None if met is None else bool(met)
 
-    def _meet(self, one: Edge, at: int, other: Edge, other_at: int) -> bool | None:
+    def _meet(self, edge: Edge, at: int, other: Edge, other_at: int) -> bool | None:
         seen: set[Term] = set()
-        for row, terms in enumerate(self._rows(one, None)):
+        for row, terms in enumerate(self._rows(edge, None)):
             if row >= MAX_ROWS:
                 return None
             term = terms[at]

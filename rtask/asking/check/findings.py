@@ -52,13 +52,16 @@ class Repair:
         >>> Repair("write rt:Mug", (Edit(5, 11, "rt:Mug"),)).apply("?s a rt:Mgu")
         '?s a rt:Mug'
         """
-        for edit in sorted(self.edits, key=lambda one: -one.start):
+        for edit in sorted(self.edits, key=lambda finding: -finding.start):
             text = text[: edit.start] + edit.text + text[edit.end :]
         return text
 
     def to_dict(self) -> dict[str, Any]:
         """Return the repair as plain data."""
-        edits = [{"start": one.start, "end": one.end, "text": one.text} for one in self.edits]
+        edits = [
+            {"start": finding.start, "end": finding.end, "text": finding.text}
+            for finding in self.edits
+        ]
         return {"words": self.words, "edits": edits}
 
 
@@ -110,7 +113,10 @@ def place_of(text: str, at: int) -> tuple[int, int]:
 
 def in_order(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings by place, certain ones first, each kind once at a place."""
-    found: dict[tuple[str, int, int], Finding] = {}
-    for one in findings:
-        found.setdefault((one.rule, one.start, one.end), one)
-    return sorted(found.values(), key=lambda one: (one.severity != "certain", one.start, one.rule))
+    kinds: dict[tuple[str, int, int], Finding] = {}
+    for finding in findings:
+        kinds.setdefault((finding.rule, finding.start, finding.end), finding)
+    return sorted(
+        kinds.values(),
+        key=lambda finding: (finding.severity != "certain", finding.start, finding.rule),
+    )

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.names import affinity, likeness
-from rtask.asking.check.outline import Edge, Node, Outline, Step
+from rtask.asking.check.syntax.outline import Edge, Node, Outline, Step
 from rtask.asking.check.types import TYPE, Conflict, Context, Demand, Demands, contexts, overlap
 from rtask.asking.check.usual import usual_properties
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
@@ -22,7 +22,7 @@ class Fitting:
     def __init__(self, vocabulary: Vocabulary, evidence: Evidence, outline: Outline) -> None:
         self.vocabulary = vocabulary
         self.evidence = evidence
-        self.demands = Demands(vocabulary)
+        self.demands = Demands(vocabulary, evidence)
         self.contexts = list(contexts(outline.body))
         self._at: dict[int, Context] = {}
         for context in self.contexts:
@@ -89,6 +89,31 @@ class Fitting:
                     return False
         return True
 
+    def is_attested(self, edge: Edge, context: Context) -> bool:
+        """Return whether the graph has what a pattern says, together with others beside it."""
+        meets = self.meets(edge, context)
+        return bool(meets) and False not in meets and self.evidence.matches(edge)
+
+    def is_contradicted(self, edge: Edge, context: Context) -> bool:
+        """Return whether a pattern never matches together with some other that does match."""
+        return False in self.meets(edge, context, only_matching=True)
+
+    def meets(
+        self, edge: Edge, context: Context, *, only_matching: bool = False
+    ) -> list[bool | None]:
+        """Return for each pattern beside one whether the graph has both; None for perhaps."""
+        names = {end.value for end in edge.ends if end.kind == "variable"}
+        return [
+            self.evidence.meet(edge, at, other, other_at)
+            for other in context.edges
+            if other.steps and (other.subject.value in names or other.object.value in names)
+            if not is_same_pattern(other, edge)
+            if not only_matching or self.evidence.matches(other)
+            for at, mine in enumerate(edge.ends)
+            for other_at, node in enumerate(other.ends)
+            if is_same_variable(mine, node)
+        ]
+
     def misfits(self, edge: Edge, context: Context) -> int:
         """Return how many patterns a changed pattern would not go together with."""
         count = len(self.conflicts_of(edge, context))
@@ -135,14 +160,7 @@ class Fitting:
         if not self.evidence.matches(edge):
             return merit
         merit += 0.6
-        meets = [
-            self.evidence.meet(edge, at, other, other_at)
-            for other in context.edges
-            if other.steps and not is_same_pattern(other, edge)
-            for at, mine in enumerate(edge.ends)
-            for other_at, node in enumerate(other.ends)
-            if is_same_variable(mine, node)
-        ]
+        meets = self.meets(edge, context)
         if meets:
             merit += 0.8 * sum(met is True for met in meets) / len(meets)
             merit -= 0.8 * sum(met is False for met in meets) / len(meets)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from rtask.asking.check.findings import Edit, Finding, Repair
-from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.types import family, range_of
 from rtask.asking.check.vocabulary import Property, Vocabulary, local
 
@@ -39,35 +39,35 @@ def check_literals(
 
 def _constant(edge: Edge, vocabulary: Vocabulary) -> Iterator[Finding]:
     (step,) = edge.steps
-    known = vocabulary.properties.get(step.node.value)
+    axioms = vocabulary.properties.get(step.node.value)
     value = edge.subject if step.is_inverse else edge.object
-    if known is None or value.kind == "variable":
+    if axioms is None or value.kind == "variable":
         return
-    name = local(known.iri)
+    name = local(axioms.iri)
     if value.kind == "iri":
-        if known.relates_things is False:
+        if axioms.relates_things is False:
             words = f"the values of {name} are literals, never a thing such as this"
             yield Finding("literal-expected", "certain", value.start, value.end, words)
         return
-    if known.relates_things is True:
+    if axioms.relates_things is True:
         words = f"the values of {name} are things, never a literal such as this"
         yield Finding("thing-expected", "certain", value.start, value.end, words)
         return
-    yield from _datatype(value, known, name)
+    yield from _datatype(value, axioms, name)
 
 
-def _datatype(value: Node, known: Property, name: str) -> Iterator[Finding]:
-    wanted = range_of(known)
-    if not wanted or not family(wanted) or value.datatype == wanted:
+def _datatype(value: Node, axioms: Property, name: str) -> Iterator[Finding]:
+    needed = range_of(axioms)
+    if not needed or not family(needed) or value.datatype == needed:
         return
-    kind = local(wanted)
-    if family(value.datatype) == family(wanted) and family(wanted) not in ("number", "text"):
+    kind = local(needed)
+    if family(value.datatype) == family(needed) and family(needed) not in ("number", "text"):
         return
-    if family(wanted) == family(value.datatype) == "number" and (
+    if family(needed) == family(value.datatype) == "number" and (
         kind not in ("double", "float", "decimal") or local(value.datatype) == kind
     ):
         return
-    if family(wanted) == "text" and kind != "string" and not value.datatype.endswith("langString"):
+    if family(needed) == "text" and kind != "string" and not value.datatype.endswith("langString"):
         return
     words = f"the values of {name} are of type xsd:{kind}, and this is of another"
     yield Finding("wrong-datatype", "certain", value.start, value.end, words, _repairs(value, kind))

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["affinity", "likeness", "words_of"]
+__all__ = ["affinity", "likeness", "properties_named", "words_of"]
 
 _PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
@@ -61,6 +61,22 @@ def _affinity(variable: str, name: str, label: str) -> float:
         hits = sum(any(_same(a, b) for b in words) for a in asked)
         best = max(best, hits / len(asked) * (0.6 + 0.4 * hits / max(len(words), 1)))
     return best
+
+
+def properties_named(variable: str, vocabulary: Vocabulary) -> list[str]:
+    """Return the properties that may have a word in common with a variable, sorted."""
+    index = _properties_by_word(vocabulary)
+    return sorted({iri for word in words_of(variable) for iri in index.get(word[:4], ())})
+
+
+@lru_cache(maxsize=4)
+def _properties_by_word(vocabulary: Vocabulary) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for iri in vocabulary.properties:
+        labels = " ".join(vocabulary.labels.get(iri, ()))
+        for word in {*words_of(local(iri)), *labels.split()}:
+            found.setdefault(word[:4], []).append(iri)
+    return found
 
 
 def _same(one: str, other: str) -> bool:

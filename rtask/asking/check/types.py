@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from rtask.asking.check.outline import Edge, Group, Node, Step
+from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.syntax.outline import Edge, Group, Node, Step
 from rtask.asking.check.vocabulary import Property, Vocabulary
 from rtask.rdf.terms import RDF_TYPE
 
@@ -30,6 +31,8 @@ class Demand:
         True for a resource, False for a literal, None for either.
     datatypes
         That a literal may have.
+    is_observed
+        Whether the classes are those that the graph shows, not those that axioms allow.
     """
 
     edge: Edge
@@ -37,6 +40,7 @@ class Demand:
     bits: int | None
     is_thing: bool | None
     datatypes: frozenset[str] = frozenset()
+    is_observed: bool = False
 
     @property
     def node(self) -> Node:
@@ -48,7 +52,7 @@ class Demand:
 class Conflict:
     """Two demands on one variable that nothing meets."""
 
-    one: Demand
+    first: Demand
     other: Demand
     is_certain: bool
 
@@ -65,11 +69,14 @@ class Context:
         Those of the groups around it.
     columns
         Terms that VALUES gives to variables.
+    compared
+        Variables of its own filters that are compared with a constant, and of what kind that is.
     """
 
     own: list[Edge]
     around: list[Edge]
     columns: dict[str, list[Node]] = field(default_factory=dict)
+    compared: list[tuple[Node, str]] = field(default_factory=list)
 
     @property
     def edges(self) -> list[Edge]:
@@ -90,6 +97,7 @@ def contexts(group: Group, around: Context | None = None) -> Iterator[Context]:
 def _collect(group: Group, own: Context, apart: list[Group]) -> None:
     """Add what must match in a group to a context, and the groups that stand apart to a list."""
     own.own += group.edges
+    own.compared += group.compared
     own.columns.update((node.value, terms) for node, terms in group.values)
     for child in group.children:
         if child.role == "plain":
@@ -99,19 +107,38 @@ def _collect(group: Group, own: Context, apart: list[Group]) -> None:
 
 
 class Demands:
-    """Demands of edges, with a vocabulary."""
+    """Demands of edges, with a vocabulary and with what a graph shows where axioms are silent."""
 
-    def __init__(self, vocabulary: Vocabulary) -> None:
+    def __init__(self, vocabulary: Vocabulary, evidence: Evidence | None = None) -> None:
         self._vocabulary = vocabulary
+        self._evidence = evidence
+        self._read: dict[int, tuple[Edge, tuple[Demand, Demand] | None]] = {}
 
     def of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         """Return what an edge demands of its ends; None where nothing is known."""
+        read = self._read.get(id(edge))
+        if read is None:  # the edge is held, so that no other gets its number
+            read = self._read[id(edge)] = (edge, self._of(edge, context))
+        return read[1]
+
+    def _of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         if edge.is_loose or not edge.steps:
             return None
         found = [self._of_step(step, edge, context) for step in edge.steps]
-        subject = Demand(edge, 0, *_either([one[0] for one in found]))
-        value = Demand(edge, 1, *_either([one[1] for one in found]))
+        subject = Demand(edge, 0, *_either([first[0] for first in found]))
+        value = Demand(edge, 1, *_either([first[1] for first in found]))
+        if self._evidence is not None and len(edge.steps) == 1:
+            for demand in (subject, value):
+                self._observe(demand, self._evidence)
         return subject, value
+
+    def _observe(self, demand: Demand, evidence: Evidence) -> None:
+        """Fill in the classes of an end about which the ontology says nothing."""
+        (step,) = demand.edge.steps
+        if demand.bits is None and demand.is_thing and step.node.value != TYPE:
+            at = 1 - demand.at if step.is_inverse else demand.at
+            demand.bits = evidence.ends_of(step.node.value, at, self._vocabulary)
+            demand.is_observed = demand.bits is not None
 
     def _of_step(self, step: Step, edge: Edge, context: Context) -> tuple[_Ends, ...]:
         nothing: _Ends = (None, None, frozenset())
@@ -121,13 +148,13 @@ class Demands:
             bits = self._members(value, context)
             ends = ((bits, True, frozenset[str]()), nothing)
         else:
-            known = self._vocabulary.properties.get(step.node.value)
-            if known is None:
+            axioms = self._vocabulary.properties.get(step.node.value)
+            if axioms is None:
                 return nothing, nothing
-            datatypes = frozenset(known.datatypes)
+            datatypes = frozenset(axioms.datatypes)
             ends = (
-                (known.domain, True, frozenset()),
-                (known.range, known.relates_things, datatypes),
+                (axioms.domain, True, frozenset()),
+                (axioms.range, axioms.relates_things, datatypes),
             )
         return ends[::-1] if step.is_inverse else ends
 
@@ -135,8 +162,8 @@ class Demands:
         """Return the bits of the classes that a pattern with rdf:type names."""
         nodes = [node] if node.kind == "iri" else context.columns.get(node.value, [])
         bits = 0
-        for one in nodes:
-            below = self._vocabulary.below.get(one.value)
+        for first in nodes:
+            below = self._vocabulary.below.get(first.value)
             if below is None:
                 return None
             bits |= below
@@ -154,31 +181,40 @@ class Demands:
         own = {id(edge) for edge in context.own}
         found: list[Conflict] = []
         for given in demands.values():
-            for at, one in enumerate(given):
+            for at, first in enumerate(given):
                 for other in given[at + 1 :]:
-                    if id(one.edge) not in own and id(other.edge) not in own:
+                    if id(first.edge) not in own and id(other.edge) not in own:
                         continue
-                    made = self.between(one, other)
+                    made = self.between(first, other)
                     if made is not None:
                         found.append(made)
         return found
 
-    def between(self, one: Demand, other: Demand) -> Conflict | None:
+    def between(self, first: Demand, other: Demand) -> Conflict | None:
         """Return the conflict of two demands, if there is one."""
-        if one.edge is other.edge and one.at == other.at:
+        if first.edge is other.edge and first.at == other.at:
             return None
-        if None not in (one.is_thing, other.is_thing) and one.is_thing != other.is_thing:
-            return Conflict(one, other, True)
-        if one.datatypes and other.datatypes and not overlap(one.datatypes, other.datatypes):
-            return Conflict(one, other, False)
-        if one.bits is None or other.bits is None or one.bits & other.bits:
+        if None not in (first.is_thing, other.is_thing) and first.is_thing != other.is_thing:
+            return Conflict(first, other, True)
+        if first.datatypes and other.datatypes and not overlap(first.datatypes, other.datatypes):
+            return Conflict(first, other, False)
+        if first.bits is None or other.bits is None or first.bits & other.bits:
             return None
-        return Conflict(one, other, self._is_impossible(one.bits, other.bits))
+        if first.is_observed or other.is_observed:
+            return Conflict(first, other, False) if self._is_foreign(first, other) else None
+        return Conflict(first, other, self._is_impossible(first.bits, other.bits))
 
-    def _is_impossible(self, one: int, other: int) -> bool:
+    def _is_foreign(self, first: Demand, other: Demand) -> bool:
+        """Return whether the classes that one end demands share no superclass with what is seen."""
+        seen, given = (first, other) if first.is_observed else (other, first)
+        if given.is_observed or seen.bits is None or given.bits is None:
+            return False
+        return self._vocabulary.are_foreign(seen.bits, given.bits)
+
+    def _is_impossible(self, first: int, other: int) -> bool:
         """Return whether axioms of disjointness, not only the lack of a class, part two sets."""
         vocabulary = self._vocabulary
-        tops = [vocabulary.most_general(bits) for bits in (one, other)]
+        tops = [vocabulary.most_general(bits) for bits in (first, other)]
         return all(vocabulary.are_disjoint(a, b) for a in tops[0] for b in tops[1])
 
 
@@ -188,11 +224,11 @@ def _either(
     """Return what an end must be if one of several demands is met."""
     rows = list(found)
     bits = 0
-    for one, _, _ in rows:
-        if one is None:
+    for first, _, _ in rows:
+        if first is None:
             bits = 0
             break
-        bits |= one
+        bits |= first
     kinds = {kind for _, kind, _ in rows}
     datatypes = frozenset().union(*(types for _, _, types in rows))
     if not all(types for _, _, types in rows):
@@ -217,12 +253,12 @@ def family(datatype: str) -> str:
     return "number" if name in _NUMBERS else "text" if name in _TEXTS else name
 
 
-def overlap(one: frozenset[str], other: frozenset[str]) -> bool:
+def overlap(first: frozenset[str], other: frozenset[str]) -> bool:
     """Return whether values of two sets of datatypes can be compared."""
-    families = [{family(kind) for kind in kinds} for kinds in (one, other)]
+    families = [{family(kind) for kind in kinds} for kinds in (first, other)]
     return "" in families[0] | families[1] or bool(families[0] & families[1])
 
 
-def range_of(known: Property) -> str:
+def range_of(axioms: Property) -> str:
     """Return the single datatype of a property's values; empty if it has none or several."""
-    return next(iter(known.datatypes)) if len(known.datatypes) == 1 else ""
+    return next(iter(axioms.datatypes)) if len(axioms.datatypes) == 1 else ""

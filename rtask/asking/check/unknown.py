@@ -10,10 +10,10 @@ from rtask.asking.check.evidence import Evidence
 from rtask.asking.check.findings import Edit, Finding, Repair, Severity
 from rtask.asking.check.fitting import Fitting
 from rtask.asking.check.names import likeness
-from rtask.asking.check.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import Vocabulary, local
-from rtask.asking.check.writing import written
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -28,6 +28,13 @@ _SUB_CLASS = (_RDFS + "subClassOf", ontology.PREFIXES["owl"] + "disjointWith")
 _OF_SERVICE = {
     ontology.NS + name for name in ("matches", "score", "text", "lang", "limit", "subjects")
 }
+_OF_RDFS = {
+    _RDFS + name
+    for name in (
+        "subClassOf", "subPropertyOf", "domain", "range", "label", "comment", "seeAlso",
+        "isDefinedBy", "member",
+    )
+}  # fmt: skip
 # These are open: applications use terms of them that no loaded ontology repeats.
 _OPEN = tuple(ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd", "sh", "unit"))
 
@@ -74,7 +81,9 @@ class Unknown:
             words = f"{local(iri)} is answered inside SERVICE <urn:rtask:text> {{ }} only"
             yield Finding("needs-service", "certain", node.start, node.end, words)
             return
-        if iri == TYPE or iri in self._vocabulary.properties or iri.startswith(_OPEN):
+        if iri == TYPE or iri in self._vocabulary.properties or iri in _OF_RDFS:
+            return
+        if iri.startswith(_OPEN) and not iri.startswith(_RDFS):
             return
         if iri in self._vocabulary.bit:
             words = f"{self._short(node)} is a class, not a property"

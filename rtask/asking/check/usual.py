@@ -11,12 +11,12 @@ from types import MappingProxyType
 
 import ontology
 from rtask.asking.check.names import words_of
-from rtask.asking.check.outline import Outline
-from rtask.asking.check.reading import read_outline
+from rtask.asking.check.syntax.outline import Outline
+from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["usual_kinds", "usual_literals", "usual_properties"]
+__all__ = ["kinds_by_name", "nouns", "usual_kinds", "usual_literals", "usual_properties"]
 
 
 @lru_cache(maxsize=1)
@@ -25,9 +25,12 @@ def _questions() -> tuple[Outline, ...]:
     return tuple(read_outline(file.read_text("utf-8")) for file in files)
 
 
-def _nouns(vocabulary: Vocabulary) -> set[str]:
+@lru_cache(maxsize=4)
+def nouns(vocabulary: Vocabulary) -> frozenset[str]:
     """Return the words in the names of classes."""
-    return {word for iri in vocabulary.bit for word in words_of(local(iri)) if len(word) > 2}
+    return frozenset(
+        word for iri in vocabulary.bit for word in words_of(local(iri)) if len(word) > 2
+    )
 
 
 @lru_cache(maxsize=4)
@@ -38,17 +41,28 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
     likely another pattern that was meant.
     """
     demands = Demands(vocabulary)
-    found: dict[str, int] = {}
-    nouns = _nouns(vocabulary)
+    usual: dict[str, int] = {}
+    known = nouns(vocabulary)
     for outline in _questions():
         for context in contexts(outline.body):
             for edge in context.own:
                 for demand in demands.of(edge, context) or ():
                     name = demand.node.value
-                    is_named = demand.node.kind == "variable" and name in nouns
+                    is_named = demand.node.kind == "variable" and name in known
                     if is_named and demand.bits is not None:
-                        found[name] = found.get(name, 0) | demand.bits
-    return MappingProxyType(found)
+                        usual[name] = usual.get(name, 0) | demand.bits
+    return MappingProxyType(usual)
+
+
+@lru_cache(maxsize=4)
+def kinds_by_name(vocabulary: Vocabulary) -> Mapping[str, int]:
+    """Return the bits of the classes that are called like a variable, in lower case."""
+    usual: dict[str, int] = {}
+    for iri, bits in vocabulary.below.items():
+        for name in {local(iri).lower(), *vocabulary.labels.get(iri, ())}:
+            key = name.replace(" ", "")
+            usual[key] = usual.get(key, 0) | bits
+    return MappingProxyType(usual)
 
 
 @lru_cache(maxsize=4)
@@ -58,8 +72,8 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
     Only names that never stand for a thing there, and that are in the name of no class.
     """
     demands = Demands(vocabulary)
-    found: dict[str, set[str]] = {}
-    things = _nouns(vocabulary)
+    usual: dict[str, set[str]] = {}
+    things = set(nouns(vocabulary))
     for outline in _questions():
         for context in contexts(outline.body):
             for edge in context.own:
@@ -71,9 +85,9 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
                         things.add(name)
                     elif demand.is_thing is False:
                         kinds = {family(kind) for kind in demand.datatypes} or {""}
-                        found.setdefault(name, set()).update(kinds)
+                        usual.setdefault(name, set()).update(kinds)
     return MappingProxyType(
-        {name: frozenset(kinds) for name, kinds in found.items() if name not in things}
+        {name: frozenset(kinds) for name, kinds in usual.items() if name not in things}
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from rtask.asking.check.findings import Edit, Finding, Repair
 from rtask.asking.check.names import likeness
-from rtask.asking.check.outline import Group, Node, Outline
+from rtask.asking.check.syntax.outline import Group, Node, Outline
 from rtask.rdf.terms import RDF_TYPE
 
 __all__ = ["check_variables"]

@@ -19,11 +19,12 @@ import ontology
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import RDF_TYPE, XSD, Term
 
-__all__ = ["Property", "Vocabulary", "local"]
+__all__ = ["TOP", "Property", "Vocabulary", "local"]
 
 _RDFS, _OWL = ontology.PREFIXES["rdfs"], ontology.PREFIXES["owl"]
 _RDF = ontology.PREFIXES["rdf"]
-_TOP = {_OWL + "Thing", _RDFS + "Resource", _RDFS + "Literal"}
+TOP = {_OWL + "Thing", _RDFS + "Resource", _RDFS + "Literal"}
+_OF_TERMS = ("subClassOf", "subPropertyOf", "domain", "range", "isDefinedBy", "seeAlso")
 _CLASSES = tuple(NamedNode(iri) for iri in (_OWL + "Class", _RDFS + "Class"))
 _PROPERTIES = tuple(
     NamedNode(iri)
@@ -134,6 +135,10 @@ class Vocabulary:
         for node, head in self._quads(_OWL + "unionOf"):
             self._unions[node] = self._list(head)
         self._read_properties()
+        for name in _OF_TERMS:
+            self._property(_RDFS + name).relates_things = True
+        for name in ("label", "comment"):
+            self._property(_RDFS + name).relates_things = False
         for label in (_RDFS + "label", "http://www.w3.org/2004/02/skos/core#altLabel"):
             for term, text in self._quads(label):
                 if not isinstance(term, NamedNode) or not isinstance(text, Literal):
@@ -155,7 +160,7 @@ class Vocabulary:
                 if one not in seen:
                     seen.add(one)
                     todo += self.above.get(one, ())
-            self.above[start] = seen - (_TOP - {start})
+            self.above[start] = seen - (TOP - {start})
         self.below = dict.fromkeys(self.bit, 0)
         for part, wholes in self.above.items():
             for whole in wholes:
@@ -205,13 +210,13 @@ class Vocabulary:
                 if made.relates_things is None:
                     made.relates_things = False
                 continue
-            known = [name for name in names if name in self.below and name not in _TOP]
-            if known and len(known) == len(names):
+            listed = [name for name in names if name in self.below and name not in TOP]
+            if listed and len(listed) == len(names):
                 bits = 0
-                for name in known:
+                for name in listed:
                     bits |= self.below[name]
                 (made.ranges if at else made.domains).append(bits)
-                made.classes[at].extend(known)
+                made.classes[at].extend(listed)
         made.classes[at][:] = self.most_specific(made.classes[at])
 
     def most_specific(self, names: Iterable[str]) -> list[str]:
@@ -231,14 +236,22 @@ class Vocabulary:
             frozenset((a, b)) in self._disjoint for a in self.above[one] for b in self.above[other]
         )
 
+    def are_foreign(self, one: int, other: int) -> bool:
+        """Return whether the classes of two sets have no superclass in common."""
+        above = [
+            {kind for top in self.most_general(bits) for kind in self.above[top]}
+            for bits in (one, other)
+        ]
+        return not above[0] & above[1]
+
     def most_general(self, bits: int) -> list[str]:
         """Return the classes of bits that have none of the others above them."""
-        known = self._general.get(bits)
-        if known is None:
+        listed = self._general.get(bits)
+        if listed is None:
             names = set(self.names(bits))
-            known = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
-            self._general[bits] = known
-        return known
+            listed = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
+            self._general[bits] = listed
+        return listed
 
     def names(self, bits: int) -> list[str]:
         """Return the classes of bits."""

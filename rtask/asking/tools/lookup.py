@@ -10,6 +10,7 @@ from pydantic import Field
 from pyoxigraph import DefaultGraph, Quad
 
 import ontology
+from rtask.asking.cards import card_of
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
 from rtask.asking.tools.values import Fact, Value
 from rtask.rdf.terms import RDF_TYPE, Literal, NamedNode, TripleKey, triple_key
@@ -65,6 +66,8 @@ class Description(PagedAnswer):
     """class, property, graph, thing or unknown"""
     count: int
     """instances of a class, uses of a property"""
+    example: str = ""
+    """a query with a class or property"""
     facts: list[Fact] = Field(default_factory=list)
 
 
@@ -107,6 +110,7 @@ def describe(asked: Asked, request: Describe) -> Description:
         term=asked.terms.short(term),
         kind=kind,
         count=_count(asked, term, kind),
+        example=card_of(kb.select, term).example if kind in ("class", "property") else "",
         facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset :][:100]],
         **_rest(len(triples) - request.offset - 100, request.offset + 100),
     )

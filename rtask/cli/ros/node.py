@@ -15,9 +15,9 @@ from rtask.errors import RemoteUnavailableError, UsageError
 
 if TYPE_CHECKING:
     from rtask.client import Client
+    from rtask.interop.ros.looking import SeeOptions
     from rtask.interop.ros.node import RosNode
     from rtask.interop.ros.schema import Schema
-    from rtask.interop.ros.seeing import SeeOptions
 
 __all__ = ["end_on_signals", "node", "token_of"]
 
@@ -85,7 +85,7 @@ def node(
     schema = engine_schema()
     load_messages(schema, use_ros())
     from rtask.interop.ros.node import NodeOptions, RosNode
-    from rtask.interop.ros.services import service_names
+    from rtask.interop.ros.operations import service_names
 
     offered = [*service_names(schema), "rtask/segment"]
     ros_node = RosNode(NodeOptions(name, remaps, wait_s), offered)
@@ -142,7 +142,7 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
 
 
 def _options(frame: str | None, gripper: str | None) -> SeeOptions:
-    from rtask.interop.ros.seeing import SeeOptions
+    from rtask.interop.ros.looking import SeeOptions
 
     return SeeOptions(
         frame or _parameter("frame", str) or "base_footprint",

@@ -17,9 +17,9 @@ __all__ = ["definitions_text", "engine_schema"]
 def engine_schema() -> Schema:
     """Return the schema of all operations of the engine."""
     from rtask.engine.operations.table import OPERATIONS
-    from rtask.interop.ros.schema import Schema
+    from rtask.interop.ros.declared import declared_schema
 
-    return Schema.of(OPERATIONS.values())
+    return declared_schema(OPERATIONS.values())
 
 
 def definitions_text() -> str:

@@ -115,7 +115,7 @@ class Inserted(Answer):
     objects: list[InsertedObject]
 
 
-@operation("write", "writes", "store what was seen and the outcome of grasping it", repeatable=True)
+@operation("write", "writes", "store what was seen and the outcome of grasping it", deferrable=True)
 def insert_object(context: Context, request: InsertObject, access: Access) -> Inserted:
     """Store a list of objects in one commit; one invalid entry rejects them all."""
     prepared = []
@@ -192,7 +192,9 @@ class _Writer:
             if isinstance(again, Repeated):
                 return self._answer_again(again.before)
             prepared = again
-        answer = self._write_new(prepared, task_id or self.context.names.unique("task").value)
+        answer = self._write_new(
+            prepared, task_id or self.context.names.task(self.author.agent).value
+        )
         self.stored += 1
         if task_id:
             self._answered[task_id] = answer

@@ -45,8 +45,11 @@ class Operation(Generic[Q, A]):
     handler
         Takes the context, the checked request and the caller's rights.
     repeatable
-        Whether a request that arrives twice is stored once; what has a ``task_id`` needs it for
-        that.
+        Whether a request that arrives twice is stored once; where a field is marked as its id
+        (:class:`rtask.wire.request_id.StoredOnce`), provided that the request has one.
+    deferrable
+        Whether a robot may work on without the answer: its client keeps the request on disk until
+        it is answered.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Operation(Generic[Q, A]):
     answer: type[A]
     handler: Handler[Q, A]
     repeatable: bool = False
+    deferrable: bool = False
 
     def __call__(self, context: Context, request: Q, access: Access) -> A:
         return self.handler(context, request, access)
@@ -77,7 +81,12 @@ class Operation(Generic[Q, A]):
 
 
 def operation(
-    scope: str, effect: Effect, summary: str, *, repeatable: bool = False
+    scope: str,
+    effect: Effect,
+    summary: str,
+    *,
+    repeatable: bool = False,
+    deferrable: bool = False,
 ) -> Callable[[Handler[Q, A]], Operation[Q, A]]:
     """Declare a handler ``(context, request, access) -> answer`` as an operation of its name.
 
@@ -91,6 +100,9 @@ def operation(
         One line, without a capital or a full stop.
     repeatable
         For what writes: whether a request that arrives twice is stored once.
+    deferrable
+        Whether a robot may work on without the answer; implies ``repeatable``, because a request
+        that is kept for lack of an answer may have arrived.
 
     Raises
     ------
@@ -135,9 +147,16 @@ def operation(
         assert isinstance(handler, FunctionType)
         assert isinstance(request, type)
         assert isinstance(answer, type)
-        is_repeatable = repeatable or effect != "writes"
         return Operation(
-            handler.__name__, scope, effect, summary, request, answer, handler, is_repeatable
+            handler.__name__,
+            scope,
+            effect,
+            summary,
+            request,
+            answer,
+            handler,
+            repeatable=repeatable or deferrable or effect != "writes",
+            deferrable=deferrable,
         )
 
     return declare

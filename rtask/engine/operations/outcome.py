@@ -21,6 +21,7 @@ from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message, read
+from rtask.wire.request_id import StoredOnce
 from rtask.wire.types import Flag, Grasp, GraspPose, Iri, Number, Stamp, Text, Unit
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _FLAT = ("success", "reason", "lifted_m", "slip", "duration_s", "confirmed_by", 
 class ReportOutcome(Message):
     """Outcome of a grasp on a known object."""
 
-    task_id: Text | None = None
+    task_id: Annotated[Text | None, StoredOnce()] = None
     """of the decision; stored once for each id; default: a new task"""
     object: Iri | None = None
     """IRI of the object; default: that of the decision"""
@@ -83,7 +84,7 @@ class ReportedOutcome(Answer):
     """what was wrong with the robot's clock; absent if nothing was"""
 
 
-@operation("write", "writes", "store the outcome of a grasp on a known object", repeatable=True)
+@operation("write", "writes", "store the outcome of a grasp on a known object", deferrable=True)
 def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
     gripper = context.grippers.find(request.gripper_id, access)
@@ -117,7 +118,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 received=grasp,
                 outcome=outcome,
                 task=request.task,
-                task_id=task_id or context.names.unique("task").value,
+                task_id=task_id or context.names.task(author.agent).value,
                 now=ended,
                 graph=context.home_graph(author),
                 decision=decision,

@@ -172,7 +172,7 @@ def recognise_for_grasp(
     situation = replace(situation, chosen=chosen, alone=alone)
     situation, decision = _decided(situation, thresholds)
     recognised = situation.recognised
-    task = context.names.unique("task").value
+    task = context.names.task(context.author(access, gripper.robot_name).agent).value
     fields = fields_of(situation, request.max_grasps)
     if decision is not None:
         decision = {**decision, "refusal": _refused(context, situation, decision, task, access)}

@@ -37,7 +37,7 @@ class ReportedRefusal(Answer):
     commit: str
 
 
-@operation("write", "writes", "store what a robot did after a refusal to grasp", repeatable=True)
+@operation("write", "writes", "store what a robot did after a refusal to grasp", deferrable=True)
 def report_refusal(context: Context, request: ReportRefusal, access: Access) -> ReportedRefusal:
     """Store the action in the graph of the robot that was refused."""
     refusal = iri(request.refusal)

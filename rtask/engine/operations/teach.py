@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -19,6 +19,7 @@ from rtask.engine.perception.observation import Look, OptionalLook
 from rtask.engine.records.prepared import NewObject
 from rtask.errors import UsageError
 from rtask.wire.message import Message, read
+from rtask.wire.request_id import StoredOnce
 from rtask.wire.types import Iri, Text
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class TeachObject(OptionalLook, _Wish):
 
     name: Text | None = None
     """name of the object; default: made of kind and number"""
-    task_id: Text | None = None
+    task_id: Annotated[Text | None, StoredOnce(where=("operation", "teach"))] = None
     """of the attempt to judge, or of what is taught; default: found by grasp or object"""
     object: Text | None = None
     """IRI of the object, in place of data or of task_id; default: given by data"""

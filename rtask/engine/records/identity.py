@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import uuid
 from typing import TYPE_CHECKING
 
 from rtask.errors import ForbiddenError
-from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.namespaces import PREFIXES, is_owned
 from rtask.rdf.terms import literal
 
 if TYPE_CHECKING:
@@ -19,7 +20,8 @@ def check_task(context: Context, task_id: str | None, access: Access, where: str
     """Refuse a robot the task of another robot.
 
     Ids that robots chose themselves may be alike; those that the engine gave belong to the robot
-    that asked for the decision.
+    that asked for the decision, which the id itself says (:func:`~rtask.rdf.namespaces.is_owned`),
+    also after a restart.
 
     Parameters
     ----------
@@ -31,9 +33,9 @@ def check_task(context: Context, task_id: str | None, access: Access, where: str
     ForbiddenError
         Naming the robot.
     """
-    if access.role != "robot" or not (task_id or "").startswith(f"{context.kb.base}task/"):
+    given = f"{context.kb.base}task/"
+    if access.role != "robot" or task_id is None or not task_id.startswith(given):
         return
-    assert task_id is not None
     decision = context.decisions.get(task_id)
     owners = {decision.asked_by} if decision is not None else set()
     owners |= _reporters(context, task_id)
@@ -44,6 +46,21 @@ def check_task(context: Context, task_id: str | None, access: Access, where: str
             f"{', '.join(others)}",
             field=f"{where}task_id",
         )
+    if not owners and _is_of_another(task_id.removeprefix(given), access.agent or ""):
+        raise ForbiddenError(
+            f"{where}task_id: the token belongs to {access.agent!r}, and {task_id} was given to "
+            "another robot; name a task of your own, or leave task_id out",
+            field=f"{where}task_id",
+        )
+
+
+def _is_of_another(name: str, agent: str) -> bool:
+    """Whether the engine gave an id to another caller that has a name."""
+    try:
+        made = uuid.UUID(name)
+    except ValueError:
+        return False  # no id of the engine
+    return made.version == 7 and not any(is_owned(made, owner) for owner in (agent, ""))
 
 
 def _reporters(context: Context, task_id: str) -> set[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from rtask.kb.durability.blobs import Blob
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import read
+from rtask.wire.request_id import StoredOnce
 from rtask.wire.types import Flag, Grasp, Iri, Number, Text
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class NewObject(Look):
     """name of the person who confirmed it; default: nobody"""
     outcome: OutcomeReport | None = None
     """the outcome; default: given by success"""
-    task_id: Text | None = None
+    task_id: Annotated[Text | None, StoredOnce()] = None
     """from recognise_for_grasp, or any id; stored once for each id; default: a new task"""
     merge: Flag = True
     """add the view to the object if it is recognised"""

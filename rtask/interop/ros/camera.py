@@ -9,18 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from features.codec.ros import image_bytes
 from features.geometry import Frame
-from features.imaging.camera import Lens, lens_from_message
-from features.imaging.photo import read_photo
-from features.imaging.pictures import (
-    PAIRED_S,
-    depth_of_message,
-    is_rectified_topic,
-    view_of_images,
-)
-from rtask.errors import DataError, RemoteUnavailableError
-from rtask.interop.ros.clouds import frame_of
+from features.imaging.pictures import PAIRED_S, is_rectified_topic
+from rtask.errors import RemoteUnavailableError
+from rtask.interop.ros.clouds import frame_of, frame_of_images
 from rtask.interop.ros.convert import raw_mapping
 
 __all__ = ["CameraTopics", "Sight"]
@@ -196,29 +188,4 @@ def _apart_s(image: Any, other: Any) -> float:
 
 
 def _joined(depth: Any, colour: Any, info: Any, is_rectified: bool = False) -> Frame:
-    """Return the view that a depth image and a colour image show.
-
-    Parameters
-    ----------
-    is_rectified
-        Whether both were rectified before they were published.
-
-    Raises
-    ------
-    DataError
-        A message is malformed, or they do not fit together.
-    """
-    where = depth.header.frame_id
-    try:
-        pixels = depth_of_message(raw_mapping(depth), is_depth_topic=True)
-        if pixels is None:
-            kind = getattr(depth, "encoding", getattr(depth, "format", ""))
-            raise DataError(
-                f"the depth image in {where} has the encoding {kind!r}; expected 16UC1 (mm) or "
-                "32FC1 (m)"
-            )
-        lens: Lens = lens_from_message(raw_mapping(info), is_rectified)
-        photo = read_photo(image_bytes(raw_mapping(colour)))
-        return view_of_images(pixels, lens, photo.rgb)
-    except ValueError as error:
-        raise DataError(f"depth and colour in {where}: {error}") from error
+    return frame_of_images(raw_mapping(depth), raw_mapping(colour), raw_mapping(info), is_rectified)

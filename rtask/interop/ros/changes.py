@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from rtask.errors import RtaskError
-from rtask.interop.ros.convert import Make
-from rtask.interop.ros.package import make_message
+from rtask.interop.ros.convert import Make, make_message
 
 __all__ = ["ChangeTopic", "Commit", "change_message"]
 

@@ -1,8 +1,9 @@
-"""Clouds of a camera as views, and views as clouds; the pose of the camera by TF."""
+"""Clouds and images of a camera as views, and views as clouds; knows no ROS."""
 
 from __future__ import annotations
 
-import time
+import base64
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,69 +11,24 @@ from numpy.typing import NDArray
 
 from features.codec import decode
 from features.codec.limits import Limits
-from features.codec.ros import pcd_from_point_cloud
+from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.geometry import Frame
-from features.imaging.camera import frame_of_grid
-from grasp.spatial.frames import matrix_from_pose
+from features.imaging.camera import frame_of_grid, lens_from_message
+from features.imaging.photo import read_photo
+from features.imaging.pictures import depth_of_message, view_of_images
 from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import raw_mapping
 
-__all__ = ["Transforms", "cloud_message", "frame_of"]
+__all__ = [
+    "cloud_message",
+    "cloud_rows",
+    "frame_of",
+    "frame_of_images",
+    "packed_cloud",
+]
 
-_TF_S = 0.2
 _MAX_BYTES = 256 * 2**20
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
-
-
-class Transforms:
-    """Poses of cameras by TF, at the time of their clouds."""
-
-    def __init__(self) -> None:
-        import tf2_ros
-
-        self._buffer = tf2_ros.Buffer()
-        self._listener = tf2_ros.TransformListener(self._buffer)
-
-    def clear(self) -> None:
-        """Forget everything, as after a jump back in time."""
-        self._buffer.clear()
-
-    def lookup(self, target: str, source: str, stamp: Any) -> NDArray[np.float64]:
-        """Return target_from_source (4, 4) at a time; never one of another time.
-
-        Raises
-        ------
-        UsageError
-            TF has no such transform at that time within 0.2 s of the wall clock.
-        """
-        import rospy
-        import tf2_ros
-
-        deadline = time.monotonic() + _TF_S
-        # tf2_ros waits by ROS time, which may stand still, and has no event for new transforms.
-        while True:
-            try:
-                stamped = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(0))
-                break
-            except (
-                tf2_ros.LookupException,
-                tf2_ros.ConnectivityException,
-                tf2_ros.ExtrapolationException,
-                tf2_ros.InvalidArgumentException,
-            ) as error:
-                if time.monotonic() >= deadline:
-                    raise UsageError(
-                        f"no transform from {source} to {target} at {stamp.to_sec():.3f} s: "
-                        f"{str(error).strip()}; see `rosrun tf tf_echo {target} {source}`"
-                    ) from error
-            time.sleep(0.01)  # the wait of lookup_transform goes by /clock, which may stand still
-        move, turn = stamped.transform.translation, stamped.transform.rotation
-        return np.asarray(
-            matrix_from_pose(
-                np.array([move.x, move.y, move.z]), np.array([turn.x, turn.y, turn.z, turn.w])
-            ),
-            dtype=np.float64,
-        )
 
 
 def frame_of(cloud: Any) -> Frame:
@@ -98,6 +54,56 @@ def frame_of(cloud: Any) -> Frame:
     return frame
 
 
+def frame_of_images(
+    depth: Mapping[str, Any],
+    colour: Mapping[str, Any],
+    info: Mapping[str, Any],
+    is_rectified: bool = False,
+) -> Frame:
+    """Return the view that a depth image and a colour image show.
+
+    Parameters
+    ----------
+    depth, colour
+        The fields of an Image or CompressedImage, registered.
+    info
+        The fields of a CameraInfo.
+    is_rectified
+        Whether both were rectified before they were published.
+
+    Raises
+    ------
+    DataError
+        A message is malformed, or they do not fit together.
+    """
+    header = depth.get("header")
+    where = header.get("frame_id", "") if isinstance(header, Mapping) else ""
+    try:
+        pixels = depth_of_message(depth, is_depth_topic=True)
+        if pixels is None:
+            kind = depth.get("encoding", depth.get("format", ""))
+            raise DataError(
+                f"the depth image in {where} has the encoding {kind!r}; expected 16UC1 (mm) or "
+                "32FC1 (m)"
+            )
+        lens = lens_from_message(info, is_rectified)
+        photo = read_photo(image_bytes(colour))
+        return view_of_images(pixels, lens, photo.rgb)
+    except (ValueError, KeyError) as error:
+        raise DataError(f"depth and colour in {where}: {error}") from error
+
+
+def packed_cloud(cloud: Any, path: str) -> str:
+    """Return a PointCloud2 as base64 of the compressed cloud that the server reads."""
+    try:
+        import zstandard
+
+        packed = zstandard.compress(pcd_from_point_cloud(raw_mapping(cloud)))
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from error
+    return base64.b64encode(packed).decode("ascii")
+
+
 def cloud_message(
     points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None, header: Any
 ) -> Any:
@@ -115,12 +121,6 @@ def cloud_message(
     from sensor_msgs.msg import PointCloud2, PointField
 
     grid = points if points.ndim == 3 else points[None]
-    table = np.zeros(grid.shape[:2], _POINT)
-    for k, axis in enumerate("xyz"):
-        table[axis] = grid[..., k]
-    if rgb is not None:
-        red, green, blue = (rgb.reshape(grid.shape)[..., k].astype(np.uint32) for k in range(3))
-        table["rgb"] = red << 16 | green << 8 | blue
     fields = [PointField(a, 4 * k, PointField.FLOAT32, 1) for k, a in enumerate("xyz")]
     if rgb is not None:
         fields.append(PointField("rgb", 12, PointField.FLOAT32, 1))
@@ -128,5 +128,16 @@ def cloud_message(
     # numpy 2 has no buffer that genpy takes; bytes it does.
     return PointCloud2(
         header, height, width, fields, False, _POINT.itemsize, _POINT.itemsize * width,
-        table.tobytes(), bool(np.isfinite(grid).all()),
+        cloud_rows(grid, rgb), bool(np.isfinite(grid).all()),
     )  # fmt: skip
+
+
+def cloud_rows(points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None) -> bytes:
+    """Return points (..., 3), m, as the data of a PointCloud2: x, y, z and rgb, 16 bytes each."""
+    table = np.zeros(points.shape[:-1], _POINT)
+    for k, axis in enumerate("xyz"):
+        table[axis] = points[..., k]
+    if rgb is not None:
+        red, green, blue = (rgb.reshape(points.shape)[..., k].astype(np.uint32) for k in range(3))
+        table["rgb"] = red << 16 | green << 8 | blue
+    return table.tobytes()

@@ -1,25 +1,81 @@
 """Messages of ``rtask_msgs`` to the JSON of requests, and the JSON of answers to messages.
 
-Works on the classes that genpy generates, by the schema they were generated from. A field that was
-left out in a message is left out in the request, at every depth.
+Works on the classes that genpy (ROS 1) and rosidl (ROS 2) generate, by the schema they were
+generated from. A field that was left out in a message is left out in the request, at every depth.
 """
 
 from __future__ import annotations
 
 import base64
+import importlib
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from rtask.errors import UsageError
 from rtask.interop.ros.schema import PACKAGE, Arity, Code, Field, Record, Schema
 
-__all__ = ["Converter", "JsonObject", "Make", "fill", "mapping_of"]
+__all__ = [
+    "Converter",
+    "JsonObject",
+    "Make",
+    "Pack",
+    "fill",
+    "make_message",
+    "mapping_of",
+    "members_of",
+    "raw_mapping",
+    "time_of",
+]
 
 JsonObject = dict[str, Any]
 Make = Callable[[str], Any]
 """Return a new message of a ROS type, such as ``geometry_msgs/Pose``."""
+Pack = Callable[[Any, str], Any]
+"""Return what stands for a PointCloud2 in a request; takes the message and its place."""
+
+_STAMPS = {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"}
+_IDL = {"boolean": "bool", "octet": "byte", "double": "float64", "float": "float32"}
+_SEQUENCE = re.compile(r"sequence<(.+?)(?:, \d+)?>|(.+)(\[\d+\])")
+_WHOLE = frozenset(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+
+
+def make_message(type_: str) -> Any:
+    """Return an empty message of a ROS type, ``geometry_msgs/Pose``."""
+    package, _, name = type_.partition("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)()
+
+
+def members_of(message: Any) -> list[tuple[str, str]] | None:
+    """Return names and types of a message's fields as genpy writes them; None if it is none."""
+    if hasattr(message, "_slot_types"):
+        return list(zip(message.__slots__, message._slot_types, strict=True))
+    if hasattr(message, "get_fields_and_field_types"):
+        return [(n, _plain_type(t)) for n, t in message.get_fields_and_field_types().items()]
+    return None
+
+
+def _plain_type(type_: str) -> str:
+    """Return a type as genpy writes it: ``sequence<double>`` is ``float64[]``."""
+    listed = _SEQUENCE.fullmatch(type_)
+    base, size = (type_, "") if listed is None else (listed[1] or listed[2], listed[3] or "[]")
+    base = base.partition("<")[0]  # string<256>
+    return f"{_STAMPS.get(base) or _IDL.get(base, base)}{size}"
+
+
+def time_of(stamp: Any) -> tuple[int, int]:
+    """Return the seconds and nanoseconds of a time of ROS 1 or ROS 2."""
+    if hasattr(stamp, "nanosec"):
+        return int(stamp.sec), int(stamp.nanosec)
+    return int(stamp.secs), int(stamp.nsecs)
+
+
+def stamp_json(stamp: Any) -> dict[str, int]:
+    """Return a time as requests carry it."""
+    secs, nsecs = time_of(stamp)
+    return {"secs": secs, "nsecs": nsecs}
 
 
 class Converter:
@@ -31,11 +87,14 @@ class Converter:
         Of the operations.
     make
         Makes empty messages.
+    pack
+        Packs a cloud in a request; by default it travels as the message that it is.
     """
 
-    def __init__(self, schema: Schema, make: Make) -> None:
+    def __init__(self, schema: Schema, make: Make, pack: Pack | None = None) -> None:
         self._schema = schema
         self._make = make
+        self._pack = pack or (lambda cloud, path: mapping_of(cloud))
 
     def request(self, operation: str, message: Any) -> JsonObject:
         """Return the request that a service's message carries.
@@ -98,7 +157,7 @@ class Converter:
         if field.code is Code.POINTS:
             return [value.x, value.y, value.z]
         if field.type == "sensor_msgs/PointCloud2":
-            return base64.b64encode(_packed_cloud(value, path)).decode("ascii")
+            return self._pack(value, path)
         if field.code is Code.MESSAGE:
             return mapping_of(value)
         if isinstance(value, float) and not math.isfinite(value):
@@ -150,15 +209,18 @@ class Converter:
 
 def mapping_of(message: Any) -> Any:
     """Return a message of any package as nested mappings; times as ``secs`` and ``nsecs``."""
-    if hasattr(message, "secs") and hasattr(message, "nsecs"):
-        return {"secs": message.secs, "nsecs": message.nsecs}
-    if hasattr(message, "_slot_types"):
+    if hasattr(message, "nsecs") or hasattr(message, "nanosec"):
+        return stamp_json(message)
+    members = members_of(message)
+    if members is not None:
         return {
             name: base64.b64encode(bytes(getattr(message, name))).decode("ascii")
             if type_ in ("uint8[]", "char[]")
             else mapping_of(getattr(message, name))
-            for name, type_ in zip(message.__slots__, message._slot_types, strict=True)
+            for name, type_ in members
         }
+    if hasattr(message, "tolist"):  # an array of numbers
+        return message.tolist()
     if isinstance(message, list | tuple):
         return [mapping_of(part) for part in message]
     return message
@@ -175,7 +237,7 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
     make
         Makes the messages that a list holds.
     """
-    for name, type_ in zip(message.__slots__, message._slot_types, strict=True):
+    for name, type_ in members_of(message) or ():
         if name not in data:
             continue
         value, old = data[name], getattr(message, name)
@@ -183,9 +245,9 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
         if is_list and "/" in base:
             setattr(message, name, [fill(make(base), part, make) for part in value])
         elif is_list:
-            setattr(message, name, list(value))
+            setattr(message, name, _numbers(value, base))
         elif base in ("time", "duration"):
-            setattr(message, name, type(old)(int(value["secs"]), int(value["nsecs"])))
+            setattr(message, name, _time(old, int(value["secs"]), int(value["nsecs"])))
         elif "/" in base:
             fill(old, value, make)
         else:
@@ -193,30 +255,31 @@ def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
     return message
 
 
+def _time(old: Any, secs: int, nsecs: int) -> Any:
+    if hasattr(old, "nanosec"):
+        return type(old)(sec=secs, nanosec=nsecs)
+    return type(old)(secs, nsecs)
+
+
+def _numbers(values: Any, base: str) -> list[Any]:
+    """Return a list with members of the type that the strict classes of rosidl accept."""
+    if base.startswith("float"):
+        return [float(value) for value in values]
+    return [int(value) for value in values] if base in _WHOLE else list(values)
+
+
 def _header(header: Any) -> JsonObject:
     values: JsonObject = {}
-    if header.stamp.secs or header.stamp.nsecs:
-        values["stamp"] = {"secs": header.stamp.secs, "nsecs": header.stamp.nsecs}
+    if any(time_of(header.stamp)):
+        values["stamp"] = stamp_json(header.stamp)
     if header.frame_id:
         values["frame_id"] = header.frame_id
     return values
 
 
-def _packed_cloud(cloud: Any, path: str) -> bytes:
-    """Return a PointCloud2 as the compressed cloud that the server reads."""
-    from features.codec.ros import pcd_from_point_cloud
-
-    try:
-        import zstandard
-
-        return zstandard.compress(pcd_from_point_cloud(raw_mapping(cloud)))
-    except ValueError as error:
-        raise UsageError(f"{path}: {error}") from error
-
-
 def raw_mapping(message: Any) -> JsonObject:
     """Return a message's own fields with its bytes as they are, as :mod:`features.codec` reads."""
-    values = {name: getattr(message, name) for name in message.__slots__}
+    values = {name: getattr(message, name) for name, _ in members_of(message) or ()}
     if "header" in values:
         values["header"] = {"frame_id": message.header.frame_id}
     if "fields" in values:

@@ -7,32 +7,15 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
 
 from rtask.errors import RemoteUnavailableError, UsageError
 from rtask.interop.ros.master import Master, Watch
 
-__all__ = ["Caller", "NodeOptions", "RosNode"]
+__all__ = ["NodeOptions", "RosNode"]
 
 log = logging.getLogger(__name__)
 
 _START_S = 10.0
-
-
-class Caller(Protocol):
-    """The part of a client of the server that the node uses."""
-
-    @property
-    def waiting(self) -> int:
-        """Number of calls that wait in the outbox."""
-
-    def call(
-        self, operation: str, /, timeout_s: float | None = None, **args: Any
-    ) -> dict[str, Any]:
-        """Carry out an operation of the engine."""
-
-    def deliver(self) -> int:
-        """Send what waits in the outbox."""
 
 
 @dataclass(frozen=True)

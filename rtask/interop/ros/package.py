@@ -19,10 +19,9 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from rtask.errors import UsageError
-from rtask.interop.ros.convert import Make
+from rtask.interop.ros.convert import Make, make_message
 from rtask.interop.ros.find import Installation
 from rtask.interop.ros.schema import PACKAGE, Schema
 
@@ -182,12 +181,6 @@ def load_messages(schema: Schema, ros: Installation) -> Make:
     sys.path.insert(0, str(cache))
     importlib.invalidate_caches()
     return make_message
-
-
-def make_message(type_: str) -> Any:
-    """Return an empty message of a ROS type, ``geometry_msgs/Pose``."""
-    package, _, name = type_.partition("/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)()
 
 
 def write_python(schema: Schema, ros: Installation, folder: Path) -> list[str]:

@@ -9,9 +9,10 @@ import datetime as dt
 import logging
 import threading
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from pyoxigraph import Quad
 
@@ -20,17 +21,20 @@ from rtask.errors import (
     StorageFullError,
     StoreError,
     TooLargeError,
+    TooMuchFollowsError,
     VersionConflictError,
 )
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, UNBOUNDED, Guard, ReasoningLimits
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
-from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
+from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged, rules_from_now_on
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
+from rtask.kb.commit.trial_derivation import CAN_FORK, MAX_TRIED, LongDerivationError
 from rtask.kb.commit.validation import ValidationReport, Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import CommitRecord, Journal
+from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import apply
 from rtask.kb.store.collector import collector_paused
@@ -143,6 +147,9 @@ class Request:
     reasoning
         Bounds on what may follow; those of robots where none are given and the author is no
         admin.
+    is_repeatable
+        Whether the author can make the change again, so that a long derivation is first tried
+        aside: :class:`LongDerivationError` says so.
     """
 
     access: Access
@@ -157,6 +164,7 @@ class Request:
     max_quads: int = MAX_QUADS
     cause_ms: float = CAUSE_BUDGET_MS
     reasoning: ReasoningLimits | None = None
+    is_repeatable: bool = False
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     @property
@@ -207,8 +215,8 @@ class Committer:
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
-        is_large = len(change.added) + len(change.removed) > LARGE
-        with collector_paused() if is_large else nullcontext():
+        makes_many = len(change.added) + len(change.removed) > MAX_LATE
+        with collector_paused() if makes_many else nullcontext():
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
@@ -327,16 +335,62 @@ class Committer:
         rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
             return Derived(), None, 0
-        limits = request.reasoning_limits
-        guard = Guard(limits, self.stop)
         size = len(change.added) + len(change.removed)
-        budget = (limits or UNBOUNDED).budget(size, guard)
+        is_tried = self._is_tried(change, request, size)
+        limits = request.reasoning_limits or UNBOUNDED
+        guard = Guard(limits, self.stop)
+        budget = limits.first_look(size, guard) if is_tried else limits.budget(size, guard)
         # Notes say nothing about the world, so those that wait do not matter here.
         with self.late.quiet() if self.late is not None else nullcontext():
+            if is_tried:
+                return self._look_at(change, request, rules, budget, limits)
             if self.quarantines and not request.strict:
                 seq = self.last_seq + 1
                 return set_aside(change, self.inference, self.graphs, seq, rules, budget)
             return *self.inference.stage(change, rules, request.cause_ms, budget), 0
+
+    @staticmethod
+    def _is_tried(change: Overlay, request: Request, size: int) -> bool:
+        """Whether a derivation that a first look does not end is tried aside.
+
+        What an operator writes is rarely refused, and little follows from what is only removed.
+        """
+        limited = request.reasoning_limits is not None and request.access.role != "admin"
+        repeatable = CAN_FORK and request.is_repeatable
+        return limited and repeatable and size <= MAX_TRIED and bool(change.added)
+
+    def _look_at(
+        self,
+        change: Overlay,
+        request: Request,
+        rules: Sequence[Rule] | None,
+        budget: Any,
+        limits: ReasoningLimits,
+    ) -> tuple[Derived, Staged | None, int]:
+        """Derive what follows from a change, or raise :class:`LongDerivationError`."""
+        from reasoner import NeedsRebuildError
+
+        assert self.inference is not None
+        gained, lost = self.inference.gained_and_lost(change)
+        size = len(change.added) + len(change.removed)
+        sets_aside = self.quarantines and not request.strict
+        try:
+            if sets_aside:
+                seq = self.last_seq + 1
+                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
+            derived, staged, clashes = self.inference.try_stage(change, rules, budget)
+        except (TooMuchFollowsError, NeedsRebuildError):
+            clashes = [None]
+        if not clashes:
+            return derived, staged, 0
+        raise LongDerivationError(
+            gained,
+            lost,
+            rules_from_now_on(rules),
+            size,
+            limits,
+            None if sets_aside else request.cause_ms,
+        )
 
     def _store(
         self, change: Overlay, derived: Derived, staged: Staged | None, request: Request

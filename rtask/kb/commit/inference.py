@@ -24,9 +24,16 @@ from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
 if TYPE_CHECKING:
-    from reasoner import Decision
+    from reasoner import ClosureTooLargeError, Decision
 
-__all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
+__all__ = [
+    "Inference",
+    "Staged",
+    "labelled",
+    "rules_from_now_on",
+    "shipped_rules",
+    "too_much_follows",
+]
 
 _log = logging.getLogger(__name__)
 CAUSE_BUDGET_MS = 500.0
@@ -220,7 +227,7 @@ class Inference:
         InconsistentError
             If the change contradicts stored data or the ontology; the derivation is discarded.
         """
-        staged = self._stage(change, rules, budget)
+        staged = self.derive(*self.gained_and_lost(change), rules, budget)
         if staged.contradictions:
             causes = staged.causes(budget_ms=cause_ms)
             staged.discard()
@@ -231,7 +238,7 @@ class Inference:
         self, change: Overlay, rules: Sequence[Rule] | None = None, budget: Any = None
     ) -> tuple[Derived, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
-        staged = self._stage(change, rules, budget)
+        staged = self.derive(*self.gained_and_lost(change), rules, budget)
         if staged.contradictions:
             staged.discard()
             return Derived(), None, staged.contradictions
@@ -312,21 +319,33 @@ class Inference:
         missing, surplus = closure.compare(map(triple_key, stored))
         return InGraph(missing, graph), [Quad(s, p, o, graph) for s, p, o in surplus]
 
-    def _stage(self, change: Overlay, rules: Sequence[Rule] | None, budget: Any) -> Staged:
+    def gained_and_lost(self, change: Overlay) -> tuple[list[TripleKey], list[TripleKey]]:
+        """Return the triples that a change adds to and removes from what the reasoner reads."""
+        return input_change(change, self._graphs.is_input)
+
+    def derive(
+        self,
+        gained: Sequence[TripleKey],
+        lost: Sequence[TripleKey],
+        rules: Sequence[Rule] | None,
+        budget: Any,
+    ) -> Staged:
+        """Return what follows from a change of the asserted triples, contradictions included.
+
+        Raises
+        ------
+        TooMuchFollowsError
+            If more follows than the budget or the configuration of the closure allows.
+        NeedsRebuildError
+            If everything would have to be derived again, and the budget does not include that.
+        """
         from reasoner import ClosureTooLargeError, RuleError, StratificationError
 
-        gained, lost = input_change(change, self._graphs.is_input)
-        now = None if rules is None else [*shipped_rules(), *map(labelled, rules)]
+        now = rules_from_now_on(rules)
         try:
             staged: Staged = self.closure().stage(add=gained, remove=lost, rules=now, budget=budget)
         except ClosureTooLargeError as error:
-            raise TooMuchFollowsError(
-                f"{error}; nothing was stored",
-                rule=error.rule,
-                statement=None if error.statement is None else " ".join(map(str, error.statement)),
-                limit="consequences",
-                allowed=error.limit,
-            ) from error
+            raise too_much_follows(error) from error
         except (RuleError, StratificationError) as error:
             if rules is None:
                 raise DataError(
@@ -334,6 +353,22 @@ class Inference:
                 ) from error
             raise blamed(rules, self.rules(), error) from error
         return staged
+
+
+def too_much_follows(error: ClosureTooLargeError) -> TooMuchFollowsError:
+    """Return the refusal of a change from which too much follows."""
+    return TooMuchFollowsError(
+        f"{error}; nothing was stored",
+        rule=error.rule,
+        statement=None if error.statement is None else " ".join(map(str, error.statement)),
+        limit="consequences",
+        allowed=error.limit,
+    )
+
+
+def rules_from_now_on(rules: Sequence[Rule] | None) -> list[Any] | None:
+    """Return all rules as the reasoner takes them, if those of the user change."""
+    return None if rules is None else [*shipped_rules(), *map(labelled, rules)]
 
 
 def labelled(rule: Rule) -> Any:

@@ -57,6 +57,13 @@ class Transaction:
         self._commit: Commit | None = None
         self._notes: dict[tuple[NamedNode, NamedNode], list[Quad]] = {}
 
+    @classmethod
+    def of(cls, change: Overlay, writer: Writer, blobs: BlobStore, request: Request) -> Self:
+        """Return a transaction on a change that somebody else commits."""
+        transaction = cls(writer, blobs, request)
+        transaction._overlay = change
+        return transaction
+
     @property
     def commit(self) -> Commit:
         """The stored commit, available after the ``with`` block."""

@@ -72,17 +72,19 @@ def shape_files(shapes: Path | str | Iterable[Path | str]) -> tuple[Path, ...]:
     Raises
     ------
     DataError
-        A file cannot be read, or does not parse; names it.
+        A file cannot be read, does not parse, or holds a shape that cannot be applied; names it.
     """
     listed = [shapes] if isinstance(shapes, Path | str) else list(shapes)
     files = tuple(Path(file) for file in listed)
     for file in files:
         try:
-            read_shapes((file,), bundled=False)
+            left_out = read_shapes((file,), bundled=False).left_out
         except SyntaxError as error:
             raise ParseError(f"{file}:{error.lineno}:{error.offset}: {error.msg}") from error
         except (OSError, ValueError) as error:
             raise DataError(f"{file}: the shapes cannot be read: {error}") from error
+        if left_out:
+            raise DataError(f"{file}: a shape cannot be applied: {'; '.join(left_out)}")
     return files
 
 

@@ -13,9 +13,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
+from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, Committer, Request
+from rtask.kb.commit.trial_derivation import LongDerivationError, TrialDerivations
 from rtask.kb.durability.recovery import Checkpoints
 from rtask.kb.store.overlay import Overlay
 
@@ -68,6 +71,12 @@ class Writer:
         self._listeners: list[Listener] = []
         self._waiting: dict[int, float] = {}
         self.propose: Callable[[Overlay, Request, str], int | None] | None = None
+        inference = committer.inference
+        self._trials = (
+            None
+            if inference is None
+            else TrialDerivations(inference, self.exclusive, committer.stop)
+        )
 
     def queue(self) -> tuple[int, float]:
         """Return how many threads wait to write, and for how long the first has waited (s)."""
@@ -143,6 +152,37 @@ class Writer:
         self.checkpoint_if_due()
         return change.commit
 
+    def commit(self, make: Callable[[Overlay], object], request: Request) -> Commit:
+        """Store the change that a function makes, without keeping others waiting for long.
+
+        Parameters
+        ----------
+        make
+            Fills an empty change. It is called again if only a trial, during which others may
+            write, shows whether more follows from the change than may.
+        """
+        try:
+            return self._made(make, replace(request, is_repeatable=True))
+        except LongDerivationError as error:
+            self.try_aside(error)
+        done = self._made(make, request)
+        return_memory()
+        return done
+
+    def _made(self, make: Callable[[Overlay], object], request: Request) -> Commit:
+        overlay = self.begin()
+        try:
+            make(overlay)
+        except BaseException:
+            self.cancel()
+            raise
+        return self.finish(overlay, request)
+
+    def try_aside(self, change: LongDerivationError) -> None:
+        """Find out whether a change fits within its limits, or raise why not; needs no lock."""
+        assert self._trials is not None
+        self._trials.settle(change)
+
     def _commit(self, overlay: Overlay, request: Request) -> Change:
         try:
             return self.committer.commit(overlay, request)
@@ -197,10 +237,13 @@ class Writer:
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
         """Exclude writers, e.g. during a checkpoint."""
-        with self._lock:
+        self._acquire()
+        try:
             if self._inside:
                 raise UsageError("not possible inside a transaction; leave the with block first")
             yield
+        finally:
+            self._lock.release()
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call ``listener`` after each commit; return a function that stops this."""

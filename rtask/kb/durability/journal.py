@@ -46,6 +46,8 @@ _RETAINED_BYTES = 1 << 30
 _BLOCK = 10_000
 """Number of statements that are turned into text at a time."""
 _RETENTION_S = 30 * 86_400
+_AGELESS_BYTES = 256 << 20
+"""So much is never deleted for its age alone: the clock may have been set ahead."""
 
 
 @dataclass(frozen=True)
@@ -368,12 +370,17 @@ class JournalFile:
                     os.fsync(file.fileno())
 
     def prune(self, checkpoint: int) -> None:
-        """Delete segments beyond 30 days or 1 GiB, but keep all since the last checkpoint."""
+        """Delete segments beyond 1 GiB, and those older than 30 days beyond 256 MiB.
+
+        All since the last checkpoint stay.
+        """
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
-            old = time.time() - path.stat().st_mtime > _RETENTION_S or total > _RETAINED_BYTES
-            if not old or int(following.stem) > checkpoint:
+            is_old = time.time() - path.stat().st_mtime > _RETENTION_S
+            if total <= (_AGELESS_BYTES if is_old else _RETAINED_BYTES):
+                return
+            if int(following.stem) > checkpoint:
                 return
             total -= path.stat().st_size
             path.unlink()

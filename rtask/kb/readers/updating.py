@@ -16,6 +16,7 @@ from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset
+from rtask.kb.commit.trial_derivation import LongDerivationError
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
 from rtask.kb.readers.messages import decode_change
@@ -107,6 +108,20 @@ def commit_update(
     RtaskError
         As :meth:`rtask.KnowledgeBase.update`.
     """
+    try:
+        return _commit(order, replace(request, is_repeatable=True), readers, writer, last_seq)
+    except LongDerivationError as error:
+        writer.try_aside(error)
+    return _commit(order, request, readers, writer, last_seq)
+
+
+def _commit(
+    order: UpdateOrder,
+    request: Request,
+    readers: Readers,
+    writer: Writer,
+    last_seq: Callable[[], int],
+) -> Commit:
     deadline = time.monotonic() + order.limits.seconds
     payload = order.encode()
     took, losses = order.limits.seconds, 0

@@ -16,12 +16,11 @@ from typing import Any
 from pyoxigraph import BlankNode, NamedNode, parse
 
 import ontology
-from rtask.errors import QuerySyntaxError
 from rtask.kb.shapes.integers import with_plain_integers
+from rtask.kb.shapes.trial import components_of, faults_of
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import DEFAULT, RDF_TYPE, GraphName, Literal, Term, TripleKey, triple_key
-from rtask.sparql.lexer import tokenise
+from rtask.rdf.terms import DEFAULT, RDF_TYPE, GraphName, Term, TripleKey, triple_key
 
 __all__ = [
     "MAX_DEPTH",
@@ -69,7 +68,6 @@ _NESTING = frozenset(
     SH + name for name in ("property", "node", "and", "or", "xone", "not", "qualifiedValueShape")
 )
 _REPEATED = frozenset(SH + name for name in ("zeroOrMorePath", "oneOrMorePath"))
-_TEXTS = frozenset(SH + name for name in ("select", "ask", "construct"))
 _WHOLE = frozenset(SH + name for name in ("sparql", "target", "rule", "js"))
 _NAME = re.compile(r"\b(\w+):(\w+)")
 _GENID = "/.well-known/genid/"
@@ -250,7 +248,7 @@ def _leads_on(line: TripleKey) -> bool:
 def _indexed(about: dict[Term, dict[TripleKey, str]], bundled: bool) -> Shapes:
     if not bundled:
         about = with_plain_integers(about)
-    shapes, left_out = [], []
+    shapes = []
     used: set[Term] = set()
     for node, lines in about.items():
         targets = {(TARGETS[p], value) for _, p, value in lines if p in TARGETS}
@@ -272,11 +270,7 @@ def _indexed(about: dict[Term, dict[TripleKey, str]], bundled: bool) -> Shapes:
             _BUNDLED_DEPTH if bundled else _depth(node, about),
             is_local=bundled or not asks,
         )
-        calls = _calls_out(definition)
-        if calls:
-            left_out.append(f"{shape.name}: its SPARQL uses {calls}")
-        else:
-            shapes.append(shape)
+        shapes.append(shape)
     objects_of = {
         value
         for shape in shapes
@@ -284,6 +278,13 @@ def _indexed(about: dict[Term, dict[TripleKey, str]], bundled: bool) -> Shapes:
         if kind == "targetObjectsOf" and isinstance(value, NamedNode)
     }
     rest = [] if bundled else [k for node in about if node not in used for k in about[node]]
+    faults: dict[Term, str] = {}
+    if not bundled:
+        components = components_of(rest)
+        rest = list(components.lines)
+        faults = faults_of({shape.node: shape.definition for shape in shapes}, components)
+    left_out = [f"{shape.name}: {faults[shape.node]}" for shape in shapes if shape.node in faults]
+    shapes = [shape for shape in shapes if shape.node not in faults]
     links, inverse = frozenset(_links(about)), frozenset(_inverse(about))
     return Shapes(
         tuple(shapes), links, inverse, frozenset(objects_of), tuple(rest), tuple(left_out)
@@ -294,20 +295,6 @@ def _is_class(node: Term, lines: Iterable[TripleKey]) -> bool:
     """Whether a shape is a class as well, whose instances it targets (SHACL, 2.1.3.3)."""
     kinds = {value for _, predicate, value in lines if predicate == RDF_TYPE}
     return isinstance(node, NamedNode) and _NODE_SHAPE in kinds and not kinds.isdisjoint(_CLASSES)
-
-
-def _calls_out(definition: Iterable[TripleKey]) -> str:
-    """Return the keyword by which a shape's SPARQL would read from elsewhere, or an empty text."""
-    for _, predicate, value in definition:
-        if predicate.value in _TEXTS and isinstance(value, Literal):
-            try:
-                tokens = tokenise(value.value)
-            except QuerySyntaxError:
-                continue  # the validator says what is wrong
-            for word in ("SERVICE", "FROM"):
-                if any(token.is_word(word) for token in tokens):
-                    return word
-    return ""
 
 
 def _definition(node: Term, about: dict[Term, dict[TripleKey, str]]) -> Iterator[TripleKey]:

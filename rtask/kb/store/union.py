@@ -49,8 +49,9 @@ def union_change(
     """
     change = Overlay(store)
     union = _Union(store)
-    new = {triple_key(quad): quad for quad in added if Graphs.is_joined(quad.graph_name)}
-    gone = {quad: None for quad in removed if Graphs.is_joined(quad.graph_name)}
+    is_joined = _Cached(Graphs.is_joined)
+    new = {triple_key(quad): quad for quad in added if is_joined[quad.graph_name]}
+    gone = {quad: None for quad in removed if is_joined[quad.graph_name]}
     store.prefetch(
         [q.subject for q in gone] + [q.subject for q in new.values() if q.graph_name not in fresh]
     )

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import base64
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge
 
 from rtask.engine.perception.cutting import cut
-from rtask.errors import ServiceError
+from rtask.errors import DataError, ServiceError
 from rtask.services.service import Service, method, startup
 from rtask.wire.message import Answer
-from rtask.wire.types import Array, Bytes, Cloud, Unit, Whole
+from rtask.wire.types import Array, Bytes, Cloud, Flag, Json, Pose, Unit, Whole
 
 if TYPE_CHECKING:
     from features.codec.types import Cloud as DecodedCloud
     from features.geometry import Frame
     from features.segmentation import Scene, SegmentedObject
+    from rtask.interop.ros.looking import Board
 
-__all__ = ["Segmentation", "SegmentedThing", "SegmentedView"]
+__all__ = [
+    "BoxInFrame",
+    "PerceivedObject",
+    "PerceivedView",
+    "Segmentation",
+    "SegmentedThing",
+    "SegmentedView",
+]
 
 
 class SegmentedThing(Answer):
@@ -50,11 +59,44 @@ class SegmentedView(Answer):
     """a, b, c, d of the table's plane ax + by + cz + d = 0; null without a table"""
 
 
+class BoxInFrame(Answer):
+    """A box in the frame of the robot."""
+
+    pose: Json
+    """geometry_msgs/Pose of its middle; z up"""
+    size: list[float]
+    """length, width and height, m"""
+
+
+class PerceivedObject(BoxInFrame):
+    """One object on the table."""
+
+    cloud: Bytes
+    """its crop of the view, packed as operations of the engine take it"""
+    neighbours: list[list[float]]
+    """points of what stands near it, m, as recognise_for_grasp takes them"""
+    points: Bytes | None = None
+    """with points: its points in the camera frame as data of a sensor_msgs/PointCloud2: x, y, z
+    and rgb, 16 bytes each"""
+
+
+class PerceivedView(Answer):
+    """The table and the objects on it, from the nearest to the farthest."""
+
+    status: str
+    """ok, empty, no_table or table_only"""
+    table_height: float | None = None
+    """m; null without a table"""
+    table: BoxInFrame | None = None
+    """a board below the visible part of the table"""
+    objects: list[PerceivedObject]
+
+
 class Segmentation(Service):
     """Views of tables cut into objects."""
 
     name = "rtask/Segmentation"
-    version = "1.0.0"
+    version = "1.1.0"
     extra = "perception"
 
     @startup
@@ -96,6 +138,101 @@ class Segmentation(Service):
             objects=[_segmented(view, scene, segment) for segment in scene.objects],
             table=None if plane is None else np.append(plane.normal, plane.offset),
         )
+
+    @method
+    def perceive(
+        self,
+        sensor_pose: Pose,
+        cloud: Cloud | None = None,
+        depth: Json | None = None,
+        image: Json | None = None,
+        camera_info: Json | None = None,
+        is_rectified: Flag = False,
+        points: Flag = False,
+    ) -> PerceivedView:
+        """Find the table and the objects on it in the frame of the robot, as a node of ROS does.
+
+        Parameters
+        ----------
+        sensor_pose
+            Pose of the camera's optical frame in a frame of the robot with z up.
+        cloud
+            Coloured view: packed, PLY, PCD or an organised sensor_msgs/PointCloud2.
+        depth, image, camera_info
+            In place of a cloud: registered sensor_msgs/Image or CompressedImage, and CameraInfo.
+        is_rectified
+            Whether depth and image were rectified before they were published.
+        points
+            Answer with the points of each object.
+        """
+        from features.perception import perceive
+        from rtask.interop.ros.clouds import cloud_rows
+        from rtask.interop.ros.perceived import look_of, points_of
+
+        view = _view(cloud, depth, image, camera_info, is_rectified)
+        try:
+            seen = perceive(view, sensor_pose)
+        except ValueError as error:
+            raise ServiceError(f"cloud: {error}", field="cloud") from error
+        look = look_of(seen, sensor_pose, None)
+        height = None if np.isnan(look.table_height) else look.table_height
+        table = None if look.table is None else _box(look.table)
+        rows = [cloud_rows(*points_of(one)) if points else None for one in seen.objects]
+        objects = [
+            PerceivedObject(
+                pose=viewed.pose,
+                size=list(viewed.size),
+                cloud=base64.b64decode(viewed.data),
+                neighbours=viewed.neighbours,
+                points=row,
+            )
+            for viewed, row in zip(look.objects, rows, strict=True)
+        ]
+        return PerceivedView(status=look.status, table_height=height, table=table, objects=objects)
+
+
+def _view(
+    cloud: bytes | None,
+    depth: dict[str, object] | None,
+    image: dict[str, object] | None,
+    camera_info: dict[str, object] | None,
+    is_rectified: bool,
+) -> Frame:
+    """Return the view of a cloud, or of depth and colour.
+
+    Raises
+    ------
+    ServiceError
+        Neither is whole, or it does not read.
+    """
+    from features.codec import decode
+    from features.geometry import Frame
+    from features.imaging.camera import frame_of_grid
+    from rtask.interop.ros.clouds import frame_of_images
+
+    if cloud is None:
+        if depth is None or image is None or camera_info is None:
+            raise ServiceError("cloud is missing, and so is depth with image and camera_info")
+        try:
+            return frame_of_images(depth, image, camera_info, is_rectified)
+        except DataError as error:
+            raise ServiceError(f"depth: {error}", field="depth") from error
+    try:
+        decoded = decode(cloud)
+        view = decoded if isinstance(decoded, Frame) else frame_of_grid(decoded)
+    except ValueError as error:
+        raise ServiceError(f"cloud: {error}", field="cloud") from error
+    if view is None or view.rgb is None:
+        raise ServiceError(
+            "cloud: it is not organised or has no colours, which recognition needs; publish the "
+            "registered cloud of the camera (depth_registered/points)",
+            field="cloud",
+        )
+    return view
+
+
+def _box(board: Board) -> BoxInFrame:
+    return BoxInFrame(pose=board.pose, size=list(board.size))
 
 
 def _segmented(

@@ -6,11 +6,11 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rtask.asking.check.outline import Edge, Node, Outline
-from rtask.asking.check.reading import read_outline
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.reading import read_outline
+from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import Vocabulary, local
-from rtask.asking.check.writing import written
 
 __all__ = ["KINDS", "Mutation", "mutations"]
 

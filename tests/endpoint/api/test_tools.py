@@ -11,7 +11,7 @@ import pytest
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.access.tokens import TokenStore
-from endpoint.api.tools import plan_tools
+from endpoint.api.tools import effect_of_tool, plan_tools
 from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.messages import Request
 from endpoint.http.plan import Plan
@@ -48,10 +48,26 @@ class Full(Waiting):
     max_waiting = 0
 
 
+class Changing(Waiting):
+    """The same, and a method that changes the graph."""
+
+    name = "lab/Changing"
+
+    @method(effect="writes", scope="write")
+    def change(self) -> str:
+        """Change the graph."""
+        return "done"
+
+    @method(effect="reads")
+    def look(self) -> str:
+        """Read the graph."""
+        return "done"
+
+
 @pytest.fixture
 def host() -> Iterator[ServiceHost]:
     MAY_END.clear()
-    with ServiceHost([Waiting, Late, Full]) as opened:
+    with ServiceHost([Waiting, Late, Full, Changing]) as opened:
         yield opened
         MAY_END.set()
 
@@ -101,3 +117,16 @@ def test_a_call_that_was_given_up_in_the_queue_is_late(host):
     assert plan.elsewhere.late is not None
     plan.elsewhere.late()
     assert "no answer within 0.05 s" in result(plan)["content"][0]["text"]
+
+
+@pytest.mark.parametrize(
+    ("tool", "effect"),
+    [
+        ("lab_Changing_change", "writes"),
+        ("lab_Changing_look", "reads"),
+        ("lab_Nothing_change", "reads"),
+        (["lab_Changing_change"], "reads"),
+    ],
+)
+def test_a_call_does_what_the_method_declares_and_a_refused_one_nothing(host, tool, effect):
+    assert effect_of_tool(host, tool) == effect

@@ -121,6 +121,8 @@ def test_terms_go_in_as_they_come_out(toolbox: Toolbox, kb: KnowledgeBase) -> No
     by_property = {fact["p"]: fact for fact in described["facts"]}
     assert by_property["rt:name"]["o"]["by"] == by_property["rt:name"]["by"] == ["shared"]
     assert by_property["rdf:type"]["proof"].startswith(f"{SITE}/explain?s=kb:object/7&p=rdf:type")
+    assert "?thing a rt:Mug" in call(toolbox, "describe", term="rt:Mug")["example"]
+    assert described["example"] == ""
     assert call(toolbox, "describe", term='the 5" mug, blue')["term"] == "kb:object/7"
 
 

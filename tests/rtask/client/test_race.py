@@ -56,7 +56,7 @@ def test_at_the_deadline_the_best_answer_so_far_counts():
         threading.Event().wait(LONG_S)
         return 3
 
-    found = race(growing, never, deadline_s=5.0, patience_s=0.0)
+    found = race(growing, never, deadline_s=2.0, patience_s=0.0)
     assert (found.value, found.won_by, found.is_partial) == (2, "local", True)
     with pytest.raises(DeadlineError, match="no answer within"):
         race(never, never, patience_s=0.0, deadline_s=0.05)
@@ -81,7 +81,7 @@ def test_the_better_of_two_answers_counts_where_both_are_there():
         threading.Event().wait(LONG_S)
         return 5
 
-    found = race(slow, remote, patience_s=0.0, deadline_s=5.0, better=lambda one: one)
+    found = race(slow, remote, patience_s=0.0, deadline_s=2.0, better=lambda one: one)
     assert (found.value, found.won_by) == (9, "remote")
     assert race(local, remote, patience_s=0.0, deadline_s=LONG_S, better=lambda one: one).value == 5
 

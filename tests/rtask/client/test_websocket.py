@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 import rtask
-from rtask.client.remote import addresses
+from rtask.client.calling.messages import addresses
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
     AuthenticationError,

@@ -91,6 +91,28 @@ def test_another_format_is_refused(tmp_path: Path, given: dict[str, int], messag
         _bare(tmp_path)
 
 
+def test_a_folder_without_what_later_versions_added_is_opened_and_written(tmp_path: Path) -> None:
+    place = tmp_path / "kb"
+    with rtask.open(place, ontologies=False) as kb:
+        data = "<urn:C> rdfs:subClassOf <urn:D> . <urn:a> a <urn:C>"
+        rdfs = "PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#>"
+        kb.update(f"{rdfs} INSERT DATA {{ {data} }}")
+        base = kb.base
+    settings = json.loads((place / "kb.json").read_text())
+    kept = ("store_id", "epoch", "base", "plain", "created", "format")
+    (place / "kb.json").write_text(json.dumps({name: settings[name] for name in kept}))
+    for file in (*place.glob("closure-*/*"), *place.glob("reserve"), place / "lock"):
+        file.unlink()
+    (place / "blobs" / "tmp").rmdir()
+    (place / "blobs").rmdir()
+    with rtask.open(place, ontologies=False) as kb:
+        assert (kb.base, kb.seq) == (base, 1)
+        assert kb.query("ASK { <urn:a> a <urn:D> }") is True
+        assert kb.update("INSERT DATA { <urn:b> a <urn:C> }").derived == 1
+        assert kb.blobs.has(kb.blobs.put(b"bytes").iri)
+        assert kb.verify() == [] or [f.severity for f in kb.verify()] == ["note"]
+
+
 def test_what_is_no_knowledge_base_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(StoreFormatError, match="is not a knowledge base"):

@@ -278,7 +278,7 @@ def test_a_checker_knows_every_field(tmp_path: Path) -> None:
 
     lines = [*TYPED.splitlines(), *(f"    {wrong}" for wrong in WRONG)]
     (tmp_path / "typed.py").write_text("\n".join(lines) + "\n")
-    command = [sys.executable, "-m", "mypy", "--strict", str(tmp_path / "typed.py")]
+    command = [sys.executable, "-m", "mypy", str(tmp_path / "typed.py")]
     root = Path(rtask.__file__).parents[1]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
     found = {

@@ -211,6 +211,39 @@ def test_prefetching_is_one_query_whatever_the_number(
         assert queries == [query.sparql()]
 
 
+def test_as_many_queries_are_asked_about_many_objects_as_about_few(
+    kb: KnowledgeBase, queries: list[str]
+) -> None:
+    asked: dict[int, list[int]] = {}
+    for size in (3, 12):
+        asked[size] = []
+        with Session(kb, agent="nao-1", check_required=False) as s:
+            for number in range(size):
+                mug = RTASK.Mug(object_id=f"{size}/{number}", name=f"mug {size}", mass=0.3)
+                s.add(RTASK.PlanarGrasp(grasp_of=mug, gripper_type="hand", grasp_quality=0.5))
+            s.flush()
+            asked[size].append(len(queries))
+        with kb.session(agent="nao-1") as s:
+            mugs = s.query(RTASK.Mug).where(RTASK.Mug.name == f"mug {size}")
+            found = mugs.prefetch(RTASK.Mug.has_grasp).all()
+            assert len(found) == size
+            kinds = [list(grasp.gripper_type) for mug in found for grasp in mug.has_grasp]
+            assert kinds == [["hand"]] * size
+            asked[size].append(len(queries))
+            for mug in found:
+                mug.mass = 0.4
+            s.flush()
+            asked[size].append(len(queries))
+            for mug in found:
+                s.delete(mug)
+            s.flush()
+            asked[size].append(len(queries))
+            assert mugs.count() == 0
+        queries.clear()
+    assert asked[3] == asked[12]
+    assert max(asked[12]) <= 8
+
+
 def test_prefetched_objects_outlive_the_next_query(still_lab: KnowledgeBase) -> None:
     with still_lab.session() as s:
         grasps = s.query(G).prefetch(G.grasp_of).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,11 +11,15 @@ import pytest
 import rtask
 from features.codec import decode, encode_frame
 from features.geometry import Frame
+from features.perception import perceive
+from grasp.messages import pose_message
 from rtask.engine import Engine
 from rtask.errors import ServiceError
 from rtask.services import ServiceHost
 from rtask.services.offered import open_host
 from tests.features.segmentation.test_segmentation import CAMERA, THREE, _scene
+from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA
+from tests.rtask.interop.ros.scene import view as scene_view
 
 pytestmark = pytest.mark.slow  # starts an engine
 
@@ -46,6 +51,43 @@ def test_a_view_is_cut_into_objects_each_with_its_crop(host, view):
         # Missing depth and the mask's border differ by a few pixels.
         assert abs(int(crop.mask.sum()) - one.points) <= 0.05 * one.points
     assert np.linalg.norm(found.table[:3]) == pytest.approx(1.0)
+
+
+def test_a_cloud_message_and_depth_with_colour_are_perceived_alike(host):
+    frame = scene_view()
+    pose = pose_message(BASE_FROM_CAMERA)
+    by_cloud = host.call(
+        "rtask/Segmentation", "perceive", {"cloud": encode_frame(frame), "sensor_pose": pose}
+    ).as_json()
+    camera = frame.intrinsics
+    info = {"width": camera.width, "height": camera.height, "d": [],
+            "k": [camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1]}  # fmt: skip
+    size = {"width": camera.width, "height": camera.height, "is_bigendian": 0}
+
+    def packed(pixels):
+        return base64.b64encode(np.ascontiguousarray(pixels).tobytes()).decode()
+
+    depth = {**size, "encoding": "32FC1", "step": 4 * camera.width, "data": packed(frame.depth_m)}
+    image = {**size, "encoding": "rgb8", "step": 3 * camera.width, "data": packed(frame.rgb)}
+    given = {"depth": depth, "image": image, "camera_info": info, "sensor_pose": pose}
+    by_depth = host.call("rtask/Segmentation", "perceive", {**given, "points": True}).as_json()
+    expected = perceive(frame, BASE_FROM_CAMERA)
+    for answer in (by_cloud, by_depth):
+        assert (answer["status"], len(answer["objects"])) == ("ok", 2)
+        assert answer["table_height"] == pytest.approx(expected.table_height, abs=1e-3)
+        for one, seen in zip(answer["objects"], expected.objects, strict=True):
+            sides = (seen.shape.length, seen.shape.width, seen.shape.height)
+            assert one["size"] == pytest.approx(sides, abs=2e-3)
+            assert isinstance(decode(base64.b64decode(one["cloud"])), Frame)
+        assert min(answer["table"]["size"][:2]) > 0.3
+    assert by_cloud["objects"][0]["points"] is None
+    assert len(base64.b64decode(by_depth["objects"][0]["points"])) > 16 * 500
+
+
+def test_perceiving_without_a_view_says_what_is_missing(host):
+    pose = pose_message(BASE_FROM_CAMERA)
+    with pytest.raises(ServiceError, match="so is depth with image and camera_info"):
+        host.call("rtask/Segmentation", "perceive", {"sensor_pose": pose, "depth": {}})
 
 
 def test_an_empty_view_has_no_table_and_no_objects(host):

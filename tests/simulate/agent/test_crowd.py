@@ -23,6 +23,10 @@ from tests.simulate.agent.doubles import CAMERA, seen_at
 
 VIEW = Frame(np.full((12, 16), 0.3, np.float32), CAMERA, np.zeros((12, 16, 3), np.uint8))
 
+PRIORS = """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+SELECT ?alpha ?beta ?policy { ?attempt a rt:GraspAttempt
+    OPTIONAL { ?attempt rt:priorAlpha ?alpha ; rt:priorBeta ?beta ; rt:policyVersion ?policy } }"""
+
 
 class _Planner:
     """Answers with the same grasps each time."""
@@ -95,6 +99,9 @@ def test_each_failure_takes_from_what_other_plans_of_the_view_promise() -> None:
         crowd.look(VIEW, np.eye(4), view, [one, other], {})
         found = crowd.merged(one, graph, 10)
         assert len(found) == left + 1
+        plan = next(grasp for grasp in found if grasp["source"] == "scene")
+        prior = (0.3 + 2 * plan["confidence"], 0.3 + 2 * (1 - plan["confidence"]) + 3 - left)
+        assert (plan["alpha"], plan["beta"]) == pytest.approx(prior)
         if left > 1:  # .9, then .8 of which one failure leaves two thirds
             assert found[0]["source"] == "scene"
         else:  # two leave the half
@@ -161,6 +168,9 @@ def test_the_agent_takes_what_touches_and_reports_the_pose(tmp_path) -> None:
                 one for one in met if any(a.source == "scene" and a.held for a in one.attempts)
             )
             known = client.recall_grasps(object=holder.object_iri)["grasps"]
+            priors = client.query(PRIORS)
     finally:
         body.close()
     assert "spatial" in {grasp["kind"] for grasp in known}
+    assert priors
+    assert all(row.get(name) is not None for row in priors for name in ("alpha", "beta", "policy"))

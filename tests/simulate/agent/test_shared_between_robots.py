@@ -52,6 +52,7 @@ def kb():
         yield opened
 
 
+@pytest.mark.deep  # that the next robot profits is tested in make test by a demo of two alike
 def test_a_nao_learns_and_a_panda_profits(kb, tmp_path):
     learnt, _ = meet(kb, "nao", tmp_path, yaw=0.6)
     assert learnt.held

@@ -299,6 +299,7 @@ def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
     assert _gone(children)
 
 
+@pytest.mark.deep
 def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
     _wait_for_line(process, "nao-1: object 1")

@@ -31,6 +31,7 @@ SELECT ?robot (COUNT(DISTINCT ?attempt) AS ?n) (COUNT(DISTINCT ?graph) AS ?graph
 """
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_what_a_robot_reports_is_stored_once_in_its_own_graph(tmp_path: Path) -> None:
     told: list[dict[str, Any]] = []

@@ -105,9 +105,16 @@ def test_fingers_that_follow_another_stay_with_it_under_load(added):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["xarm", pytest.param("iiwa", marks=pytest.mark.deep)])
-def test_the_check_passes_from_the_file_to_grasps(added, name):
-    code, answer = run("check", name, "--grasps", "2", "--preset", "fast", "--workers", "1")
+@pytest.mark.parametrize(
+    ("name", "grasps"),
+    [
+        ("xarm", "1"),
+        pytest.param("xarm", "2", marks=pytest.mark.deep),
+        pytest.param("iiwa", "2", marks=pytest.mark.deep),
+    ],
+)
+def test_the_check_passes_from_the_file_to_grasps(added, name, grasps):
+    code, answer = run("check", name, "--grasps", grasps, "--preset", "fast", "--workers", "1")
     by_name = {finding["name"]: finding for finding in answer["findings"]}
     assert by_name["reach"]["passed"], by_name
     assert by_name["home"]["passed"], by_name

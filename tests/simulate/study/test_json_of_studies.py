@@ -49,7 +49,11 @@ def test_a_study_prints_json_and_nothing_else(
 @pytest.mark.parametrize(
     ("words", "rows"),
     [
-        (("table4", "--objects", "1", "--repeats", "1"), {"object 1": 5.531}),
+        pytest.param(
+            ("table4", "--objects", "1", "--repeats", "1"),
+            {"object 1": 5.531},
+            marks=pytest.mark.deep,
+        ),
         pytest.param(
             ("table5", "--repeats", "1", "--preset", "fast"),
             {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101},

@@ -56,6 +56,7 @@ def test_each_attempt_at_a_box_that_is_filled_counts():
     assert summary["reasons"] == {"ok": 3, "ik": 1}
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_a_box_is_filled_and_only_what_is_in_it_stays():
     study = judging_study(1, seed=5, robot="panda", preset="fast", products="hard")
@@ -69,13 +70,14 @@ def test_a_box_is_filled_and_only_what_is_in_it_stays():
 
 
 @pytest.mark.slow
-def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth():
-    study = judging_study(4, seed=3, robot="panda", preset="fast", difficult=0.0)
-    trials = [judging_trial(study.settings, number) for number in range(4)]
+@pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.deep)])
+def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth(count):
+    study = judging_study(count, seed=3, robot="panda", preset="fast", difficult=0.0)
+    trials = [judging_trial(study.settings, number) for number in range(count)]
     for trial in trials:
         assert (trial["held"] == "yes") == trial["truth"]["held"]
         assert (trial["placed"] == "yes") == trial["truth"]["placed"]
     # One of 24 easy attempts with this seed fails; which one is not the same on every machine.
-    assert sum(trial["truth"]["placed"] for trial in trials) >= 3
+    assert sum(trial["truth"]["placed"] for trial in trials) >= count - 1
     again = judging_trial(study.settings, 0)
     assert {**trials[0], "cpu_s": 0.0} == {**again, "cpu_s": 0.0}

@@ -9,11 +9,10 @@ from typing import Any
 
 from rtask.errors import RtaskError
 from rtask.interop.ros.changes import Commit, change_message
-from rtask.interop.ros.convert import Converter, fill
+from rtask.interop.ros.clouds import packed_cloud
 from rtask.interop.ros.dds.node import DdsNode
-from rtask.interop.ros.node import Caller
-from rtask.interop.ros.schema import PACKAGE, REFUSED, Schema
-from rtask.interop.ros.services import refusal
+from rtask.interop.ros.operations import Caller, OperationHandler, best_grasp
+from rtask.interop.ros.schema import PACKAGE, Schema
 
 __all__ = ["ChangeFeed", "GraphServices"]
 
@@ -34,33 +33,23 @@ class GraphServices:
     """
 
     def __init__(self, node: DdsNode, schema: Schema, client: Caller) -> None:
-        self._types, self._client = node.types, client
-        self._converter = Converter(schema, node.types.make)
+        self._types = node.types
+        make = node.types.make
+        self._handler = OperationHandler(schema, client, make, self._publish_grasp, packed_cloud)
         self._grasps = node.publisher("rtask/grasps", _GRASP, is_latched=True)
         for name, service in schema.services.items():
             type_ = f"{PACKAGE}/srv/{service.name}"
-            node.serve(f"rtask/{name}", type_, self._handler(name, f"{type_}_Response"))
+            node.serve(f"rtask/{name}", type_, self._answers(name, f"{type_}_Response"))
 
-    def _handler(self, operation: str, response: str) -> Callable[[Any], Any]:
-        def handle(message: Any) -> Any:
-            made = self._types.make(response)
-            try:
-                request = self._converter.request(operation, message)
-                data = self._client.call(operation, **request)
-                answer = self._converter.answer(operation, data, made)
-            except RtaskError as error:
-                made = self._types.make(response)
-                setattr(made, REFUSED, refusal(error))
-                return made
-            self._publish_grasp(operation, data)
-            return answer
-
-        return handle
+    def _answers(self, operation: str, response: str) -> Callable[[Any], Any]:
+        return lambda message: self._handler.answer_or_refuse(
+            operation, message, lambda: self._types.make(response)
+        )
 
     def _publish_grasp(self, operation: str, answer: Mapping[str, Any]) -> None:
-        if operation == "recognise_for_grasp" and answer.get("grasps"):
-            make = self._types.make
-            self._grasps.publish(fill(make(_GRASP), answer["grasps"][0], make))
+        grasp = best_grasp(operation, answer, self._types.make)
+        if grasp is not None:
+            self._grasps.publish(grasp)
 
 
 class ChangeFeed:

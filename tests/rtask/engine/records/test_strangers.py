@@ -14,6 +14,7 @@ from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.stored import Recent
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.services.offered import open_host
 from rtask.wire.fields import kind_of
 from tests.rtask.engine.conftest import Robot
 
@@ -79,6 +80,19 @@ def test_every_field_that_names_somebody_is_tried_with_the_token_of_a_stranger()
     assert set(TRIED.values()) <= set(globals())
 
 
+def test_no_service_takes_the_name_of_somebody():
+    with open_host() as host:
+        naming = {
+            (service.name, field)
+            for service in host.registry
+            for method in service.methods.values()
+            for field in fields(method.request)
+            if NAMES_SOMEBODY.search(field)
+        }
+    # A description of a hand by its sizes; the operations of rtask/Engine are tried above.
+    assert naming == {("rtask/SpacePlans", "gripper")}
+
+
 def test_a_robot_cannot_report_on_the_task_of_another(engine, bench, robots, monkeypatch):
     asking, stranger = robots("nao-1"), robots("nao-2")
     seen = bench.sight(bench.BOX)
@@ -86,8 +100,10 @@ def test_a_robot_cannot_report_on_the_task_of_another(engine, bench, robots, mon
     told = {"task_id": asked["task_id"], "grasp": asked["grasps"][0], "name": "tea box"}
     with pytest.raises(ForbiddenError, match=r"objects\[0\]\.task_id: .*is a task of nao-1"):
         stranger.insert(seen, outcome=bench.missed(), **told)
-    stored = asking.insert(seen, outcome=bench.held(), **told)
     monkeypatch.setattr(engine.context, "decisions", Recent(8))  # as after a restart
+    with pytest.raises(ForbiddenError, match=r"objects\[0\]\.task_id: .*given to another robot"):
+        stranger.insert(seen, outcome=bench.missed(), **told)
+    stored = asking.insert(seen, outcome=bench.held(), **told)
     report = {"object": str(stored["objects"][0]["object"]), "gripper_id": "right_hand"}
     with pytest.raises(ForbiddenError, match=r"task_id: .*is a task of nao-1"):
         stranger.call(

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.operations.table import OPERATIONS
-from rtask.interop.ros.convert import fill, mapping_of
+from rtask.interop.ros.convert import fill, make_message, mapping_of
+from rtask.interop.ros.declared import declared_schema
 from rtask.interop.ros.find import use_ros
-from rtask.interop.ros.package import load_messages, make_message
-from rtask.interop.ros.schema import Schema
+from rtask.interop.ros.package import load_messages
 from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, view
 
 WAIT_S = 20.0
-load_messages(Schema.of(OPERATIONS.values()), use_ros())
+load_messages(declared_schema(OPERATIONS.values()), use_ros())
 
 # Importable from here on only, which is the reason of each E402 below.
 import actionlib  # noqa: E402

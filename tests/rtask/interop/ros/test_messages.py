@@ -18,8 +18,9 @@ from rtask.cli.ros.schema import definitions_text
 from rtask.engine.operations.table import OPERATIONS
 from rtask.errors import UsageError
 from rtask.interop.ros.convert import Converter
+from rtask.interop.ros.declared import declared_schema
 from rtask.interop.ros.package import definitions_of, write_source
-from rtask.interop.ros.schema import Arity, Code, Field, Record, Schema
+from rtask.interop.ros.schema import Arity, Code, Field, Record
 from rtask.wire.fields import parts_of
 from rtask.wire.message import Answer, Message, named
 from rtask.wire.ros import CHANGE
@@ -27,7 +28,7 @@ from rtask.wire.types import Flag, Json, Number, Stamp, Text
 from simulate.act.request import ActMessage, ActRequest
 from simulate.robots import describe
 
-SCHEMA = Schema.of(OPERATIONS.values())
+SCHEMA = declared_schema(OPERATIONS.values())
 GOLDEN = Path(__file__).with_name("rtask_msgs.txt")
 MODELS = {
     model.__name__: model for one in OPERATIONS.values() for model in parts_of(one.request).values()
@@ -199,7 +200,7 @@ def declared(request: type[Message] = Asked, answer: type[Answer] = Told) -> Any
 
 
 def test_nulls_reserved_names_and_defaults_of_answers():
-    schema = Schema.of([declared()])
+    schema = declared_schema([declared()])
     answer = schema.services["ask_it"].answer
     assert [one.line for one in answer.fields] == [
         "string class_name", "bool is_new", "float64 height  # NaN = none", "bool[] held",
@@ -217,14 +218,14 @@ def test_nulls_reserved_names_and_defaults_of_answers():
 
 
 def test_an_answer_of_another_release_is_an_error_that_names_the_field():
-    schema = Schema.of([declared()])
+    schema = declared_schema([declared()])
     message = blank(schema.services["ask_it"].answer)
     with pytest.raises(UsageError, match=r"AskIt, class_name: .*one release"):
         Converter(schema, lambda type_: None).answer("ask_it", {}, message)
 
 
 def test_a_time_becomes_a_header_that_both_generations_have():
-    schema = Schema.of([declared()])
+    schema = declared_schema([declared()])
     assert schema.services["ask_it"].request.fields[0].line.startswith("std_msgs/Header header")
 
 
@@ -246,9 +247,9 @@ class Reserved(Message):
 
 def test_names_that_ros_cannot_have_stop_the_generator():
     with pytest.raises(UsageError, match="Twice: two fields are called x"):
-        Schema.of([declared(Twice)])
+        declared_schema([declared(Twice)])
     with pytest.raises(UsageError, match="'union' is a word of Python or C"):
-        Schema.of([declared(Reserved)])
+        declared_schema([declared(Reserved)])
 
 
 def test_the_source_package_is_written_again_but_nothing_else_is_overwritten(tmp_path):

@@ -51,8 +51,8 @@ def test_a_hostile_write_is_stored_or_refused_whole_within_the_bounds(
     counters: list[Work] = []
     work = Maintainer.work
 
-    def counted(maintainer: Maintainer, everything: bool) -> Work:
-        counters.append(work(maintainer, everything))
+    def counted(maintainer: Maintainer, asserted: int | None = None) -> Work:
+        counters.append(work(maintainer, asserted))
         return counters[-1]
 
     monkeypatch.setattr(Maintainer, "work", counted)

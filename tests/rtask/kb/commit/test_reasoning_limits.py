@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
+from signal import SIGKILL
+from typing import Any
 
 import pytest
 
 import rtask
 from rtask.errors import BusyError, DataError, TooMuchFollowsError
-from rtask.kb.commit import budget
+from rtask.kb.commit import budget, trial_derivation
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, Guard, ReasoningLimits
 from rtask.kb.commit.commit import Request
+from rtask.kb.commit.trial_derivation import CAN_FORK
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 
 PREFIXES = (
@@ -122,3 +127,63 @@ def test_the_queue_of_writers_can_be_looked_at(shared: KnowledgeBase) -> None:
         assert seconds >= 0
     thread.join()
     assert shared.write_queue() == (0, 0.0)
+
+
+needs_fork = pytest.mark.skipif(not CAN_FORK, reason="all is derived under the lock here")
+
+
+@pytest.fixture
+def meanwhile(shared: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> list[rtask.Commit]:
+    """Commits that another robot made while a derivation was tried."""
+    commits: list[rtask.Commit] = []
+    wait = trial_derivation._Child.wait
+
+    def write_and_wait(child: trial_derivation._Child, *bounds: Any) -> Any:
+        text = f"INSERT DATA {{ <urn:meanwhile> <urn:p> {shared.seq} }}"
+        commits.append(shared.update(text, access=Access("nao-2", "robot")))
+        return wait(child, *bounds)
+
+    monkeypatch.setattr(trial_derivation._Child, "wait", write_and_wait)
+    return commits
+
+
+@needs_fork
+def test_others_write_while_it_is_found_out_that_too_much_follows(
+    shared: KnowledgeBase, meanwhile: list[rtask.Commit]
+) -> None:
+    links = " ".join(f"<urn:z{i}> <urn:t> <urn:z{i + 1}> ." for i in range(700))
+    with pytest.raises(TooMuchFollowsError, match="17010 facts"):
+        insert(shared, f"<urn:t> a owl:TransitiveProperty . {links}")
+    (other,) = meanwhile
+    assert shared.seq == other.seq
+    assert not shared.query("ASK { <urn:z0> ?p ?o }")
+
+
+@needs_fork
+def test_a_change_that_fits_after_a_trial_follows_what_others_wrote_meanwhile(
+    shared: KnowledgeBase, meanwhile: list[rtask.Commit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("_FIRST_FIRINGS", "_FIRST_FIRINGS_EACH", "_FIRST_DERIVED", "_FIRST_DERIVED_EACH"):
+        monkeypatch.setattr(budget, name, 0)
+    stored = insert(shared, "<urn:tried> a <urn:Tried> . <urn:Tried> rdfs:subClassOf <urn:Any>")
+    (other,) = meanwhile
+    assert stored.seq == other.seq + 1
+    assert shared.query("ASK { <urn:tried> a <urn:Any> }")
+    seen = "INSERT { ?s <urn:seen> true } WHERE { ?s <urn:p> ?n }"
+    text = f"{seen} ; INSERT DATA {{ <urn:q> a <urn:Tried> }}"
+    limits = UpdateLimits(20.0)
+    update = f"{PREFIXES}{text}"
+    assert shared.update(update, access=ROBOT, limits=limits).seq == meanwhile[-1].seq + 1
+    assert shared.query("ASK { <urn:meanwhile> <urn:seen> true }")
+
+
+@needs_fork
+def test_a_trial_whose_process_is_ended_is_answered_with_try_again(
+    shared: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial_derivation, "_tried", lambda *_: os.kill(os.getpid(), SIGKILL))
+    seq = shared.seq
+    with pytest.raises(BusyError, match="was ended") as refused:
+        insert(shared, "rdfs:subClassOf a owl:SymmetricProperty")
+    assert (refused.value.status, refused.value.details["retry_after_s"]) == (503, 10)
+    assert shared.seq == seq

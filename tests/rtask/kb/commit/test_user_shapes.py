@@ -167,12 +167,56 @@ def test_shapes_whose_sparql_would_call_out_are_left_out_with_the_reason() -> No
         assert report.left_out == ("<urn:e#S> (urn:shapes): its SPARQL uses SERVICE",)
 
 
-def test_broken_shapes_are_an_error_of_the_data_not_a_traceback(tmp_path: Path) -> None:
+BROKEN = {
+    "no path": ("sh:property [ sh:minCount 1 ]", "well-formed"),
+    "no number": ('sh:property [ sh:path e:p ; sh:minCount "x" ]', "minCount"),
+    "no pattern": ('sh:property [ sh:path e:p ; sh:pattern "(" ]', "unterminated"),
+    "no prefix": ('sh:sparql [ sh:select "SELECT $this { $this no:p 1 }" ]', "prefix : no"),
+    "no query": ('sh:sparql [ sh:select "SELEC $this" ]', "SelectQuery"),
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_shape_that_cannot_be_applied_is_named_and_stops_no_other(
+    broken: str, tmp_path: Path
+) -> None:
+    constraint, why = BROKEN[broken]
+    text = turtle(
+        f"e:S a sh:NodeShape ; sh:targetClass e:C ; {constraint} . "
+        "e:T a sh:NodeShape ; sh:targetClass e:C ; sh:property [ sh:path e:q ; sh:minCount 1 ] ."
+    )
+    with opened("refuse") as kb:
+        kb.load(text, format="turtle", graph="urn:shapes")
+        (left_out,) = kb.validate().left_out  # although nothing is of its kind yet
+        assert left_out.startswith("<urn:e#S> (urn:shapes): ")
+        assert why in left_out
+        kb.update("INSERT DATA { <urn:x> a <urn:e#C> ; <urn:e#p> 'a' ; <urn:e#q> 1 }")
+        with pytest.raises(ValidationError, match="urn:e#q"):
+            kb.update("INSERT DATA { <urn:y> a <urn:e#C> ; <urn:e#p> 'a' }")
+        assert any("urn:e#T" in name for name in kb.validate().shapes)
+    file = tmp_path / "shapes.ttl"
+    file.write_bytes(text)
+    with pytest.raises(DataError, match="cannot be applied"):
+        opened("refuse", file)
+
+
+def test_a_custom_constraint_that_would_call_out_is_not_applied_nor_shapes_that_use_it() -> None:
+    text = """e:Component a sh:ConstraintComponent ; sh:parameter [ sh:path e:known ] ;
+      sh:validator [ a sh:SPARQLAskValidator ;
+        sh:ask "ASK { SERVICE <http://localhost:1/> { $value ?p ?o } }" ] .
+    e:S a sh:NodeShape ; sh:targetNode e:x ; e:known true .
+    e:T a sh:NodeShape ; sh:targetNode e:x ; sh:property [ sh:path e:q ; sh:minCount 1 ] ."""
     with opened() as kb:
-        kb.load(turtle("e:S a sh:NodeShape ; sh:targetNode e:x ; sh:property [ sh:minCount 1 ] ."),
-                format="turtle", graph="urn:shapes")  # fmt: skip
-        with pytest.raises(DataError, match="shapes cannot be applied"):
-            kb.validate()
+        kb.load(turtle(text), format="turtle", graph="urn:shapes")
+        report = kb.validate()
+        assert [violation.path for violation in report] == ["<urn:e#q>"]
+        (left_out,) = report.left_out
+        assert "<urn:e#S>" in left_out
+        assert "its SPARQL uses SERVICE" in left_out
+
+
+def test_files_of_shapes_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    with opened() as kb:
         file = tmp_path / "shapes.ttl"
         file.write_text("e:S a")
         with pytest.raises(ParseError, match=r"shapes\.ttl:1:"):

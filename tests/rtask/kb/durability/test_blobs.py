@@ -103,6 +103,13 @@ def test_a_full_disk_keeps_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         store.put(_DATA)
     assert not store.has(f"urn:sha256:{_DIGEST}")
     assert list((tmp_path / "tmp").iterdir()) == []
+    monkeypatch.undo()
+    stored = store.put(_DATA)
+    monkeypatch.setattr(blobs_module.os, "fsync", full)
+    assert store.put(_DATA) == stored  # needs no room
+    store.path(stored.iri).write_bytes(b"damaged")
+    with pytest.raises(StorageFullError):
+        store.put(_DATA)
 
 
 def test_a_transaction_describes_its_blob_and_none_may_name_what_is_missing(

@@ -51,12 +51,17 @@ def _count(kb: KnowledgeBase) -> object:
 def test_a_full_disk_stops_writes_until_there_is_room(small_disk: Path) -> None:
     folder = small_disk / "kb"
     with rtask.open(folder, ontologies=False, reason=False) as kb:
+        image = kb.blobs.put(b"pixels")
         stored = _fill(kb)
         assert _count(kb) == stored * 60
         with pytest.raises(StorageFullError):
             kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
         with pytest.raises(StorageFullError):
             kb.blobs.put(bytes(24 * _MIB))
+        with pytest.raises(StorageFullError):
+            kb.blobs.put_many([bytes([number]) * 4 * _MIB for number in range(8)])
+        assert list(kb.blobs.digests()) == [image.sha256]
+        assert not list((folder / "blobs" / "tmp").iterdir())
         assert _count(kb) == stored * 60
         (small_disk / "ballast").unlink()
         assert kb.update("INSERT DATA { <urn:a> <urn:p> 1 }").seq == stored + 1

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -281,6 +282,23 @@ def test_segments_are_turned_over_and_old_ones_forgotten(
         assert kept == segments[-len(kept) :]
         assert len(kept) < len(segments)
         assert kb.verify() == []
+
+
+def test_a_clock_set_ahead_by_years_deletes_no_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "SEGMENT_BYTES", 2_000)
+    ahead = time.time() + 4 * 366 * 86_400
+    with _bare(tmp_path) as kb:
+        for number in range(12):
+            kb.update(f"INSERT DATA {{ <urn:a> <urn:p> {number} }}")
+        monkeypatch.setattr(journal_module.time, "time", lambda: ahead)
+        kb.checkpoint()
+        assert [entry.seq for entry in kb.history()] == list(range(1, 13))
+        monkeypatch.setattr(journal_module, "_AGELESS_BYTES", 4_000)
+        kb.checkpoint()
+        assert kb.history()[-1].seq == 12
+        assert len(kb.history()) < 12
 
 
 def test_an_interrupted_large_load_is_completed_at_the_next_open(

@@ -10,6 +10,7 @@ import pytest
 
 import rtask
 from rtask.errors import StoreFormatError, UnsupportedError, UsageError
+from rtask.kb.maintenance import backup as backup_module
 from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
 
@@ -115,6 +116,34 @@ def test_an_interrupted_backup_is_named_so(tmp_path: Path) -> None:
         (tmp_path / "copy" / "kb.json").unlink()
         with pytest.raises(UsageError, match="is a backup that was interrupted"):
             kb.backup(tmp_path / "copy")
+
+
+@pytest.mark.parametrize("moment", ["_copy_journal", "copy_blob", "seal", "_count"])
+def test_a_backup_that_is_killed_is_not_restored_and_holds_all_once_it_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    def kill(*_: object) -> None:
+        raise KeyboardInterrupt  # nothing is cleaned up after it, as after a kill
+
+    with _filled(tmp_path / "kb") as kb:
+        monkeypatch.setattr(backup_module, moment, kill)
+        with pytest.raises(KeyboardInterrupt):
+            kb.backup(tmp_path / "copy")
+        monkeypatch.undo()
+        with pytest.raises(UsageError, match="was interrupted"):
+            kb.backup(tmp_path / "copy")
+        assert kb.update("INSERT DATA { <urn:later> <urn:p> 1 }").seq == 2
+    with pytest.raises(StoreFormatError, match="not a complete backup"):
+        restore(tmp_path / "copy", tmp_path / "again")
+    if moment in ("_copy_journal", "copy_blob"):
+        with pytest.raises(StoreFormatError, match="not a knowledge base"):
+            _open(tmp_path / "copy")
+        return
+    with _open(tmp_path / "copy") as kb:
+        assert kb.seq == 1
+        [quad] = kb.match("urn:view")
+        assert kb.blobs.read(quad.object) == b"pixels"  # type: ignore[arg-type]
+        assert kb.verify() == []
 
 
 def test_the_target_of_a_backup_may_be_a_knowledge_base_which_is_said(tmp_path: Path) -> None:

@@ -99,6 +99,8 @@ class Group:
         Variable of each BIND, with those of its expression.
     values
         Variables of VALUES, with the terms of their columns.
+    compared
+        Variables that expressions compare with a constant, each with ``number`` or ``literal``.
     graph
         Term after GRAPH, for a group of that kind.
     """
@@ -111,6 +113,7 @@ class Group:
     filters: list[list[Node]] = field(default_factory=list)
     binds: list[tuple[Node, list[Node]]] = field(default_factory=list)
     values: list[tuple[Node, list[Node]]] = field(default_factory=list)
+    compared: list[tuple[Node, str]] = field(default_factory=list)
     graph: Node | None = None
 
     def walk(self) -> Iterator[Group]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rtask.asking.check.outline import Node, Step
+from rtask.asking.check.syntax.outline import Node, Step
 
 __all__ = ["Path", "links_of", "steps_of"]
 

@@ -1,0 +1,112 @@
+"""Memo of what was derived from nothing, for a process that opens many knowledge bases.
+
+A new knowledge base begins with the ontology that others began with. What follows depends on the
+facts, the terms behind their ids, the rules and the bounds; all of them are compared, so nothing
+can be outdated. Labels of blank nodes are not, as each knowledge base has its own: a derivation in
+which a label was read, or could have made a difference, is not remembered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+from reasoner.facts.arrays import Column
+from reasoner.facts.relations import Facts
+from reasoner.rules.strata import Program
+from reasoner.terms.dictionary import Dictionary, Fact, Term
+
+__all__ = ["Memo", "Question"]
+
+MAX_FACTS = 10_000
+"""Larger derivations are not remembered: their memory is worth more than the time."""
+_MAX_ENTRIES = 2
+
+
+@dataclass(frozen=True)
+class Question:
+    """All that a derivation from nothing depends on.
+
+    Attributes
+    ----------
+    terms : tuple of Term or None
+        By id, resources before literals; None for a blank node.
+    resources : int
+        How many of them are resources.
+    settings : Hashable
+        Rules of the user, and bounds.
+    """
+
+    facts: frozenset[Fact]
+    terms: tuple[Term | None, ...]
+    resources: int
+    settings: Hashable
+
+    @classmethod
+    def of(cls, facts: frozenset[Fact], terms: Dictionary, settings: Hashable) -> Question | None:
+        """Return the question, or None if its answer would not be remembered."""
+        listed = terms.listed() if len(facts) <= MAX_FACTS else None
+        return None if listed is None else cls(facts, *listed, settings)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What follows.
+
+    Attributes
+    ----------
+    new_terms : tuple of Term
+        Terms that the rules brought, in the order of their ids.
+    """
+
+    columns: dict[int, Column]
+    program: Program
+    new_terms: tuple[Term, ...]
+
+
+class Memo:
+    """The last derivations of this process.
+
+    Examples
+    --------
+    >>> terms = Dictionary()
+    >>> question = Question.of(frozenset({(0, 1, 2)}), terms, "no rules")
+    >>> memo = Memo()
+    >>> memo.remember(question, Facts([(0, 1, 2), (0, 1, 3)]), Program(()), terms)
+    >>> facts, program = memo.recall(question, Dictionary())
+    >>> sorted(facts)
+    [(0, 1, 2), (0, 1, 3)]
+    """
+
+    def __init__(self) -> None:
+        self._entries: tuple[tuple[Question, Answer], ...] = ()
+
+    def recall(self, question: Question, terms: Dictionary) -> tuple[Facts, Program] | None:
+        """Return facts of the caller's own and the rules in force, or None if it is not known.
+
+        Parameters
+        ----------
+        terms : Dictionary
+            Receives the terms that the rules bring.
+        """
+        for earlier, answer in self._entries:
+            if earlier == question:
+                for term in answer.new_terms:
+                    terms.encode(term)
+                return Facts.of(answer.columns), answer.program
+        return None
+
+    def remember(
+        self, question: Question, facts: Facts, program: Program, terms: Dictionary
+    ) -> None:
+        """Keep an answer, in place of the oldest if there are too many."""
+        listed = terms.listed()
+        if listed is None or terms.has_read_label:
+            return
+        now, resources = listed
+        literals = len(question.terms) - question.resources
+        new = (*now[question.resources : resources], *now[resources + literals :])
+        if None in new:
+            return  # a blank node: the next one would have to be another
+        answer = Answer(facts.columns(), program, tuple(term for term in new if term is not None))
+        self._entries = ((question, answer), *self._entries[: _MAX_ENTRIES - 1])

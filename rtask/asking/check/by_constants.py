@@ -1,0 +1,87 @@
+"""Constants of a query that are not what the patterns around them demand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rtask.asking.check.findings import Finding
+from rtask.asking.check.fitting import Fitting, is_same_variable
+from rtask.asking.check.repairs import Repairs
+from rtask.asking.check.syntax.outline import Edge, Node
+from rtask.asking.check.types import TYPE, Context, Demand
+from rtask.asking.check.vocabulary import local
+from rtask.asking.check.wording import demanded, label_of
+
+__all__ = ["ByConstants"]
+
+
+class ByConstants:
+    """Looks for things that are of another kind, and for things compared with literals."""
+
+    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
+        self._fitting = fitting
+        self._vocabulary = fitting.vocabulary
+        self._evidence = fitting.evidence
+        self._repairs = repairs
+        self._blamed = blamed
+
+    def findings(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns of a context that its constants contradict."""
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            words = self._words(edge, context)
+            if words:
+                self._blamed.add(id(edge))
+                node = edge.steps[0].node
+                repairs = tuple(self._repairs.of(edge, context))
+                yield Finding("wrong-type", "likely", node.start, node.end, words, repairs)
+
+    def _words(self, edge: Edge, context: Context) -> str:
+        """Return what is wrong with a pattern; empty if nothing is."""
+        if edge.steps[0].node.value == TYPE:
+            return ""
+        for demand in self._fitting.demands.of(edge, context) or ():
+            words = self._compared(demand, context) or self._kind(demand, context)
+            if words:
+                return words
+        return ""
+
+    def _compared(self, demand: Demand, context: Context) -> str:
+        """Return the words for a thing that is compared with a literal."""
+        if demand.is_thing is not True:
+            return ""
+        for variable, kind in context.compared:
+            if is_same_variable(variable, demand.node):
+                what = demanded(self._vocabulary, demand)
+                return f"?{demand.node.value} is compared with a {kind}, but {what}"
+        return ""
+
+    def _kind(self, demand: Demand, context: Context) -> str:
+        """Return the words for things none of which is in the classes demanded."""
+        if demand.bits is None or demand.is_observed:
+            return ""
+        node = demand.node
+        things = [node] if node.kind == "iri" else context.columns.get(node.value, [])
+        things = [one for one in things if one.kind == "iri"]
+        if not things or any(self._suits(one, demand.bits) for one in things):
+            return ""
+        if node.kind == "iri" and self._evidence.matches(demand.edge):
+            return ""
+        what = self._what_is(things[0])
+        return f"{local(things[0].value)} is {what}, but {demanded(self._vocabulary, demand)}"
+
+    def _suits(self, thing: Node, bits: int) -> bool:
+        """Return whether a thing is, or could become, a member of one of some classes."""
+        kinds = self._evidence.kinds_of(thing.value, self._vocabulary)
+        if not kinds:
+            return thing.value not in self._vocabulary.bit
+        specific = self._vocabulary.most_specific(kinds)
+        return all(self._vocabulary.below[kind] & bits for kind in specific)
+
+    def _what_is(self, thing: Node) -> str:
+        kinds = self._evidence.kinds_of(thing.value, self._vocabulary)
+        if not kinds:
+            return "a class"
+        specific = sorted(self._vocabulary.most_specific(kinds))
+        return f"a {label_of(self._vocabulary, specific[0])}"

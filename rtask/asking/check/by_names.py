@@ -1,0 +1,151 @@
+"""Patterns that make of a variable what its name does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rtask.asking.check.findings import Finding
+from rtask.asking.check.fitting import Fitting, reversed_edge
+from rtask.asking.check.names import affinity, words_of
+from rtask.asking.check.repairs import Repairs
+from rtask.asking.check.syntax.outline import Node
+from rtask.asking.check.types import TYPE, Context, Demand, family
+from rtask.asking.check.usual import kinds_by_name, nouns, usual_kinds, usual_literals
+from rtask.asking.check.vocabulary import local
+from rtask.asking.check.wording import demanded
+
+__all__ = ["ByNames"]
+
+
+class ByNames:
+    """Looks for variables named after something else than they stand for."""
+
+    def __init__(self, fitting: Fitting, repairs: Repairs, blamed: set[int]) -> None:
+        self._fitting = fitting
+        self._vocabulary = fitting.vocabulary
+        self._evidence = fitting.evidence
+        self._repairs = repairs
+        self._blamed = blamed
+
+    def turned(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns whose variables are named after what stands at the other end."""
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            step = edge.steps[0]
+            axioms = self._vocabulary.properties.get(step.node.value)
+            if axioms is None or axioms.relates_things is not True:
+                continue
+            about, value = edge.ends[:: -1 if step.is_inverse else 1]
+            if about.kind != "variable" or value.kind != "variable":
+                continue
+            if self._is_turned_by_name(about, value, axioms.classes):
+                turned = reversed_edge(edge)
+                if self._fitting.misfits(turned, context):
+                    continue
+                self._blamed.add(id(edge))
+                words = (
+                    f"?{about.value} and ?{value.value} are named after the value and the subject "
+                    f"of {local(step.node.value)}, and stand the other way round"
+                )
+                yield Finding(
+                    "reversed", "likely", step.node.start, step.node.end, words,
+                    (self._repairs.turned(edge),),
+                )  # fmt: skip
+
+    def better(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns that match nothing here where a property named like its value does."""
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            node = edge.steps[0].node
+            value = edge.ends[0 if edge.steps[0].is_inverse else 1]
+            if node.value == TYPE or value.kind != "variable":
+                continue
+            if value.value.lower() in nouns(self._vocabulary):
+                continue
+            if affinity(value.value, node.value, self._vocabulary) > 0:
+                continue
+            if self._evidence.matches(edge) and not self._fitting.is_contradicted(edge, context):
+                continue
+            repairs = self._repairs.better_named(edge, value, context)
+            if repairs:
+                self._blamed.add(id(edge))
+                words = (
+                    f"nothing here has {local(node.value)}, and ?{value.value} "
+                    "is named after another property that it has"
+                )
+                yield Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))
+
+    def unusual(self, context: Context) -> Iterator[Finding]:
+        """Yield the patterns that make of a variable what its name never stands for."""
+        kinds, literals = usual_kinds(self._vocabulary), usual_literals(self._vocabulary)
+        by_name = kinds_by_name(self._vocabulary)
+        for edge in context.own:
+            if id(edge) in self._blamed or len(edge.steps) != 1 or edge.is_loose:
+                continue
+            for demand in self._fitting.demands.of(edge, context) or ():
+                if demand.node.kind != "variable" or demand.is_observed:
+                    continue
+                usual = kinds.get(demand.node.value, 0)
+                is_odd = usual and demand.bits is not None and not demand.bits & usual
+                if not usual and demand.bits is not None:
+                    usual = by_name.get(demand.node.value.lower(), 0)
+                    is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
+                if not is_odd and not self._is_odd_literal(demand, literals):
+                    continue
+                if self._fitting.is_attested(edge, context):
+                    continue
+                self._blamed.add(id(edge))
+                node = edge.steps[0].node
+                if node.value == TYPE and edge.object.kind == "iri":
+                    node = edge.object
+                words = (
+                    f"{demanded(self._vocabulary, demand)}, "
+                    f"which is hardly what ?{demand.node.value} stands for"
+                )
+                repairs = self._repairs.of_named(edge, demand, usual, context)
+                yield Finding("unusual-name", "likely", node.start, node.end, words, tuple(repairs))
+                break
+
+    def _is_odd_literal(self, demand: Demand, literals: Mapping[str, frozenset[str]]) -> bool:
+        """Return whether a name that stands for literals is that of a thing, or of other ones."""
+        usual = literals.get(demand.node.value)
+        if usual is None:
+            return self._is_literal_of_thing(demand)
+        if demand.is_thing:
+            return True
+        kinds = {family(kind) for kind in demand.datatypes}
+        if not kinds or "" in kinds | usual or kinds & usual:
+            return False
+        return not kinds <= {"number", "dateTime"} or not usual <= {"number", "dateTime"}
+
+    def _is_literal_of_thing(self, demand: Demand) -> bool:
+        """Return whether a name of a class stands for a literal that no member of it has."""
+        kinds = kinds_by_name(self._vocabulary).get(demand.node.value.lower(), 0)
+        iri = demand.edge.steps[0].node.value
+        axioms = self._vocabulary.properties.get(iri)
+        if not kinds or demand.is_thing is not False or axioms is None or axioms.domain is None:
+            return False
+        if affinity(demand.node.value, iri, self._vocabulary) > 0:
+            return False
+        return self._vocabulary.are_foreign(axioms.domain, kinds)
+
+    def _is_turned_by_name(
+        self, about: Node, value: Node, classes: tuple[list[str], list[str]]
+    ) -> bool:
+        as_is = self._named(about, classes[0]) + self._named(value, classes[1])
+        turned = self._named(about, classes[1]) + self._named(value, classes[0])
+        return as_is == 0 and turned == 2
+
+    def _named(self, node: Node, classes: list[str]) -> bool:
+        """Return whether a variable is named, or abbreviated, after one of some classes."""
+        words = {word for iri in classes for word in words_of(local(iri))}
+        if len(node.value) == 1:
+            return any(word[0] == node.value for word in words)
+        if set(words_of(node.value)) & words:
+            return True
+        own = kinds_by_name(self._vocabulary).get(node.value.lower(), 0)
+        return any(
+            self._vocabulary.below[iri] & own for iri in classes if iri in self._vocabulary.below
+        )

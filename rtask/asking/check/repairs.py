@@ -1,0 +1,143 @@
+"""Repairs of a pattern: its direction turned, another property, or another class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import ontology
+from rtask.asking.check.evidence import Evidence
+from rtask.asking.check.findings import Edit, Repair
+from rtask.asking.check.fitting import Fitting, is_same_variable, replaced, reversed_edge
+from rtask.asking.check.names import affinity, likeness, properties_named
+from rtask.asking.check.syntax.outline import Edge, Node, Outline
+from rtask.asking.check.syntax.writing import written
+from rtask.asking.check.types import TYPE, Context, Demand
+from rtask.asking.check.vocabulary import Vocabulary, local
+
+__all__ = ["Repairs"]
+
+_NS = ontology.NS
+_OFFERED = 3
+_TRIED = 16
+_NAMED = 0.6
+
+
+class Repairs:
+    """Offers what would fit in the place of a pattern's term, the most plausible first."""
+
+    def __init__(self, fitting: Fitting, outline: Outline) -> None:
+        self._fitting = fitting
+        self._vocabulary: Vocabulary = fitting.vocabulary
+        self._evidence: Evidence = fitting.evidence
+        self._outline = outline
+
+    def of(self, edge: Edge, context: Context) -> list[Repair]:
+        if len(edge.steps) != 1:
+            return []
+        step = edge.steps[0]
+        found: list[Repair] = []
+        if step.node.value == TYPE:
+            return self._other_classes(edge, context)
+        turned = reversed_edge(edge)
+        if not self._fitting.misfits(turned, context):
+            found.append(self.turned(edge))
+        found += self.other_properties(edge, context)
+        return found[:_OFFERED]
+
+    def turned(self, edge: Edge) -> Repair:
+        (step,) = edge.steps
+        start = step.node.start
+        words = "turn the direction of the pattern"
+        if step.is_inverse:
+            return Repair(words, (Edit(start - 1, start, ""),))
+        return Repair(words, (Edit(start, start, "^"),))
+
+    def other_properties(
+        self, edge: Edge, context: Context, wishes: Iterable[Demand] = ()
+    ) -> list[Repair]:
+        """Return the properties that fit in a pattern, the most plausible first."""
+        (step,) = edge.steps
+        node, name = step.node, local(step.node.value).lower()
+        beside = self._fitting.beside(edge, context)
+        for wish in wishes:
+            beside[wish.node.value].append(wish)
+        about, value = edge.ends[:: -1 if step.is_inverse else 1]
+        fitting: list[tuple[float, str]] = []
+        for iri, known in self._vocabulary.properties.items():
+            if iri == node.value or not self._fitting.fits(known, about, value, beside):
+                continue
+            rating = 0.3 * likeness(local(iri).lower(), name) + 0.2 * iri.startswith(_NS)
+            rating += 0.9 * self._fitting.usual.get(iri, 0.0)
+            for weight, end in ((0.4, about), (2.0, value)):
+                if end.kind == "variable":
+                    rating += weight * affinity(end.value, iri, self._vocabulary)
+            fitting.append((-rating, iri))
+        fitting.sort()
+        rated = []
+        for names, iri in fitting[:_TRIED]:
+            changed = replaced(edge, node, iri)
+            rated.append((names - self._fitting.merit(changed, context), iri))
+        return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
+    def _other_classes(self, edge: Edge, context: Context) -> list[Repair]:
+        bits: int | None = None
+        for other in context.edges:
+            if other is edge:
+                continue
+            for demand in self._fitting.demands.of(other, context) or ():
+                if is_same_variable(demand.node, edge.subject) and demand.bits is not None:
+                    bits = demand.bits if bits is None else bits & demand.bits
+        return self.classes_of(edge, bits) if bits else []
+
+    def classes_of(self, edge: Edge, bits: int) -> list[Repair]:
+        """Return the classes among some that a variable may be said to be of."""
+        node = edge.object
+        kinds = self._vocabulary.most_general(bits)
+        variable = edge.subject.value
+        rated = []
+        for iri in {*kinds, *(one for one in self._vocabulary.names(bits))}:
+            rating = affinity(variable, iri, self._vocabulary)
+            rating += 0.7 * (iri in kinds) + 0.2 * iri.startswith(_NS)
+            rating += 0.2 * self._evidence.matches(replaced(edge, node, iri))
+            rated.append((-rating, iri))
+        return [self.written_as(node, iri) for _, iri in sorted(rated)[:_OFFERED]]
+
+    def written_as(self, node: Node, iri: str) -> Repair:
+        text = written(iri, self._outline.prefixes)
+        return Repair(f"write {text}", (Edit(node.start, node.end, text),))
+
+    def of_named(self, edge: Edge, demand: Demand, usual: int, context: Context) -> list[Repair]:
+        """Return repairs after which a variable can be what its name stands for."""
+        named = Edge(demand.node, [], demand.node, -1, -1)
+        wish = Demand(named, 0, usual or None, bool(usual))
+        if edge.steps[0].node.value == TYPE:
+            return self.classes_of(edge, usual)
+        turned = reversed_edge(edge)
+        found: list[Repair] = []
+        if not self._fitting.misfits(turned, context):
+            changed = self._fitting.demands.of(turned, context) or ()
+            if usual and all(
+                one.bits is None or one.bits & usual
+                for one in changed
+                if is_same_variable(one.node, demand.node)
+            ):
+                found.append(self.turned(edge))
+        return [*found, *self.other_properties(edge, context, [wish])][:_OFFERED]
+
+    def better_named(self, edge: Edge, value: Node, context: Context) -> list[Repair]:
+        """Return the properties named like a variable that the graph has where a pattern stands."""
+        (step,) = edge.steps
+        beside = self._fitting.beside(edge, context)
+        about = edge.ends[1 if step.is_inverse else 0]
+        rated = []
+        for iri in properties_named(value.value, self._vocabulary):
+            rating = affinity(value.value, iri, self._vocabulary)
+            if rating < _NAMED or iri == step.node.value:
+                continue
+            known = self._vocabulary.properties[iri]
+            changed = replaced(edge, step.node, iri)
+            if self._fitting.fits(known, about, value, beside) and (
+                self._fitting.is_attested(changed, context)
+            ):
+                rated.append((-rating, iri))
+        return [self.written_as(step.node, iri) for _, iri in sorted(rated)[:_OFFERED]]

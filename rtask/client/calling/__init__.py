@@ -1,0 +1,1 @@
+"""Calls that a robot's program makes: rules of repetition, an outbox, a held websocket."""

@@ -1,0 +1,105 @@
+"""The study of demos: who works on which graph, and what is counted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rtask.errors import UsageError
+from simulate.fleet import demos
+from simulate.fleet.demos import (
+    COLUMNS,
+    demo_rows,
+    demo_study,
+    demo_trial,
+    demo_words,
+    summarise_demos,
+    write_demos,
+)
+
+NOTE = "INSERT DATA { GRAPH <%s> { <urn:%s> a <urn:Robot> } }"
+NOTED = "SELECT DISTINCT ?robot { GRAPH ?g { ?robot a <urn:Robot> } } ORDER BY ?robot"
+
+
+def _met(product: str, tries: int | None, source: str = "candidate") -> dict[str, Any]:
+    """Return an encounter that needed a number of tries; None = it never succeeded in six."""
+    made = tries or 6
+    attempts = [
+        {"source": source if not k else "candidate", "held": k + 1 == tries, "physical": True,
+         "place_reason": "ok"}
+        for k in range(made)
+    ]  # fmt: skip
+    return {
+        "product": product, "in_reach": True, "tries": made, "tries_to_success": tries,
+        "held": tries is not None, "placed": tries is not None, "attempts": attempts,
+        "right": None,
+    }  # fmt: skip
+
+
+def _robot(*met: dict[str, Any]) -> dict[str, Any]:
+    return {"name": "nao", "encounters": list(met)}
+
+
+def _demo(seed: int, shared: dict[str, Any], alone: dict[str, Any]) -> dict[str, Any]:
+    teacher = _robot(_met("rod", 2), _met("carton", 3))
+    return {"seed": seed, "shared": [teacher, shared], "alone": alone, "cpu_s": 1.0}
+
+
+def test_the_robots_share_a_graph_and_the_last_one_works_once_more_on_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    worked: list[tuple[str, int, list[str]]] = []
+
+    def work(job: Any, body: Any, client: Any, *, tell: Any) -> dict[str, Any]:
+        there = [row["robot"].removeprefix("urn:") for row in client.query(NOTED)]
+        worked.append((job.name, job.seed, there))
+        graph = client.engine.kb.graphs.agent(job.name).value
+        client.update(NOTE % (graph, job.name))
+        return _robot(_met("rod", 1))
+
+    monkeypatch.setattr(demos, "make_body", lambda job, _: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(demos, "clear_table", work)
+    study = demo_study(2, 2, 1, 40, "light", ("nao", "panda"), 6, "fast")
+    result = demo_trial(study.settings, 1)
+    assert worked == [("nao-1", 41, []), ("panda-2", 41, ["nao-1"]), ("panda-2", 41, [])]
+    assert result["seed"] == 41
+
+
+def test_products_of_a_set_have_the_robot_that_suits_them() -> None:
+    assert demo_study(1, 2, 6, 0, "light", (), 6, "fast").settings["kinds"] == ["nao"] * 2
+    assert demo_study(1, 2, 6, 0, "hard", (), 6, "fast").settings["kinds"] == ["panda"] * 2
+    with pytest.raises(UsageError, match="--robots"):
+        demo_study(1, 1, 6, 0, "light", (), 6, "fast")
+
+
+def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
+    tmp_path: Path,
+) -> None:
+    better = _demo(
+        7, _robot(_met("rod", 1, "memory"), _met("carton", 1, "memory"), _met("odd", 1)),
+        _robot(_met("rod", 2), _met("carton", 3)),
+    )  # fmt: skip
+    worse = _demo(
+        8, _robot(_met("rod", None, "memory"), _met("carton", 1)),
+        _robot(_met("rod", 1), _met("carton", 1)),
+    )  # fmt: skip
+    summary = summarise_demos([better, worse], 6)
+    assert [demo["pairs"] for demo in summary["demos"]] == [[[1, 3], [1, 2]], [[1, 1], [7, 1]]]
+    assert summary["change"]["mean"] == (-3 + 6) / 4
+    assert summary["change"]["interval95"] == [-1.5, 3.0]  # of whole demos, not of products
+    assert (summary["fewer"], summary["many_more"]) == (1, 1)
+    assert summary["lessons"] == {"won": 4, "recalled": 3}
+    assert demo_rows(summary)[0] == ("7", "2", "2", "5", "2", "0", "2 of 2", "2 of 2")
+    assert len(demo_rows(summary)[1]) == len(COLUMNS)
+    assert "+0.75 [-1.50, +3.00] over 4 products" in demo_words(summary)[0]
+    written = write_demos(tmp_path, [better, worse], {"max_attempts": 6, "seed": 7})
+    assert json.loads((tmp_path / "report.json").read_text()) == written
+
+
+def test_demos_without_a_common_product_say_so() -> None:
+    nothing = _demo(1, _robot(_met("odd", 1)), _robot(_met("rod", 1)))
+    assert demo_words(summarise_demos([nothing], 6)) == ["no product was tried both ways"]
