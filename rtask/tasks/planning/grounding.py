@@ -60,9 +60,7 @@ def bindings(
         rows = [
             row if parameter.name in row else {**row, parameter.name: value}
             for row in rows
-            for value in (
-                ("",) if parameter.name in row else objects.get(parameter.type, ())
-            )
+            for value in (("",) if parameter.name in row else objects.get(parameter.type, ()))
         ]
     yield from rows
 

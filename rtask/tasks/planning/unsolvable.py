@@ -40,9 +40,7 @@ def explain_unsolvable(problem: Problem, mendable: Mapping[str, float]) -> tuple
     """
     reachable = _reachable(problem)
     return tuple(
-        _obstacle(problem, goal, mendable)
-        for goal in problem.goals
-        if reachable.isdisjoint(goal)
+        _obstacle(problem, goal, mendable) for goal in problem.goals if reachable.isdisjoint(goal)
     )
 
 
