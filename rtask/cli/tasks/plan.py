@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import base_of, open_graph, open_to_change
-from rtask.cli.options import agent_option, data_option, print_json, server_option
+from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -28,11 +28,9 @@ __all__ = ["plan"]
 )  # fmt: skip
 @click.option("--because", is_flag=True, help="Print why each precondition of each step holds.")
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
-@click.option(
-    "--format", "form", default="words", show_default=True,
-    type=click.Choice(["words", "json", "pddl", "bt"]),
-    help="bt: XML of BehaviorTree.CPP 4; pddl: domain and problem, for other planners.",
-)  # fmt: skip
+@click.option("--pddl", is_flag=True, help="Print domain and problem for other planners.")
+@click.option("--behaviour-tree", is_flag=True, help="Print the XML of BehaviorTree.CPP 4.")
+@json_option
 def plan(
     words: tuple[str, ...],
     data: Path,
@@ -41,7 +39,9 @@ def plan(
     assume_reach: bool,
     because: bool,
     store: bool,
-    form: str,
+    pddl: bool,
+    behaviour_tree: bool,
+    as_json: bool,
 ) -> None:
     """Plan what robots do for a goal such as "every cup into the left box".
 
@@ -49,6 +49,14 @@ def plan(
     if it cannot be reached; the answer then says what each robot lacks.
     """
     goal = " ".join(words)
+    forms = [
+        name
+        for name, chosen in (("json", as_json), ("pddl", pddl), ("tree", behaviour_tree))
+        if chosen
+    ]
+    if len(forms) > 1:
+        raise UsageError("give one of --json, --pddl and --behaviour-tree")
+    form = forms[0] if forms else "words"
     if store and server:
         raise UsageError("--store writes to a folder, not to a server")
     if store:
@@ -72,7 +80,7 @@ def _show(result: TaskPlan, form: str, because: bool) -> None:
         print_json(result.to_dict())
     elif form == "pddl":
         click.echo(result.domain + result.problem, nl=False)
-    elif form == "bt":
+    elif form == "tree":
         from rtask.tasks.behaviour_tree import behaviour_tree
 
         click.echo(behaviour_tree(result), nl=False)

@@ -215,7 +215,7 @@ def test_the_command_prints_steps_reasons_and_formats_and_stores(tmp_path, capsy
     code, out, _ = run("the jug into the left box")
     assert (code, "panda-1 alone lacks" in out) == (1, True)
     assert run("the jugg into the left box")[0] == 1
-    code, out, _ = run("pen into the right box", "--format", "pddl")
+    code, out, _ = run("pen into the right box", "--pddl")
     assert "(define (problem rtask-problem)" in out
     code, _, err = run("pen into the right box", "--store", "--agent", "ann")
     assert (code, "stored as " in err) == (0, True)
