@@ -12,9 +12,11 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.activity.words import AFTER
 from endpoint.pages.render import Model, blueprint, context, page, select
 from endpoint.pages.signin import require_form
+from rtask.engine.memory.statistics import lower_95
 from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.words import PHASES
-from rtask.errors import UsageError
+from rtask.errors import MissingExtraError, UsageError
+from rtask.extras import naming_extras
 from rtask.rdf.terms import iri
 from rtask.wire.forms import read_form
 
@@ -114,17 +116,61 @@ def feedback() -> Model:
     show = asked.get("show", "all")
     if show not in _FILTERS:
         raise UsageError(f"show={show}: one of {', '.join(_FILTERS)} is expected")
-    patterns = [_FILTERS[show]]
+    about = []
     if asked.get("robot"):
-        patterns.append(f"?attempt rt:performedBy {iri(asked['robot'])}")
+        about.append(f"?attempt rt:performedBy {iri(asked['robot'])}")
     if asked.get("object"):
-        patterns.append(f"?any rt:through ?attempt ; rt:handles {iri(asked['object'])}")
+        about.append(f"{iri(asked['object'])} rt:hasGrasp/rt:triedIn ?attempt")
+    if asked.get("grasp"):
+        about.append(f"{iri(asked['grasp'])} rt:triedIn ?attempt")
+    patterns = [_FILTERS[show], *about]
     reasons = [row["code"] for row in select("reasons")]
     return {
         "show_only": show,
+        "evidence": _evidence(" . ".join(about)),
         "attempts": list_attempts(" . ".join(filter(None, patterns))),
         "reasons": [*VISIBLE_REASONS, *(code for code in reasons if code not in VISIBLE_REASONS)],
     }
+
+
+def _evidence(chosen: str) -> Model:
+    """Return what a share of attempts that held rests on: the counts of each robot, and of all.
+
+    Parameters
+    ----------
+    chosen
+        Pattern about ``?attempt`` that says which.
+    """
+    rows = select("attempts_by_robot", chosen=f". {chosen}" if chosen else "")
+    made, attempts, held = (
+        sum(int(row[name]) for row in rows) for name in ("made", "attempts", "successes")
+    )
+    return {
+        "robots": [
+            {
+                "robot": row["robot"],
+                "name": row["robot_name"],
+                "attempts": int(row["attempts"]),
+                "held": int(row["successes"]),
+            }
+            for row in rows
+        ],
+        "attempts": attempts,
+        "held": held,
+        "undecided": made - attempts,
+        "share": held / attempts if attempts else None,
+        "belief": (held + 1) / (attempts + 2),
+        "at_least": _at_least(held, attempts),
+    }
+
+
+def _at_least(held: int, attempts: int) -> float | None:
+    """Return the lower 95 % bound of a share; None without the library that computes it."""
+    try:
+        with naming_extras("pictures"):
+            return lower_95(held, attempts)
+    except MissingExtraError:
+        return None
 
 
 @blueprint.route(_ADDRESS, methods=["POST"])

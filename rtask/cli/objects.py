@@ -12,6 +12,7 @@ from rtask.cli.connection import connection, open_graph, open_to_read
 from rtask.cli.options import (
     agent_option,
     announce_undo,
+    confirm_final,
     data_option,
     exit_if_empty,
     json_option,
@@ -19,6 +20,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
     shown_rows,
+    yes_option,
 )
 from rtask.cli.things import resolve_object
 
@@ -161,15 +163,14 @@ def merge(
 def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool) -> None:
     """Find products that are stored twice: each is recognised as the other. Exit code 1 if any.
 
-    Look at both before merging: what looks alike may differ in what no camera sees. A merge can be
-    undone, as `rtask objects undo` says.
+    Look at both before merging: what looks alike may differ in what no camera sees.
     """
     from rtask.cli.progress import Working
-    from rtask.engine.curation.twins import find_twins, merges_of
+    from rtask.engine.curation.twins import count_untried, find_twins, merges_of
     from rtask.extras import naming_extras
 
     with open_to_read(data) as kb, naming_extras("rtask objects twins"), Working("comparing"):
-        pairs = find_twins(kb, views)
+        pairs, untried = find_twins(kb, views), count_untried(kb, views)
     commits = list[str]()
     if merges and pairs:
         author = {} if agent is None else {"operator": agent}
@@ -180,14 +181,29 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
                     str(client.call("curate_object", operation="merge", **request)["commit"])
                 )
     if as_json:
-        print_json({"twins": [asdict(pair) for pair in pairs], "commits": commits})
+        print_json(
+            {
+                "twins": [asdict(pair) for pair in pairs],
+                "commits": commits,
+                "views_untried": untried,
+            }
+        )
     else:
         for pair in pairs:
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
-        if not pairs:
+        if commits:
+            announce_undo("undo", *reversed(commits))
+        if not pairs and not untried:
             click.echo("no twins: no object is recognised as another", err=True)
+        if untried:
+            rest = "1 view was" if untried == 1 else f"{untried} views were"
+            click.echo(
+                f"{'further twins' if pairs else 'twins'}: not decided, {rest} not tried; "
+                f"try more of each object with --views {2 * views}",
+                err=True,
+            )
     if pairs and not merges:
         raise SystemExit(1)
 
@@ -223,6 +239,7 @@ def split(
 @data_option
 @server_option
 @_agent_option
+@yes_option
 @json_option
 def forget(
     name: str,
@@ -231,9 +248,12 @@ def forget(
     data: Path,
     server: str | None,
     agent: str | None,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Delete the object NAME, or only some VIEWS of it."""
+    if purge:
+        confirm_final("what --purge deletes is gone; backups made before have it still", yes)
     _curate(
         (data, server), as_json, operation="forget", object=name, views=list(views), purge=purge,
         operator=agent,
@@ -269,9 +289,7 @@ def _carry_out(
         click.echo(
             f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip()
         )
-        if given.get("purge"):
-            click.echo("this cannot be undone: what --purge deletes is gone", err=True)
-        else:
+        if not given.get("purge"):
             announce_undo("objects", "undo", done["commit"])
     else:
         (named,) = done["objects"]

@@ -111,17 +111,29 @@ class GraphNode:
         UsageError
             Some are offered; callers would reach either node.
         """
-        node = self.node
-        mine = node.resolve_service_name("rtask/where_is")
+        mine = self.node.resolve_service_name("rtask/where_is")
         pause = threading.Event()
         # The graph has no event in rclpy for the arrival of a service.
         for _ in range(max(1, round(wait_s / 0.1))):
-            if any(name == mine for name, _ in node.get_service_names_and_types()):
+            owner = self._server_of(mine)
+            if owner:
                 raise UsageError(
-                    f"service {mine} is offered by another node; end it, or start this one in a "
-                    "namespace: --ros-args -r __ns:=/robot"
+                    f"service {mine} is offered by another node, {owner}; end it, or start this "
+                    "one in a namespace: --ros-args -r __ns:=/robot"
                 )
             pause.wait(0.1)
+
+    def _server_of(self, service: str) -> str:
+        """Return a node that offers a service; empty if there is none."""
+        for name, namespace in self.node.get_node_names_and_namespaces():
+            try:
+                # The list of all services has those that somebody only wants to call, too.
+                offered = self.node.get_service_names_and_types_by_node(name, namespace)
+            except RuntimeError:  # it has just left
+                continue
+            if service in (found for found, _ in offered):
+                return f"{namespace.rstrip('/')}/{name}"
+        return ""
 
     def wait_for_clock(self, wait_s: float) -> None:
         """Wait for the first time on ``/clock``, if time is simulated.
@@ -245,6 +257,7 @@ class _Parts:
         self._node = node
         self.client = owner.open_client()
         calls, sensors = ReentrantCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        poses = MutuallyExclusiveCallbackGroup()  # not behind clouds, which wait for them
         self._grasps = node.create_lifecycle_publisher(
             type(make_message("moveit_msgs/Grasp")), "rtask/grasps", latched()
         )
@@ -262,14 +275,14 @@ class _Parts:
         self._subscriptions = [
             *self._camera.subscriptions,
             node.create_subscription(
-                TFMessage, "/tf", self._transforms.take, events(100), callback_group=sensors
+                TFMessage, "/tf", self._transforms.take, events(100), callback_group=poses
             ),
             node.create_subscription(
                 TFMessage,
                 "/tf_static",
                 lambda message: self._transforms.take(message, is_static=True),
                 latched(100),
-                callback_group=sensors,
+                callback_group=poses,
             ),
         ]
         eyes = Eyes(self._camera, self._transforms, self.client, options.frame)

@@ -18,7 +18,7 @@ from rtask.interop.ros.convert import JsonObject, time_of
 
 __all__ = ["Transform", "TransformBuffer"]
 
-_WAIT_S = 0.2
+_WAIT_S = 0.5
 _KEPT_NS = 10 * 10**9
 _MAX_DEPTH = 100
 Vector = tuple[float, float, float]

@@ -20,7 +20,6 @@ from scipy.spatial import cKDTree
 from features.codec import encode_frame, to_wire
 from features.geometry import FloatArray, Frame
 from features.perception import Perceived, Seen
-from grasp.learning.bandit import Policy
 from simulate.agent.messages import pose_message, tool_pose
 from simulate.agent.tracking import TrackedObject
 from simulate.robots.description import Floats
@@ -142,13 +141,11 @@ class Crowd:
         first, the others last; all of the graph's come first once planned ones failed so often that
         its first is likelier to hold.
         """
-        failures = len(self._failed.get(track.number, ()))
-        left = _STRENGTH / (_STRENGTH + failures)
+        left = _STRENGTH / (_STRENGTH + len(self._failed.get(track.number, ())))
         planned = [
-            {**grasp, "source": "scene", "mean": left * grasp["confidence"],
-             **_prior(grasp["confidence"], failures)}
+            {**grasp, "source": "scene", "mean": left * grasp["confidence"]}
             for grasp in self._grasps.get(track.number, ())[:most]
-        ]  # fmt: skip
+        ]
         if not planned:
             return list(grasps)
         if left < 1 and grasps and grasps[0]["mean"] >= planned[0]["mean"]:
@@ -174,18 +171,6 @@ class Crowd:
             and abs(float(pose[:3, 0] @ other[:3, 0])) > _REPEATED_COS
             for other in self._failed.get(number, ())
         )
-
-
-def _prior(confidence: float, failures: int) -> dict[str, float]:
-    """Return the belief in a planned grasp, which its attempt is stored with, as alpha and beta.
-
-    It has the form of the learner's belief, with a planned confidence as quality by geometry.
-    """
-    floor = Policy().floor
-    return {
-        "alpha": floor + _STRENGTH * confidence,
-        "beta": floor + _STRENGTH * (1 - confidence) + failures,
-    }
 
 
 def touching(objects: Sequence[Seen]) -> list[Seen]:

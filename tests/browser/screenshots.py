@@ -40,7 +40,23 @@ _PIPELINE = {
 """Where a hand is, another posture that puts it there, the way to that, the links on the way."""
 _LIVE = "page-activity"
 _COMPOSED = f"/tools/pipeline?{urlencode({'pipeline': json.dumps(_PIPELINE)})}"
+_FAULTY = """PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+SELECT ?object ?name {
+  ?object a rt:ManipulableObject ;
+    rt:nmae ?name
+}"""
+_EDITED = f"/sparql?{urlencode({'query': _FAULTY})}"
+_PROOF = "/explain?s={object}&p=rdf:type&o="
 _SHOWN = {
+    "page-editor": (_EDITED, {**LAPTOP, "height": 640}, "light"),
+    "page-editor-phone": (_EDITED, PHONE, "dark"),
+    "page-proof-holds": (f"{_PROOF}rt:ManipulableObject", {**LAPTOP, "height": 520}, "light"),
+    "page-proof-fails": (f"{_PROOF}rt:GraspAttempt", {**LAPTOP, "height": 520}, "light"),
+    "page-proof-undecided": (
+        f"{_PROOF}sumo:Physical&budget=1",
+        {**LAPTOP, "height": 520},
+        "light",
+    ),
     "page-object": ("/object?iri={object}#grasp=1", {**LAPTOP, "height": 900}, "light"),
     "page-outcomes-phone": ("/feedback", PHONE, "dark"),
     "page-object-phone": ("/object?iri={object}#grasp=1", PHONE, "dark"),
@@ -120,6 +136,11 @@ def main() -> None:
                         page.locator("[data-cloud]").scroll_into_view_if_needed()
                 if "arm" in name:
                     _plan_for_panda(page)
+                if "editor" in name:
+                    page.locator('sparql-editor[data-findings="1"]').wait_for()
+                    page.locator(".cm-lintRange-error").scroll_into_view_if_needed()
+                    page.locator(".cm-lintRange-error").hover()
+                    page.locator(".cm-tooltip .cm-diagnostic").wait_for()
                 if "pipeline" in name:
                     page.get_by_role("button", name="Run", exact=True).click()
                     page.locator("#step-links [data-answers]").wait_for()

@@ -96,6 +96,32 @@ def test_an_error_is_marked_at_its_line_and_column(browser: Any, server: Running
         page.locator('sparql-editor[data-fault=""]').wait_for()
 
 
+@pytest.mark.parametrize("look", LOOKS)
+def test_a_fault_is_underlined_and_its_repair_applied_by_a_click(
+    browser: Any, server: RunningServer, look: str
+) -> None:
+    with open_page(browser, server.url, **LOOKS[look]) as page:
+        _editor(page, server)
+        head = f"PREFIX rt: <{ontology.NS}>\n"
+        paste(page, head + "SELECT ?name { ?mug a rt:Mug ; rt:nmae ?name }")
+        page.locator('sparql-editor[data-findings="1"]').wait_for()
+        underlined = page.locator(".cm-lintRange-error")
+        assert underlined.inner_text() == "rt:nmae"
+        underlined.hover()
+        said = page.locator(".cm-tooltip .cm-diagnostic")
+        said.wait_for()
+        assert "there is no property rt:nmae; did you mean rt:name?" in said.inner_text()
+        assert fits(page)
+        keep_picture(page, f"editor-fault-{look}", full_page=False)
+        said.get_by_role("button", name="write rt:name").click()
+        page.locator('sparql-editor[data-findings=""]').wait_for()
+        assert page.locator("#query").input_value() == (
+            head + "SELECT ?name { ?mug a rt:Mug ; rt:name ?name }"
+        )
+        page.get_by_role("button", name="Run").click()
+        assert page.locator("#answer").get_by_text(HOSTILE).count() == 1
+
+
 def test_a_running_query_is_stopped(browser: Any, server: RunningServer) -> None:
     with open_page(browser, server.url) as page:
         _editor(page, server)

@@ -280,6 +280,11 @@ def test_a_follower_goes_on_without_its_writer_and_takes_its_place_when_promoted
         text = {"update": "INSERT DATA { <urn:new> <urn:p> 1 }"}
         refused = httpx.post(follower.url + "/update", data=text, headers=robot)
         assert (refused.status_code, refused.json()["type"]) == (503, "/errors/writer-unreachable")
+        for tool, status in (("recall_grasps", 200), ("teach_object", 503)):
+            params = {"name": f"rtask_Engine_{tool}", "arguments": {}}
+            call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
+            answer = httpx.post(follower.url + "/mcp/services", json=call, headers=robot)
+            assert answer.status_code == status, answer.text
         _wait(lambda: httpx.get(follower.url + "/health/ready").status_code == 503)
         assert "behind" in httpx.get(follower.url + "/health/ready").json()["failing"]
     assert follower.data is not None

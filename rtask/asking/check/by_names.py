@@ -62,6 +62,8 @@ class ByNames:
             value = edge.ends[0 if edge.steps[0].is_inverse else 1]
             if node.value == TYPE or value.kind != "variable":
                 continue
+            if node.value not in self._vocabulary.properties:
+                continue  # an unknown term is reported as such
             if value.value.lower() in nouns(self._vocabulary):
                 continue
             if affinity(value.value, node.value, self._vocabulary) > 0:

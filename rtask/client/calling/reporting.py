@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import logging
 import math
+import threading
 import time
 import uuid
 from abc import ABC, abstractmethod
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.client.calling.rules import CallRules
-from rtask.client.outbox import Outbox
+from rtask.client.outbox import Entry, Outbox
 from rtask.errors import AuthenticationError, CallFailedError, RemoteUnavailableError, RtaskError
 
 __all__ = ["ReportingCaller"]
@@ -35,6 +36,8 @@ class ReportingCaller(ABC):
     def __init__(self, outbox: Path | str | None, rules: CallRules) -> None:
         self._outbox = None if outbox is None else Outbox(outbox)
         self._rules = rules
+        self._claiming = threading.Lock()
+        self._claimed: set[str] = set()
 
     @abstractmethod
     def _call(
@@ -71,10 +74,21 @@ class ReportingCaller(ABC):
             args = ids.filled(args, lambda _: f"urn:uuid:{uuid.uuid4()}")
         if self._outbox is None:
             return self._call(operation, args, timeout_s)
-        entry = self._outbox.add(operation, args)
+        # Another thread that delivers must not send it as well: its answer would be "stored 0".
+        with self._claiming:
+            entry = self._outbox.add(operation, args)
+            self._claimed.add(entry.id)
+        try:
+            return self._report(entry, timeout_s)
+        finally:
+            self._claimed.discard(entry.id)
+
+    def _report(self, entry: Entry, timeout_s: float | None) -> dict[str, Any]:
+        """Send a call that is in the outbox, after those that are older."""
+        assert self._outbox is not None
         self._deliver_before(entry.id)
         try:
-            answer = self._call(operation, args, timeout_s)
+            answer = self._call(entry.operation, entry.args, timeout_s)
         except RtaskError as error:
             if _may_pass(error):
                 raise RemoteUnavailableError(
@@ -142,7 +156,8 @@ class ReportingCaller(ABC):
         end = math.inf if timeout_s is None else time.monotonic() + timeout_s
         try:
             while self.waiting and time.monotonic() < end:
-                self._deliver_before(None, timeout_s, at_most=1)
+                if not self._deliver_before(None, timeout_s, at_most=1):
+                    break  # another thread is sending it
         except (RemoteUnavailableError, AuthenticationError) as error:
             _log.warning("%d calls still wait in the outbox: %s", self.waiting, error)
 
@@ -156,6 +171,8 @@ class ReportingCaller(ABC):
         for entry in self._outbox.pending()[:at_most]:
             if entry.id == entry_id:
                 break
+            if not self._claim(entry):
+                continue
             try:
                 self._call(entry.operation, entry.args, timeout_s)
             except RtaskError as error:
@@ -168,8 +185,20 @@ class ReportingCaller(ABC):
                 self._outbox.refuse(entry, str(error))
             else:
                 self._outbox.done(entry)
+            finally:
+                self._claimed.discard(entry.id)
             sent += 1
         return sent
+
+    def _claim(self, entry: Entry) -> bool:
+        """Take a waiting call for this thread; return whether no other has it."""
+        assert self._outbox is not None
+        with self._claiming:
+            is_waiting = any(other.id == entry.id for other in self._outbox.pending())
+            if entry.id in self._claimed or not is_waiting:
+                return False
+            self._claimed.add(entry.id)
+            return True
 
 
 def _may_pass(error: RtaskError) -> bool:

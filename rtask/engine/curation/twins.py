@@ -8,6 +8,7 @@ enough that a view of one of them is recognised as the other.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from features.recognition.views.view import ViewFeatures
     from rtask.kb.core import GraphCore
 
-__all__ = ["Twins", "find_twins", "merges_of"]
+__all__ = ["Twins", "count_untried", "find_twins", "merges_of"]
 
 _Described = tuple[StoredView, "ViewFeatures"]
 
@@ -75,6 +76,15 @@ def find_twins(kb: GraphCore, views_each: int = 4) -> list[Twins]:
         for object_iri, views in objects.items()
     }
     return _mutual(taken_for, _alike(kb))
+
+
+def count_untried(kb: GraphCore, views_each: int) -> int:
+    """Return how many views are beyond those that :func:`find_twins` tries.
+
+    While there are any, that no pair was recognised is not decided: a later view may show it.
+    """
+    counts = Counter(view.object for view in stored_views(kb))
+    return sum(max(count - views_each, 0) for count in counts.values())
 
 
 def _alike(kb: GraphCore) -> set[tuple[str, str]]:

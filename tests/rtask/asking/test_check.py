@@ -115,6 +115,10 @@ def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, b
     assert kb.check(HEAD + body) == []
 
 
+def test_a_misspelt_property_is_one_finding(kb: KnowledgeBase) -> None:
+    assert only(kb, "SELECT ?name { ?mug a rt:Mug ; rt:nmae ?name }").rule == "unknown-term"
+
+
 def test_a_thing_that_is_nearly_called_so_is_suggested(kb: KnowledgeBase) -> None:
     found = only(kb, "SELECT ?o { <urn:lab/robot/panda-11> rt:canGrasp ?o }")
     assert (found.rule, found.severity) == ("unknown-thing", "certain")

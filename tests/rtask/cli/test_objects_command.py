@@ -57,6 +57,21 @@ def test_an_empty_list_says_so(run: Run, tmp_path: Path) -> None:
     assert "no twins" in err
 
 
+def test_twins_are_not_decided_while_views_are_untried(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rtask.engine.curation import twins
+
+    monkeypatch.setattr(twins, "find_twins", lambda kb, views: [])
+    monkeypatch.setattr(twins, "count_untried", lambda kb, views: 3)
+    code, out, err = run("twins", "--views", "2")
+    assert (code, out) == (0, "")
+    assert "not decided, 3 views were not tried" in err
+    assert "--views 4" in err
+    assert "no twins" not in err
+    assert json.loads(run("twins", "--json")[1])["views_untried"] == 3
+
+
 def test_an_object_is_called_by_its_name(run: Run) -> None:
     assert json.loads(run("show", "blue mug", "--json")[1])["object"] == "urn:o:1"
     code, out, err = run("name", "a thing", "--as", "a lid", "--agent", "ann")

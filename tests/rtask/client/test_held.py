@@ -147,3 +147,25 @@ def test_reports_wait_in_the_outbox_with_an_id_and_are_delivered(server, tmp_pat
     first, second = (message["args"] for message, _ in heard)
     assert first == second
     assert first["task_id"].startswith("urn:uuid:")
+
+
+def test_a_report_under_way_is_not_sent_by_a_thread_that_delivers(server, tmp_path):
+    asked, ready = threading.Event(), threading.Event()
+
+    def behave(socket, message, number):
+        asked.set()
+        assert ready.wait(20)
+        answer(socket, message, {"number": number})
+
+    address, heard = server(behave)
+    answers = queue.Queue()
+    with contextlib.closing(HeldClient(address, None, 20.0, RULES, tmp_path / "outbox")) as client:
+        thread = threading.Thread(target=lambda: answers.put(client.call("report_outcome", x=1)))
+        thread.start()
+        assert asked.wait(20)
+        assert client.deliver() == 0
+        ready.set()
+        thread.join(20)
+        assert client.waiting == 0
+    assert answers.get(timeout=1) == {"number": 1}
+    assert len(heard) == 1

@@ -99,6 +99,12 @@ def test_of_two_that_were_in_doubt_it_is_enough_that_one_is_recognised(
     assert twins.find_twins(kb) == []
 
 
+def test_views_beyond_the_limit_are_counted_as_untried(kb, monkeypatch) -> None:
+    views = [SimpleNamespace(object=name) for name in ("urn:o:1",) * 5 + ("urn:o:2",) * 2]
+    monkeypatch.setattr(twins, "stored_views", lambda kb: views)
+    assert [twins.count_untried(kb, most) for most in (1, 4, 5)] == [5, 1, 0]
+
+
 def test_a_likeness_that_the_size_rules_out_calls_for_no_other_view() -> None:
     match = Match("o:1", "c:box", 0.6, 9, (), 0.9, None, None, "v:1")
     doubtful = Recognition("single", False, (match,), ask_again=True)
