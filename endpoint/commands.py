@@ -16,11 +16,13 @@ from click.core import ParameterSource
 from endpoint.serve_options import config_of, policy_of, serve_options
 from rtask.cli.options import (
     announce_undo,
+    confirm_final,
     data_option,
     exit_if_empty,
     json_option,
     listing_option,
     shown_rows,
+    yes_option,
 )
 from rtask.errors import RtaskError, UsageError
 
@@ -261,36 +263,43 @@ def list_tokens(data: Path, limit: int | None, as_json: bool) -> None:
 @token.command("revoke")
 @click.argument("token_id", metavar="ID")
 @data_option
+@yes_option
 @json_option
-def revoke(token_id: str, data: Path, as_json: bool) -> None:
+def revoke(token_id: str, data: Path, yes: bool, as_json: bool) -> None:
     """Revoke a token; it gives no access from now on."""
+    confirm_final("a token stays revoked; `rtask token create` makes another", yes)
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
             raise UsageError(f"no token {token_id} to revoke; see rtask token list --data {data}")
     _audit(data, "token-revoked", token_id)
     if as_json:
         click.echo(json.dumps({"id": token_id, "revoked": True}))
-    click.echo(
-        f"token {token_id} is revoked, for good; `rtask token create` makes another", err=True
-    )
+    click.echo(f"token {token_id} is revoked", err=True)
 
 
 @token.command("expire")
 @click.argument("token_id", metavar="ID")
-@click.argument("lifetime", metavar="30d")
+@click.argument("lifetime", metavar="30d|TIME|never")
 @data_option
 @json_option
 def expire(token_id: str, lifetime: str, data: Path, as_json: bool) -> None:
-    """Let a token expire after a number of hours, days or weeks from now: 12h, 30d, 4w."""
-    from endpoint.access.tokens import parse_lifetime
+    """Let a token expire after a number of hours, days or weeks from now: 12h, 30d, 4w.
+
+    Or at a TIME of ISO 8601, such as 2027-01-31T12:00:00Z, or never.
+    """
+    from endpoint.access.tokens import parse_expiry
 
     with closing(_tokens(data)) as tokens:
-        if not tokens.expire(token_id, parse_lifetime(lifetime)):
+        before = next((token.expires for token in tokens.all() if token.id == token_id), None)
+        if not tokens.expire_at(token_id, parse_expiry(lifetime)):
             raise UsageError(f"no token {token_id} to change; see rtask token list --data {data}")
     _audit(data, "token-expires", token_id, lifetime=lifetime)
     if as_json:
         click.echo(json.dumps({"id": token_id, "lifetime": lifetime}))
-    click.echo(f"token {token_id} ends in {lifetime}", err=True)
+    else:
+        ends = f"in {lifetime}" if lifetime[-1] in "hdw" else lifetime
+        click.echo(f"token {token_id} ends {ends}", err=True)
+        announce_undo("token", "expire", token_id, before or "never")
 
 
 def _tokens(folder: Path, *, make: bool = False, store: str = "") -> TokenStore:

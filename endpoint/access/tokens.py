@@ -358,8 +358,12 @@ class TokenStore:
         return done.rowcount > 0
 
     def expire(self, token_id: str, lifetime: timedelta) -> bool:
-        """Let a token expire after a time from now; tell whether there was one not revoked."""
-        until = (datetime.now(UTC) + lifetime).isoformat()
+        """Let a token expire after a time from now; return whether there was one not revoked."""
+        return self.expire_at(token_id, datetime.now(UTC) + lifetime)
+
+    def expire_at(self, token_id: str, time: datetime | None) -> bool:
+        """Let a token expire at a time, or never; return whether there was one not revoked."""
+        until = None if time is None else time.isoformat()
         with self._lock, self._connection() as connection:
             done = connection.execute(
                 "UPDATE tokens SET expires = ? WHERE id = ? AND revoked IS NULL", (until, token_id)
@@ -429,6 +433,30 @@ def parse_lifetime(text: str, what: str = "") -> timedelta:
             f"{what}expected a lifetime in hours, days or weeks (12h, 30d, 4w), got {text!r}"
         )
     return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
+
+
+def parse_expiry(text: str) -> datetime | None:
+    """Parse when a token expires: a lifetime from now, a time of ISO 8601, or never.
+
+    Examples
+    --------
+    >>> parse_expiry("never"), parse_expiry("2027-01-31T12:00:00Z").year
+    (None, 2027)
+
+    Raises
+    ------
+    UsageError
+        None of these, or a time without its zone.
+    """
+    if text == "never":
+        return None
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return datetime.now(UTC) + parse_lifetime(text)
+    if time.tzinfo is None:
+        raise UsageError(f"{text!r} has no time zone; write {text}Z")
+    return time.astimezone(UTC)
 
 
 def _digest(secret: str) -> bytes:

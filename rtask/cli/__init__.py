@@ -59,6 +59,7 @@ _BUILT_IN = {
     "service": "rtask.cli.services.calling:service",
     "stats": "rtask.cli.contents:stats",
     "teach": "rtask.cli.perception.teach:teach",
+    "undo": "rtask.cli.changing.undo:undo",
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
@@ -70,7 +71,7 @@ _BUILT_IN = {
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
     "Ask": ("ask", "query", "search", "explain", "entails", "where", "history", "objects"),
-    "Load and change": ("load", "update", "export", "ontology", "rules", "model"),
+    "Load and change": ("load", "update", "undo", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),

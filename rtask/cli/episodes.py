@@ -11,6 +11,7 @@ import click
 from rtask.cli.connection import open_to_read
 from rtask.cli.options import (
     agent_option,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
@@ -152,7 +153,8 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     with rtask.open(data) as kb, naming_extras(_EXTRA), Working("reading"):
         before = kb.seq
         read = read_episodes(kb, file)
-        if kb.seq != before:
+        commit = kb.seq
+        if commit != before:
             with Engine(kb) as engine:
                 engine.rebuild_statistics()
     counted = ("episodes", "statements", "blobs")
@@ -161,6 +163,8 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
         print_json({"path": str(file), **counts})
         return
     click.echo(f"{read.episodes} episodes, {read.statements} statements, {read.blobs} binary data")
+    if commit != before:
+        announce_undo("undo", str(commit))
 
 
 @episodes.command()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.options import (
+    announce_final,
     announce_undo,
     data_option,
     json_option,
@@ -19,7 +20,10 @@ from rtask.cli.progress import LoadProgress
 
 if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
-    from rtask.loader.report import LoadReport
+    from rtask.loader.report import FileReport, LoadReport
+
+_MAX_READ_AGAIN = 200_000
+"""Statements of a load that are read from the journal to tell whether they can be undone."""
 
 
 @click.command()
@@ -94,6 +98,7 @@ def load(
         validate = "refuse"
     with rtask.open(data, reason=not no_reason, validate=validate, shapes=shapes) as kb:
         before = {str(graph) for graph in kb.store.named_graphs()}
+        seq = kb.seq
         for source in sources:
             report = kb.load(
                 source,
@@ -128,22 +133,42 @@ def load(
             for text in report.warnings:
                 click.echo(f"warning: {text}", err=True)
         if not as_json and not dry_run:
-            _announce_undo(kb, reports, before)
+            _announce_undo(kb, reports, before, seq)
     if as_json:
         print_json([report.to_dict() for report in reports])
 
 
-def _announce_undo(kb: KnowledgeBase, reports: list[LoadReport], before: set[str]) -> None:
-    """Print how to remove the graphs that were not there before; others had statements already."""
+def _announce_undo(
+    kb: KnowledgeBase, reports: list[LoadReport], before: set[str], seq: int
+) -> None:
+    """Print how to remove new graphs, and how to undo the commits where a graph had statements.
+
+    Parameters
+    ----------
+    before
+        The graphs that there were.
+    seq
+        Number of the last commit before.
+    """
     from rtask.rdf.namespaces import RDF
     from rtask.rdf.terms import iri
 
     ontology_class = iri("http://www.w3.org/2002/07/owl#Ontology")
-    files = [file for report in reports for file in report.files if file.added and file.graph]
-    for graph in dict.fromkeys(file.graph for file in files):
-        if f"<{graph}>" in before:
-            continue
+    changing = [file for report in reports for file in report.files if file.added or file.removed]
+    if any(not file.graph or f"<{file.graph}>" in before for file in changing):
+        _announce_undo_of_commits(kb, changing, seq)
+        return
+    for graph in dict.fromkeys(file.graph for file in changing):
         if kb.match(None, RDF.type, ontology_class, graph):
             announce_undo("ontology", "unload", graph)
         else:
             announce_undo("update", f"DROP GRAPH <{graph}>")
+
+
+def _announce_undo_of_commits(kb: KnowledgeBase, files: list[FileReport], seq: int) -> None:
+    changed = sum(file.added + file.removed for file in files)
+    entries = kb.history(since=seq) if changed <= _MAX_READ_AGAIN else []
+    if sum(len(entry.added) + len(entry.removed) for entry in entries) == changed:
+        announce_undo("undo", *(str(entry.seq) for entry in reversed(entries)))
+        return
+    announce_final(f"{changed} statements went into graphs that had some; see the latest backup")

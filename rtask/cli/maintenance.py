@@ -12,12 +12,15 @@ import click
 
 from rtask.cli.connection import open_to_change, open_to_read
 from rtask.cli.options import (
+    announce_final,
+    confirm_final,
     data_option,
     json_option,
     listing_option,
     print_json,
     shapes_option,
     shown_rows,
+    yes_option,
 )
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
@@ -62,8 +65,9 @@ def restore(source: Path, target: Path, as_json: bool) -> None:
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
+@yes_option
 @json_option
-def promote(folder: Path, as_json: bool) -> None:
+def promote(folder: Path, yes: bool, as_json: bool) -> None:
     """Make the follower in FOLDER a knowledge base of its own, which takes writes.
 
     Its numbering of commits begins a new epoch, so that other followers start over from it. Stop
@@ -74,6 +78,7 @@ def promote(folder: Path, as_json: bool) -> None:
 
     if replica.followed_by(folder) is None:
         raise UsageError(f"{folder} follows nobody; it can be served as it is")
+    confirm_final("the copy will not follow again; a new follower starts over", yes)
     with Working("recovering"):
         rtask.open(folder, ontologies=False, reason=False).close()
     settings = replica.promote(folder)
@@ -243,10 +248,16 @@ def _rebuild_by_engine(kb: KnowledgeBase, part: str, working: Working) -> str:
 @data_option
 @click.option("--release", "action", flag_value="release", help="Put them back into their graphs.")
 @click.option("--forget", "action", flag_value="forget", help="Delete them.")
+@yes_option
 @listing_option
 @json_option
 def quarantine(
-    records: tuple[str, ...], data: Path, action: str | None, limit: int | None, as_json: bool
+    records: tuple[str, ...],
+    data: Path,
+    action: str | None,
+    yes: bool,
+    limit: int | None,
+    as_json: bool,
 ) -> None:
     """List statements that contradict the others; put them back, or delete them.
 
@@ -255,6 +266,8 @@ def quarantine(
     Putting back fails, and changes nothing, while a statement still contradicts the others.
     """
     if action is not None:
+        if action == "forget":
+            confirm_final("`rtask history -s` shows the statements, to be asserted anew", yes)
         with open_to_change(data) as kb:
             before = len(kb.quarantined())
             kb.release(records or None, drop=action == "forget")
@@ -263,6 +276,8 @@ def quarantine(
             print_json({action: count})
         else:
             click.echo(f"{count} {'put back' if action == 'release' else 'deleted'}")
+            if action == "release":
+                announce_final("they stand in their graphs again; `rtask update` withdraws them")
         return
     with open_to_read(data) as kb:
         quarantined = [

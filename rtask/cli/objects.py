@@ -12,6 +12,7 @@ from rtask.cli.connection import connection, open_graph, open_to_read
 from rtask.cli.options import (
     agent_option,
     announce_undo,
+    confirm_final,
     data_option,
     exit_if_empty,
     json_option,
@@ -19,6 +20,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
     shown_rows,
+    yes_option,
 )
 from rtask.cli.things import resolve_object
 
@@ -161,8 +163,7 @@ def merge(
 def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool) -> None:
     """Find products that are stored twice: each is recognised as the other. Exit code 1 if any.
 
-    Look at both before merging: what looks alike may differ in what no camera sees. A merge can be
-    undone, as `rtask objects undo` says.
+    Look at both before merging: what looks alike may differ in what no camera sees.
     """
     from rtask.cli.progress import Working
     from rtask.engine.curation.twins import count_untried, find_twins, merges_of
@@ -192,6 +193,8 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
+        if commits:
+            announce_undo("undo", *reversed(commits))
         if not pairs and not untried:
             click.echo("no twins: no object is recognised as another", err=True)
         if untried:
@@ -236,6 +239,7 @@ def split(
 @data_option
 @server_option
 @_agent_option
+@yes_option
 @json_option
 def forget(
     name: str,
@@ -244,9 +248,12 @@ def forget(
     data: Path,
     server: str | None,
     agent: str | None,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Delete the object NAME, or only some VIEWS of it."""
+    if purge:
+        confirm_final("what --purge deletes is gone; backups made before have it still", yes)
     _curate(
         (data, server), as_json, operation="forget", object=name, views=list(views), purge=purge,
         operator=agent,
@@ -282,9 +289,7 @@ def _carry_out(
         click.echo(
             f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip()
         )
-        if given.get("purge"):
-            click.echo("this cannot be undone: what --purge deletes is gone", err=True)
-        else:
+        if not given.get("purge"):
             announce_undo("objects", "undo", done["commit"])
     else:
         (named,) = done["objects"]

@@ -99,6 +99,7 @@ def upgrade(
                 print_json({"ontology": source, "commit": commit.seq})
             else:
                 click.echo(f"undone: +{commit.added} -{commit.removed} statements")
+                announce_undo("undo", str(commit.seq))
             return
         upgraded = run(
             kb, Path(source), migrate=not no_migration, dry_run=dry_run, patches=not no_patches
@@ -109,9 +110,8 @@ def upgrade(
     for line in upgraded.lines():
         click.echo(line)
     if upgraded.commit is not None:
-        click.echo(
-            f"commit {upgraded.commit.seq}; undo: rtask ontology upgrade --undo {upgraded.ontology}"
-        )
+        click.echo(f"commit {upgraded.commit.seq}")
+        announce_undo("ontology", "upgrade", "--undo", upgraded.ontology)
 
 
 @ontology.command()
@@ -137,11 +137,8 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
     for term, count in unloaded.used.items():
         click.echo(f"{count} statements use {term}")
     click.echo(f"{'would remove' if dry_run else 'removed'} {unloaded.statements} statements")
-    if not dry_run:
-        from rtask.loader.catalogue import OntologyCatalogue
-
-        is_bundled = OntologyCatalogue().find(unloaded.ontology) is not None
-        announce_undo("load", unloaded.ontology if is_bundled else "ITS-FILE")
+    if unloaded.commit is not None:
+        announce_undo("undo", str(unloaded.commit.seq))
 
 
 @ontology.command()

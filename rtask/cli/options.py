@@ -14,8 +14,10 @@ from click.core import ParameterSource
 
 __all__ = [
     "agent_option",
+    "announce_final",
     "announce_undo",
     "budget_option",
+    "confirm_final",
     "data_option",
     "exit_if_empty",
     "exit_undecided",
@@ -29,6 +31,7 @@ __all__ = [
     "server_option",
     "shown_rows",
     "term",
+    "yes_option",
 ]
 
 
@@ -65,6 +68,9 @@ shapes_option = click.option(
     help="File of SHACL shapes to check against as well; may be repeated.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+yes_option = click.option(
+    "--yes", "-y", is_flag=True, help="Do not ask before what cannot be undone."
+)
 
 
 def agent_option(help: str) -> Callable[..., Any]:
@@ -116,6 +122,26 @@ def announce_undo(*command: str) -> None:
         if value and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             where += [f"--{name}", str(value)]
     click.echo(f"undo: rtask {shlex.join([*command, *where])}", err=True)
+
+
+def announce_final(remains: str) -> None:
+    """Print, on standard error, that no command undoes a change, and what remains."""
+    click.echo(f"this cannot be undone: {remains}", err=True)
+
+
+def confirm_final(remains: str, yes: bool) -> None:
+    """Announce a change that cannot be undone, before it is made, and ask at a terminal.
+
+    Parameters
+    ----------
+    remains
+        What will be gone, and what remains.
+    yes
+        Value of `yes_option`.
+    """
+    announce_final(remains)
+    if not yes and sys.stdin.isatty():
+        click.confirm("go on?", abort=True, err=True)
 
 
 def exit_undecided(answer: object) -> None:

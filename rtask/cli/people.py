@@ -89,7 +89,9 @@ def feedback(
     stats = answer["statistics"]
     held = f"{stats['successes']} of {stats['attempts']}"
     click.echo(f"the grasp {answer['grasp']} held {held} times")
-    if not answer["stored"]:
+    if answer["stored"]:
+        announce_undo("undo", answer["commit"])
+    else:
         click.echo("nothing new: this verdict had been given before")
 
 

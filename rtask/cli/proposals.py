@@ -9,6 +9,8 @@ import click
 
 from rtask.cli.connection import open_to_change, open_to_read
 from rtask.cli.options import (
+    announce_final,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
@@ -87,6 +89,7 @@ def adopt(number: int, data: Path, as_json: bool) -> None:
         print_json({"commit": commit.seq, "added": commit.added, "removed": commit.removed})
         return
     click.echo(f"adopted in commit {commit.seq}: {commit.added} added, {commit.removed} removed")
+    announce_undo("undo", str(commit.seq))
 
 
 @proposals.command()
@@ -103,6 +106,7 @@ def refuse(number: int, data: Path, remark: str, as_json: bool) -> None:
         print_json(refused.to_dict())
         return
     click.echo(f"refused proposal {number}")
+    announce_final("its author may propose the change anew")
 
 
 def _line(one: Proposal) -> str:

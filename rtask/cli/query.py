@@ -13,6 +13,7 @@ import click
 from rtask.cli.connection import base_of, open_graph, reasoner_of
 from rtask.cli.options import (
     agent_option,
+    announce_undo,
     data_option,
     exit_if_empty,
     json_option,
@@ -273,6 +274,12 @@ def update(
         done = graph.update(whole, agent=agent, note=note)
     if done is None:
         click.echo('{"done": true}' if as_json else "done")
+        if not as_json:
+            click.echo(
+                "a server does not name the commit: `rtask history` does where its folder is, and "
+                "`rtask undo COMMIT` undoes it",
+                err=True,
+            )
         return
     if as_json:
         names = ("seq", "added", "removed", "derived", *(["remark"] if done.remark else []))
@@ -281,6 +288,8 @@ def update(
     click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
     if done.remark:
         click.echo(done.remark, err=True)
+    if done.added or done.removed:
+        announce_undo("undo", str(done.seq))
 
 
 @click.command()

@@ -78,19 +78,22 @@ def add(
         parsed = [dataclasses.replace(parsed[0], label=label)]
     if server:
         with _connected(server, agent) as client:
-            new = _new(parsed, client.rules())
+            present = client.rules()
             made = client.add(parsed, replace)
             facts = {name: made[name] for name in ("commit", "derived", "changed")}
     else:
         with announce_compilation(), rtask.open(data) as kb:
-            new = _new(parsed, kb.rules())
+            present = kb.rules()
             commit = kb.add_rules(parsed, agent, replace=replace)
         facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
+    new = _new(parsed, present)
     if as_json:
         print_json({"rules": [rule.label for rule in parsed], **facts})
     elif facts["changed"]:
         click.echo(f"{_counted(len(new))} added, {facts['derived']} statements derived")
-        if not replace:
+        if {rule.label for rule in new} & {rule.label for rule in present}:
+            announce_undo("undo", str(facts["commit"]))
+        else:
             announce_undo("rules", "remove", *(rule.label for rule in new))
     else:
         click.echo("nothing new: these rules are there already")
@@ -155,6 +158,7 @@ def remove(
         print_json({"removed": list(names), "commit": seq, "withdrawn": gone})
     else:
         click.echo(f"{_counted(len(names))} removed, {gone} derived statements withdrawn")
+        announce_undo("undo", str(seq))
 
 
 def _present(data: Path, server: str | None) -> list[Rule]:

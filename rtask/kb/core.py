@@ -27,6 +27,7 @@ from rtask.kb.proposing import Proposing
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.retraction import Retraction
+from rtask.kb.reverting import Reverting
 from rtask.kb.watching import Watching
 
 __all__ = ["GraphCore"]
@@ -34,7 +35,7 @@ __all__ = ["GraphCore"]
 _log = logging.getLogger(__name__)
 
 
-class GraphCore(Reading, Watching, Reasoning, Retraction, Proposing):
+class GraphCore(Reading, Watching, Reasoning, Retraction, Reverting, Proposing):
     """A graph in one process: reads, watches, commits, reasons, retracts and checks itself.
 
     The loader, the object layer and the bridges to other libraries work on this class;

@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode, Quad, parse
 
 import ontology
 from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.reverting import BUNDLED
 from rtask.kb.store.collector import collector_paused
 from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
 
@@ -34,7 +35,7 @@ def refresh(kb: GraphCore) -> Commit | None:
     if not stale:
         return None
     kinds: dict[GraphName, str] = {}
-    request = Request(kb.access(), note="bundled ontology", kinds=kinds, trusted=True)
+    request = Request(kb.access(), note=BUNDLED, kinds=kinds, trusted=True)
     with collector_paused(), kb.commit_block(request) as tx:
         for path in stale:
             quads = list(parse(path=path, rename_blank_nodes=True))

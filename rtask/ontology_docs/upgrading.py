@@ -10,7 +10,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Quad
 
-from rtask.errors import ConflictError, DataError, UnknownTermError
+from rtask.errors import DataError, UnknownTermError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.core import GraphCore
@@ -197,26 +197,7 @@ def undo_upgrade(kb: GraphCore, name: str, *, access: Access | None = None) -> C
         What it wrote was changed since.
     """
     seq = _last_upgrade(kb, name)
-    (change,) = kb.feed.changes(seq - 1, seq)
-    request = Request(
-        kb.access(access=access),
-        note=_UNDONE.format(iri=name, seq=seq),
-        kinds={iri(name): "OntologyGraph"},
-        max_quads=_UNLIMITED,
-        cause_ms=_CAUSE_MS,
-        check_blobs=False,
-    )
-    gone = [quad for quad in change.added if quad not in kb.store]
-    if gone:
-        raise ConflictError(
-            f"{len(gone)} statements that commit {seq} wrote have changed since, e.g. {gone[0]}; "
-            "undo those changes first",
-            commit=seq,
-        )
-    with kb.commit_block(request) as tx:
-        tx.remove_quads(change.added)
-        tx.add_quads(change.removed)
-    return tx.commit
+    return kb.revert(seq, access=access, note=_UNDONE.format(iri=name, seq=seq))
 
 
 def _last_upgrade(kb: GraphCore, name: str) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from rtask.cli.options import json_option, print_json
+from rtask.cli.options import announce_undo, json_option, print_json
 from rtask.errors import RobotError, UsageError
 from simulate import options
 from simulate.drivers.commands import reach
@@ -94,7 +94,7 @@ def add(
     """
     from simulate.onboarding.guess import guess_robot
     from simulate.robots import ROBOTS
-    from simulate.robots.robot_files import robots_folder, save_robot
+    from simulate.robots.robot_files import robots_folder, save_robot, set_aside
     from simulate.world.quiet import banner_on_stderr
 
     name = name or urdf.stem
@@ -107,6 +107,9 @@ def add(
         raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
     with banner_on_stderr():
         made = guess_robot(urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict)
+    is_replaced = path.exists()
+    if is_replaced:
+        set_aside(path)
     save_robot(made.settings, made.guessed, path)
     arms = [
         {
@@ -138,6 +141,7 @@ def add(
         click.echo(f"{arm.name}: {len(arm.joints)} joints, hand on {arm.wrist}, {does}")
     click.echo(f"reaches {made.share:.0%} of its table; settings: {path}")
     click.echo(f"next: rtask robot check {name}")
+    announce_undo("robot", "restore" if is_replaced else "remove", name)
 
 
 @robot.command()
@@ -230,15 +234,33 @@ def srdf(name: str, as_json: bool) -> None:
 @click.argument("name")
 @json_option
 def remove(name: str, as_json: bool) -> None:
-    """Forget a robot that was added; its URDF stays."""
-    from simulate.robots.robot_files import robot_names, robots_folder
+    """Forget a robot that was added; its URDF stays, and its settings until the next removal."""
+    from simulate.robots.robot_files import robot_names, robots_folder, set_aside
 
     path = robots_folder() / f"{name}.toml"
     if name not in robot_names():
         names = ", ".join(robot_names()) or "none"
         raise RobotError(f"no robot {name!r} was added; there are: {names}")
-    path.unlink()
+    set_aside(path)
     if as_json:
         print_json({"name": name, "removed": str(path)})
     else:
         click.echo(f"removed {path}")
+        announce_undo("robot", "restore", name)
+
+
+@robot.command()
+@click.argument("name")
+@json_option
+def restore(name: str, as_json: bool) -> None:
+    """Bring back the settings of a robot that was removed or replaced; present ones go aside."""
+    from simulate.robots.robot_files import restore_settings, robots_folder
+
+    path = robots_folder() / f"{name}.toml"
+    is_swapped = path.exists()
+    restore_settings(path)
+    if as_json:
+        print_json({"name": name, "settings": str(path)})
+    else:
+        click.echo(f"restored {path}")
+        announce_undo("robot", "restore" if is_swapped else "remove", name)

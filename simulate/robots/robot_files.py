@@ -32,10 +32,12 @@ from simulate.robots.urdf_reader import read_urdf
 __all__ = [
     "bare_robot",
     "load_robot",
+    "restore_settings",
     "robot_from",
     "robot_names",
     "robots_folder",
     "save_robot",
+    "set_aside",
     "settings_of",
 ]
 
@@ -58,6 +60,28 @@ def robots_folder() -> Path:
 def robot_names() -> list[str]:
     """Return the names of the user's robots."""
     return sorted(path.stem for path in robots_folder().glob("*.toml"))
+
+
+def set_aside(path: Path) -> None:
+    """Move the settings of a robot to where :func:`restore_settings` finds them."""
+    path.replace(path.with_suffix(".removed"))
+
+
+def restore_settings(path: Path) -> None:
+    """Bring the settings back that were set aside last; the present ones are set aside instead.
+
+    Raises
+    ------
+    RobotError
+        None were set aside.
+    """
+    aside = path.with_suffix(".removed")
+    if not aside.exists():
+        raise RobotError(f"no robot {path.stem!r} was removed or replaced; see `rtask robot list`")
+    present = path.read_bytes() if path.exists() else None
+    aside.replace(path)
+    if present is not None:
+        aside.write_bytes(present)
 
 
 def bare_robot(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 
+from rtask.cli.options import announce_undo
 from rtask.errors import RtaskError, UsageError
 
-__all__ = ["errors_name", "make_plot_folder", "seed_option"]
+__all__ = ["announce_stored", "errors_name", "make_plot_folder", "seed_option"]
 
 seed_option = click.option(
     "--seed",
@@ -27,6 +29,16 @@ def make_plot_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--save-plots {folder}: {error.strerror}") from error
+
+
+def announce_stored(stored: Mapping[str, Any]) -> None:
+    """Print what was stored of a plan, and how to undo it."""
+    many = f"{len(stored['grasps'])} grasps"
+    if not stored["commit"]:
+        click.echo(f"the object has these {many} already")
+        return
+    click.echo(f"stored {many} as {stored['commit']}")
+    announce_undo("undo", stored["commit"])
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from rtask.cli.grasping.executors import ExecutorName, executor_options, open_named
-from rtask.cli.grasping.planning import errors_name, make_plot_folder, seed_option
+from rtask.cli.grasping.planning import announce_stored, errors_name, make_plot_folder, seed_option
 from rtask.cli.grasping.push_report import plan_as_json, print_plan
 from rtask.cli.options import data_option, exit_if_empty, json_option, limit_option, print_json
 from rtask.cli.progress import Working, announce_compilation
@@ -200,7 +200,7 @@ def push(
         else:
             print_plan(push_plan, outline.note, call.limit)
             if stored is not None:
-                click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
+                announce_stored(stored)
             for drawing in drawings:
                 click.echo(f"wrote {drawing}")
     exit_if_empty(push_plan.quality > 0)

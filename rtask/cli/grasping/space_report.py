@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.grasping.planning import announce_stored
 from rtask.cli.options import print_json
 
 if TYPE_CHECKING:
@@ -50,9 +51,7 @@ def report(
         return not verdict(proposals, call)
     _print(proposals, hand, notes, seconds, call)
     if stored is not None:
-        many = f"{len(stored['grasps'])} grasps"
-        message = f"stored {many} as {stored['commit']}"
-        click.echo(message if stored["commit"] else f"the object has these {many} already")
+        announce_stored(stored)
     for path in written:
         click.echo(f"wrote {path}")
     return not verdict(proposals, call)

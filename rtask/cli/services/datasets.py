@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rtask.cli.options import (
+    announce_final,
+    announce_undo,
+    confirm_final,
     json_option,
     listing_option,
     print_json,
     shown_rows,
+    yes_option,
 )
+from rtask.cli.services.dataset_undo import Head, digests_of, head_of
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -86,6 +92,8 @@ def create(
     with _connected(server) as client:
         client.create(name, source, private, key)
     _tell(as_json, {"name": name}, f"created {name}")
+    if not as_json:
+        announce_final("a dataset stays; `rtask dataset remove` empties it")
 
 
 @dataset.command("show")
@@ -109,8 +117,9 @@ def show(name: str, server: str, limit: int | None, as_json: bool) -> None:
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option("--as", "path", metavar="PATH", help="Its path in the dataset.  [default: its name]")
 @_server
+@yes_option
 @json_option
-def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -> None:
+def put(name: str, source: Path, path: str | None, server: str, yes: bool, as_json: bool) -> None:
     """Write SOURCE, a file or a folder, to the head of a dataset."""
     if source.is_dir():
         start = f"{path.strip('/')}/" if path else ""
@@ -124,11 +133,18 @@ def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -
         except UnicodeEncodeError:
             raise UsageError(f"{file!r}: the name of a file is not UTF-8; rename it") from None
     with _connected(server) as client:
+        head = head_of(client, name)
+        changed = head.changed_by(digests_of(named))
+        folder = path.strip("/") if path and source.is_dir() else None
+        names = [folder] if folder and not head.below(folder) else []
+        undo = _opposite(head, changed, names, yes)
         sent = client.put_many(name, named)
     words = f"wrote {sent} {'file' if sent == 1 else 'files'} to {name}"
     if sent < len(named):
         words += f", which has the other {len(named) - sent} already"
     _tell(as_json, {"name": name, "files": list(named), "sent": sent}, words)
+    if sent and undo and not as_json:
+        announce_undo("dataset", *undo)
 
 
 @dataset.command("get")
@@ -147,14 +163,77 @@ def get(name: str, path: str, target: Path, server: str, as_json: bool) -> None:
 
 @dataset.command("remove")
 @click.argument("name")
-@click.argument("path")
+@click.argument("paths", metavar="PATH...", nargs=-1, required=True)
 @_server
+@yes_option
 @json_option
-def remove(name: str, path: str, server: str, as_json: bool) -> None:
-    """Remove a file or a folder from the head; the versions keep it."""
+def remove(name: str, paths: tuple[str, ...], server: str, yes: bool, as_json: bool) -> None:
+    """Remove files or folders from the head; the versions keep them."""
     with _connected(server) as client:
-        client.remove(name, path)
-    _tell(as_json, {"name": name, "removed": path}, f"removed {path} from {name}")
+        head = head_of(client, name)
+        gone = [file for path in paths for file in head.below(path)]
+        undo = _opposite(head, gone, paths, yes)
+        for path in paths:
+            client.remove(name, path)
+    removed = paths[0] if len(paths) == 1 else list(paths)
+    _tell(as_json, {"name": name, "removed": removed}, f"removed {', '.join(paths)} from {name}")
+    if undo and not as_json:
+        announce_undo("dataset", *undo)
+
+
+@dataset.command("restore")
+@click.argument("version", metavar="NAME@VERSION")
+@click.argument("paths", metavar="[PATH]...", nargs=-1)
+@_server
+@yes_option
+@json_option
+def restore(version: str, paths: tuple[str, ...], server: str, yes: bool, as_json: bool) -> None:
+    """Make the head as a version was: all of it, or some files and folders.
+
+    What the version does not have is removed from the head.
+    """
+    name, at, _ = version.partition("@")
+    if not at:
+        raise UsageError(f"{version}: name the version to restore, such as {version}@1")
+    with _connected(server) as client:
+        head = head_of(client, name)
+        difference = client.difference(name, "head", version.partition("@")[2])
+        kinds = {kind: _below(files, paths) for kind, files in difference.items()}
+        changed = [file for files in kinds.values() for file in files]
+        undo = _opposite(head, changed, (), yes)
+        for file in (*kinds["added"], *kinds["changed"]):
+            client.put(name, file, client.get(version, file))
+        for file in kinds["removed"]:
+            client.remove(name, file)
+    written = len(kinds["added"]) + len(kinds["changed"])
+    facts = {"name": name, "version": version, "written": written, "removed": kinds["removed"]}
+    words = f"the head of {name}: {written} files as in {version}, {len(kinds['removed'])} removed"
+    _tell(as_json, facts, words)
+    if undo and changed and not as_json:
+        announce_undo("dataset", *undo)
+
+
+def _below(files: list[str], paths: tuple[str, ...]) -> list[str]:
+    """Return the files that paths of files or folders name; all of them without paths."""
+    starts = [path.strip("/") for path in paths]
+    return [
+        file
+        for file in files
+        if not starts or any(file == start or file.startswith(f"{start}/") for start in starts)
+    ]
+
+
+def _opposite(head: Head, changed: list[str], named: Sequence[str], yes: bool) -> list[str]:
+    """Return the command that undoes a change of a head; ask before one that nothing undoes."""
+    undo = head.opposite(changed, named)
+    if undo is not None:
+        return undo
+    confirm_final(
+        f"no version of {head.name} has the present contents of {head.lost(changed)} files; "
+        "`rtask dataset snapshot` makes one",
+        yes,
+    )
+    return []
 
 
 @dataset.command("snapshot")
@@ -167,6 +246,8 @@ def snapshot(name: str, message: str, server: str, as_json: bool) -> None:
     with _connected(server) as client:
         made = client.snapshot(name, message)
     _tell(as_json, made, made["name"])
+    if not as_json:
+        announce_final("a version stays as it is")
 
 
 @dataset.command("diff")
@@ -195,9 +276,15 @@ def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None
     "that must all fit.",
 )
 @_server
+@yes_option
 @json_option
 def prune(
-    name: str, paths: tuple[str, ...], where: tuple[str, ...], server: str, as_json: bool
+    name: str,
+    paths: tuple[str, ...],
+    where: tuple[str, ...],
+    server: str,
+    yes: bool,
+    as_json: bool,
 ) -> None:
     """Make a version of a dataset without some files, folders or records. Older ones keep them."""
     if not (paths or where):
@@ -212,8 +299,14 @@ def prune(
         except ValueError:
             fields[field] = value
     with _connected(server) as client:
+        head = head_of(client, name)
+        # Which files hold such records, only the server knows.
+        gone = list(head.files) if fields else [f for path in paths for f in head.below(path)]
+        undo = _opposite(head, gone, (), yes)
         made = client.prune(name, list(paths), fields)
     _tell(as_json, made, made["name"])
+    if undo and not as_json:
+        announce_undo("dataset", *undo)
 
 
 @dataset.command("merge")
@@ -246,3 +339,5 @@ def merge(name: str, source: str, rules: tuple[str, ...], server: str, as_json: 
         for row in made["doubts"]
     ]
     _tell(as_json, made, "\n".join(rows))
+    if made["parents"] and not as_json:
+        announce_undo("dataset", "restore", made["parents"][0])

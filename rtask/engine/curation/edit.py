@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["NOTE", "Edit"]
+__all__ = ["NOTE", "VERDICT", "Edit"]
 
 _OF_OUTCOMES = (RT.success, RT.hasReason, RT.hasFeedback)
 NOTE = "objects: "
 """Prefix of the notes of commits that can be undone."""
+VERDICT = "a person's verdict"
+"""Note of a commit with a verdict, which can be undone, too."""
 
 
 class Edit:

@@ -1,14 +1,15 @@
-"""Undo a correction: naming, merging, splitting, forgetting or withdrawing."""
+"""Undo a commit: a correction or a verdict with what hangs on it, any other by its inverse."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.curation.edit import NOTE, Edit
+from rtask.engine.curation.edit import NOTE, VERDICT, Edit
 from rtask.engine.curation.merging import withdraw_models
 from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.statistics import judged_counts, rebuild
@@ -26,26 +27,35 @@ if TYPE_CHECKING:
 
 __all__ = ["undo"]
 
+_REPORTS = (RT.executesGrasp, RT.hasOutcome, RT.success, RT.hasFeedback)
+"""What counts, maps and hidden causes follow from."""
 _NUMBERS = (RT.x, RT.y, RT.z, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
 def undo(context: Context, commit: str, author: Access) -> Commit:
-    """Undo one commit that corrected objects, or withdrew a contributor.
+    """Undo one commit.
 
-    Statements made since then stay, and statements withdrawn since then stay withdrawn. Counts and
-    beliefs that robots have restated since then are stated again, from all that is told now.
+    A correction of objects, a withdrawal of a contributor and a verdict are undone with what hangs
+    on them: statements made since then stay, and statements withdrawn since then stay withdrawn;
+    counts and beliefs that robots have restated since then are stated again from all present
+    reports. Any other commit is undone by its inverse, see `GraphCore.revert`.
 
     Raises
     ------
     UnknownTermError
         No such commit, or one too old for a store in memory.
     ForbiddenError
-        The commit was no correction, or its bytes were deleted.
+        It is another person's verdict, the author may not write what it changed, or its bytes were
+        deleted.
     ConflictError
         It is already undone, or a later change conflicts.
     """
     with context.writing:
         entry = _entry(context, commit)
+        if entry.note != VERDICT and not (entry.note or "").startswith(NOTE):
+            return _revert(context, entry, author)
+        if entry.note == VERDICT:
+            _refuse_judged_since(context, entry, author)
         edit = _inverse(context, entry)
         if not edit.removed and all(quad in context.kb.store for quad in edit.added):
             raise ConflictError(f"commit: {commit} is already undone")
@@ -77,11 +87,36 @@ def _entry(context: Context, commit: str) -> HistoryEntry:
     entries = [e for e in context.kb.history(since=seq - 1, upto=seq) if e.seq == seq]
     if not entries:
         raise UnknownTermError(f"commit: there is no commit {commit}")
-    if not (entries[0].note or "").startswith(NOTE):
-        raise ForbiddenError(
-            f"commit: {commit} did not name, merge, split or forget an object, nor withdraw anybody"
-        )
     return entries[0]
+
+
+def _revert(context: Context, entry: HistoryEntry, author: Access) -> Commit:
+    """Undo a commit that the engine did not make as a correction, with the author's own rights."""
+    done = context.kb.revert(entry.seq, access=author)
+    if any(quad.predicate in _REPORTS for quad in (*entry.added, *entry.removed)):
+        rebuild(context)
+    context.views.sync()
+    return done
+
+
+def _refuse_judged_since(context: Context, entry: HistoryEntry, author: Access) -> None:
+    """Refuse to undo another person's verdict, or one that later verdicts counted with."""
+    if author.role == "teacher" and author.agent != entry.agent:
+        raise ForbiddenError(f"commit: it is the verdict of {entry.agent}, who may undo it")
+    for given in entry.added:
+        if given.predicate != RT.hasFeedback or not isinstance(given.subject, NamedNode):
+            continue
+        since = context.kb.history(given.subject, RT.hasFeedback, since=entry.seq)
+        later = [commit for commit in since if commit.added and _stands(context, commit.added)]
+        if later:
+            raise ConflictError(
+                f"commit: c-{later[-1].seq:05d} judged the same attempt since; undo that first",
+                commit=f"c-{later[-1].seq:05d}",
+            )
+
+
+def _stands(context: Context, quads: Iterable[Quad]) -> bool:
+    return any(quad in context.kb.store for quad in quads)
 
 
 def _inverse(context: Context, entry: HistoryEntry) -> Edit:
@@ -210,7 +245,7 @@ def _leave_out_restated(edit: Edit) -> set[NamedNode]:
     """Leave out counts, maps and beliefs that were restated since; return their grasps."""
     computed = {
         quad.subject for quad in edit.added
-        if quad.predicate in (RT.beliefAlpha, RT.attempts, RT.outcomeCount)
+        if quad.predicate in (RT.beliefAlpha, RT.attempts, RT.successes, RT.outcomeCount)
     }  # fmt: skip
     clashing = {
         quad.subject
@@ -223,16 +258,17 @@ def _leave_out_restated(edit: Edit) -> set[NamedNode]:
             for now in edit.match(quad.subject, quad.predicate)
         )
     }
-    grasps: set[NamedNode] = set()
-    for quad in list(edit.added):
-        if quad.object in clashing and quad.predicate == RT.hasEvaluation:
-            assert isinstance(quad.subject, NamedNode)
-            grasps.add(quad.subject)
-        if quad.subject in clashing:
-            if quad.predicate == RT.statisticsOf and isinstance(quad.object, NamedNode):
-                grasps.add(quad.object)
-            del edit.added[quad]
-    return grasps
+    grasps = set[object]()
+    for node in clashing:
+        # A verdict changes their values only, so the links may be in the graph instead.
+        assert isinstance(node, NamedNode)
+        links = [quad for quad in (*edit.added, *edit.match(node)) if quad.subject == node]
+        grasps |= {q.object for q in links if q.predicate == RT.statisticsOf}
+        owners = [*edit.added, *edit.match(None, RT.hasEvaluation, node)]
+        grasps |= {q.subject for q in owners if (q.predicate, q.object) == (RT.hasEvaluation, node)}
+    for quad in [quad for quad in edit.added if quad.subject in clashing]:
+        del edit.added[quad]
+    return {grasp for grasp in grasps if isinstance(grasp, NamedNode)}
 
 
 def _restate(context: Context, grasps: set[NamedNode], author: Access) -> None:

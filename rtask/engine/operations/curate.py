@@ -1,4 +1,4 @@
-"""Corrections by people: merge, split or forget objects, and undo such a change.
+"""Corrections by people: merge, split or forget objects, and undo a commit.
 
 Requests are carried out one at a time, and their objects are looked up under the lock. When two
 people merge the same objects, or each into the other, the second sees what the first did.

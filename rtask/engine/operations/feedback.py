@@ -12,6 +12,7 @@ import datetime as dt
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from rtask.engine.curation.edit import VERDICT
 from rtask.engine.memory.calibration import Scored, calibrate, score_of
 from rtask.engine.memory.causes import Causes, StatingCauses, state_causes
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
@@ -178,7 +179,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
         withdrawn = believe(context, triples, after.grasp, totals, who, home)
         causes.judge(after.grasp, after.attempt, now)
     rights = _Recounting(author.agent, author.role, counts=graph)
-    with context.kb.transaction(access=rights, note="a person's verdict") as tx:
+    with context.kb.transaction(access=rights, note=VERDICT) as tx:
         state_causes(causes, tx)
         for subject, predicate, value in recounted:
             tx.remove(subject, predicate, value, graph)

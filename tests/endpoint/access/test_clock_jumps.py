@@ -19,15 +19,15 @@ _YEARS_S = 4 * 366 * 86_400.0
 def test_limits_sessions_and_tickets_stay_when_the_clock_is_set(
     monkeypatch: pytest.MonkeyPatch, jump: float
 ) -> None:
-    limiter = Limiter(rate=0.5, write_rate=0.5, max_in_flight=8)
+    limiter = Limiter(rate=0.001, write_rate=0.001, max_in_flight=8)  # one in 1,000 s
     robot = Caller(Access("nao-1", "robot"), address="10.0.0.7")
-    limiter.admit_write(robot)
+    limiter.admit(robot)()
     sessions, tickets = Sessions(), Tickets()
     name, ticket = sessions.begin("0123456789ab"), tickets.issue("0123456789ab")
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + jump)
     with pytest.raises(RefusedError) as refused:
-        limiter.admit_write(robot)
-    assert dict(refused.value.headers)["Retry-After"] in ("1", "2")
+        limiter.admit(robot)
+    assert int(dict(refused.value.headers)["Retry-After"]) <= 1_000
     assert sessions.find(name) is not None
     assert tickets.redeem(ticket) == "0123456789ab"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -75,6 +76,55 @@ def test_every_command_about_datasets_prints_json(server, tmp_path):
     assert told("merge", "lab/Fork", "lab/Told@1")
     assert "lab/Told" in json.dumps(told("list"))
     assert told("show", "lab/Told@1")["files"].keys() == {"a.txt"}
+
+
+def test_changes_of_a_head_are_undone_by_what_they_printed(server, tmp_path):
+    def run(*words: str) -> str:
+        command = ["dataset", *words, "--server", server.url]
+        done = CliRunner().invoke(cli, command, catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return done.stderr
+
+    def undo(said: str) -> None:
+        (line,) = (line for line in said.splitlines() if line.startswith("undo: "))
+        program, _, *words = shlex.split(line.removeprefix("undo: "))
+        assert program == "rtask"
+        assert CliRunner().invoke(cli, ["dataset", *words]).exit_code == 0
+
+    def head(name: str = "lab/Undone") -> dict[str, Any]:
+        return httpx.get(f"{server.url}/datasets/{name}@head").json()["files"]
+
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for name in ("a.txt", "b.txt"):
+        (folder / name).write_text(name)
+    assert "this cannot be undone: a dataset stays" in run("create", "lab/Undone")
+    undo(run("put", "lab/Undone", str(folder), "--as", "raw"))
+    assert head() == {}
+    run("put", "lab/Undone", str(folder))
+    assert "this cannot be undone" in run("snapshot", "lab/Undone")
+    first = head()
+    (folder / "a.txt").write_text("changed")
+    replaced = run("put", "lab/Undone", str(folder))
+    second = head()
+    assert second != first
+    undo(run("remove", "lab/Undone", "b.txt"))
+    assert head() == second
+    assert "no version of lab/Undone has the present contents of 1 files" in run(
+        "remove", "lab/Undone", "a.txt"
+    )
+    undo(replaced)
+    assert head() == first
+    undo(run("prune", "lab/Undone", "a.txt"))
+    assert head() == first
+    run("create", "lab/Other", "--fork", "lab/Undone@1")
+    (tmp_path / "c.txt").write_text("c")
+    run("put", "lab/Other", str(tmp_path / "c.txt"))
+    run("snapshot", "lab/Other")
+    undo(run("merge", "lab/Undone", "lab/Other@1"))
+    assert head() == first
+    command = ["dataset", "restore", "lab/Undone@1", "--server", server.url, "--json"]
+    assert json.loads(CliRunner().invoke(cli, command).stdout)["written"] == 0
 
 
 def test_a_path_that_begins_with_a_slash_is_known_again(server, tmp_path):

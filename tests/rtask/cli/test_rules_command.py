@@ -137,7 +137,7 @@ def test_rules_of_a_server_are_handled_in_the_same_words(
     assert "did you mean" in str(both("rules", "show", "on-abov").exception)
     (folder / "on-above.rq").write_text(TEXT.replace("urn:above", "urn:over"))
     assert "there is another rule" in str(both("rules", "add", files[0]).exception)
-    assert both("rules", "add", files[0], "--replace").output.endswith("1 statements derived\n")
+    assert both("rules", "add", files[0], "--replace").stdout.endswith("1 statements derived\n")
     (folder / "bad.rq").write_text(TEXT.replace("WHERE", "\nWERE"))
     assert "3:1: unknown word" in str(both("rules", "add", str(folder / "bad.rq")).exception)
     assert "no rule 'none'" in str(both("rules", "remove", "on-above", "none").exception)

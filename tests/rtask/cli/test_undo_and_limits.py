@@ -9,10 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pyoxigraph import Literal, Quad
 
 import ontology
 import rtask
 from rtask.cli import main
+from rtask.rdf.terms import iri
 
 pytestmark = pytest.mark.slow
 
@@ -90,13 +92,17 @@ def test_a_load_into_a_new_graph_is_undone_by_what_it_printed(run: Run, tmp_path
     assert run("query", "ASK { GRAPH <urn:g> { <urn:b> ?p ?o } }")[0] == 1
 
 
-def test_nothing_is_printed_that_would_remove_more_than_was_loaded(
+def test_a_load_into_a_graph_with_statements_is_undone_without_those(
     run: Run, tmp_path: Path
 ) -> None:
     (tmp_path / "more.ttl").write_text("<urn:b> <urn:p> 2 .")
     run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g")
     (tmp_path / "more.ttl").write_text("<urn:b> <urn:p> 3 .")
-    assert "undo:" not in run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g")[2]
+    _, _, err = run("load", str(tmp_path / "more.ttl"), "--graph", "urn:g", "--replace")
+    assert run("query", "ASK { GRAPH <urn:g> { <urn:b> <urn:p> 3 } }")[0] == 0
+    assert _undo(run, err)[0] == 0
+    assert run("query", "ASK { GRAPH <urn:g> { <urn:b> <urn:p> 2 } }")[0] == 0
+    assert run("query", "ASK { GRAPH <urn:g> { <urn:b> <urn:p> 3 } }")[0] == 1
 
 
 def test_an_ontology_is_unloaded_by_what_the_load_printed(run: Run, tmp_path: Path) -> None:
@@ -108,14 +114,89 @@ def test_an_ontology_is_unloaded_by_what_the_load_printed(run: Run, tmp_path: Pa
     assert "urn:own" in run("ontology", "list")[1]
     assert _undo(run, err)[0] == 0
     assert "urn:own" not in run("ontology", "list")[1]
+    run("load", str(tmp_path / "own.ttl"))
+    assert _undo(run, run("ontology", "unload", "urn:own")[2])[0] == 0
+    assert "urn:own" in run("ontology", "list")[1]
 
 
-def test_rules_and_tokens_are_undone_by_what_was_printed(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "linked.rq").write_text("CONSTRUCT { ?a <urn:q> ?b } WHERE { ?a <urn:p> ?b }")
-    _, _, err = run("rules", "add", str(tmp_path / "linked.rq"))
-    assert run("rules", "list")[0] == 0
-    assert _undo(run, err)[0] == 0
+def test_rules_are_undone_by_what_was_printed(run: Run, tmp_path: Path) -> None:
+    rule = tmp_path / "linked.rq"
+    rule.write_text("CONSTRUCT { ?a <urn:q> ?b } WHERE { ?a <urn:p> ?b }")
+    added = run("rules", "add", str(rule))[2]
+    assert run("query", "ASK { <urn:a> <urn:q> 1 }")[0] == 0
+    rule.write_text("CONSTRUCT { ?a <urn:r> ?b } WHERE { ?a <urn:p> ?b }")
+    replaced = run("rules", "add", str(rule), "--replace")[2]
+    assert run("query", "ASK { <urn:a> <urn:q> 1 }")[0] == 1
+    assert _undo(run, replaced)[0] == 0
+    assert run("query", "ASK { <urn:a> <urn:q> 1 }")[0] == 0
+    assert _undo(run, run("rules", "remove", "linked")[2])[0] == 0
+    assert run("query", "ASK { <urn:a> <urn:q> 1 }")[0] == 0
+    assert _undo(run, added)[0] == 0
     assert run("rules", "list")[0] == 1
-    _, _, err = run("token", "create", "--robot", "nao-2")
+
+
+def test_tokens_are_undone_by_what_was_printed(run: Run) -> None:
+    def state() -> str:
+        return run("token", "list")[1]
+
+    _, _, created = run("token", "create", "--robot", "nao-2")
+    before = state()
+    id = before.split()[0]
+    undone = run("token", "expire", id, "12h")[2]
+    first = state()
+    assert first != before
+    assert _undo(run, run("token", "expire", id, "30d")[2])[0] == 0
+    assert state() == first
+    assert _undo(run, undone)[0] == 0
+    assert state() == before
+    assert _undo(run, created)[0] == 0
+    assert "revoked" in state()
+
+
+def test_an_update_is_undone_with_what_followed_from_it(run: Run) -> None:
+    mug = f"PREFIX rt: <{ontology.NS}> INSERT DATA {{ <urn:mug> a rt:Mug }}"
+    _, _, err = run("update", mug)
+    assert run("query", "ASK { <urn:mug> a rt:Container }")[0] == 0
+    code, out, again = _undo(run, err)
+    assert (code, out.split()[1:4]) == (0, ["is", "undone", "by"])
+    assert run("query", "ASK { <urn:mug> a rt:Container }")[0] == 1
+    assert _undo(run, again)[0] == 0
+    assert run("query", "ASK { <urn:mug> a rt:Container }")[0] == 0
+
+
+def test_what_later_commits_changed_or_built_on_is_undone_last(run: Run) -> None:
+    mug = f"PREFIX rt: <{ontology.NS}> INSERT DATA {{ <urn:mug> a rt:Mug }}"
+    first = run("update", mug)[2]
+    later = run("update", "INSERT DATA { <urn:shelf> <urn:holds> <urn:mug> }")[2]
+    code, _, err = _undo(run, first)
+    assert code == 3
+    assert "later statements refer to <urn:mug>" in err
+    assert _undo(run, later)[0] == 0
+    assert _undo(run, first)[0] == 0
+    code, _, err = _undo(run, first)
+    assert code == 3
+    assert "is already undone" in err
+
+
+def test_only_commits_are_undone_that_there_are_and_that_may_be(run: Run) -> None:
+    assert "there is no commit c-00099" in run("undo", "99")[2]
+    assert "comes with RTASK" in run("undo", "1")[2]
+    code, _, err = run("undo", "yesterday")
+    assert code == 2
+    assert "is not a commit" in err
+    seq = json.loads(run("update", "INSERT DATA { <urn:c> <urn:p> 1 }", "--json")[1])["seq"]
+    code, _, err = run("undo", str(seq), "--agent", "nao-2")
+    assert code == 3
+    assert "may not write" in err
+    (done,) = json.loads(run("undo", f"c-{seq:05d}", "--json")[1])
+    assert (done["undone"], done["removed"]) == (f"c-{seq:05d}", 1)
+
+
+def test_an_adopted_proposal_is_undone_by_what_was_printed(run: Run, tmp_path: Path) -> None:
+    new = Quad(iri("urn:new"), iri("urn:p"), Literal("1"), iri("urn:lab/graph/shared"))
+    with rtask.open(tmp_path / "kb") as kb:
+        number = kb.propose([new], author="nao-1").number
+    _, _, err = run("proposals", "adopt", str(number))
+    assert run("query", "ASK { <urn:new> ?p ?o }")[0] == 0
     assert _undo(run, err)[0] == 0
-    assert "revoked" in run("token", "list")[1]
+    assert run("query", "ASK { <urn:new> ?p ?o }")[0] == 1

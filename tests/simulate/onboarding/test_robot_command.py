@@ -13,7 +13,7 @@ from rtask.errors import RobotError
 from simulate.grasping.executor import Workcell
 from simulate.onboarding.commands import robot as command
 from simulate.robots import check_robot, describe, known_robots
-from simulate.robots.robot_files import load_robot
+from simulate.robots.robot_files import load_robot, set_aside
 from simulate.robots.srdf import read_srdf, srdf_text
 
 
@@ -69,6 +69,25 @@ def test_an_added_robot_is_known_by_its_name(added, folder):
     check_robot("iiwa")
     with pytest.raises(RobotError, match="iiwa"):
         check_robot("iwia")
+
+
+def test_a_removed_or_replaced_robot_is_brought_back(tmp_path, monkeypatch):
+    monkeypatch.setenv("RTASK_ROBOTS", str(tmp_path))
+    path = tmp_path / "arm.toml"
+    path.write_text("first")
+    assert run("remove", "arm")[0] == 0
+    assert not path.exists()
+    assert run("list")[0] == 0
+    assert run("restore", "arm")[1] == {"name": "arm", "settings": str(path)}
+    assert path.read_text() == "first"
+    with pytest.raises(RobotError, match="removed or replaced"):
+        run("restore", "arm")
+    set_aside(path)
+    path.write_text("second")
+    run("restore", "arm")
+    assert path.read_text() == "first"
+    run("restore", "arm")
+    assert path.read_text() == "second"
 
 
 @pytest.mark.slow

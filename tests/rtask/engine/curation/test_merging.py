@@ -189,7 +189,7 @@ def test_mistakes_are_named(bench, engine, twice):
         curate(engine, "split", object=one["object"], views=[other["view"]])
     with pytest.raises(UsageError, match="at least one view of the object must stay"):
         curate(engine, "split", object=one["object"], views=[one["view"]])
-    with pytest.raises(ForbiddenError, match="did not name, merge, split or forget"):
+    with pytest.raises(ForbiddenError, match="may not write"):
         curate(engine, "undo", commit=robot.insert(bench.sight(bench.PEN))["commit"])
     with pytest.raises(UnknownTermError, match="is not a commit"):
         curate(engine, "undo", commit="yesterday")

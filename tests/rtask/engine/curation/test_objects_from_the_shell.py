@@ -98,7 +98,7 @@ def test_objects_are_merged_shown_taken_back_and_forgotten(capsys, folder):
     undone = json.loads(told(capsys, "objects", "undo", split["commit"], "-d", data, "--json"))
     assert undone["commit"] != split["commit"]
     assert "no object" in refused(capsys, "objects", "show", split["object"], "-d", data)
-    assert "did not name, merge" in refused(capsys, "objects", "undo", "c-00001", "-d", data)
+    assert "comes with RTASK" in refused(capsys, "objects", "undo", "c-00001", "-d", data)
     gone = json.loads(told(capsys, "objects", "forget", one, "--purge", "-d", data, "--json"))
     assert gone["removed"] > 10
     assert "no object" in refused(capsys, "objects", "show", one, "-d", data)

@@ -13,7 +13,7 @@ from rtask.engine import Engine
 from rtask.engine.memory.confidence import posterior
 from rtask.engine.memory.statistics import rebuild
 from rtask.engine.policy import Policy
-from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.errors import ConflictError, ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 
 pytestmark = pytest.mark.slow
@@ -253,3 +253,34 @@ def test_feedback_that_nobody_counted_is_taken_by_its_latest_word(trial):
     assert trial.kb.query(f"ASK {{ <{row['o']}> <{rt}judgedSuccess> false }}")
     told = trial.say("ann", "confirm")
     assert told["disputed"] is True
+
+
+def test_a_verdict_is_undone_with_what_it_counted_for(trial):
+    before = trial.recalled()
+    mine = trial.say("ann", "refuse")["commit"]
+    other = trial.say("bob", "confirm")["commit"]
+    undo = {"operation": "undo", "commit": mine}
+    with pytest.raises(ConflictError, match=other):
+        trial.engine.call("curate_object", undo, Access("ann", "teacher"))
+    with pytest.raises(ForbiddenError, match="verdict of bob"):
+        trial.engine.call("curate_object", {**undo, "commit": other}, Access("ann", "teacher"))
+    trial.engine.call("curate_object", {**undo, "commit": other}, Access("bob", "teacher"))
+    assert trial.counted() == (0, 1)
+    trial.engine.call("curate_object", undo, Access("ann", "teacher"))
+    assert trial.counted() == (1, 1)
+    assert trial.recalled()["confidence"]["mean"] == pytest.approx(before["confidence"]["mean"])
+    assert not trial.kb.query(f"ASK {{ ?f a <{ontology.NS}HumanFeedback> }}")
+    assert list(trial.kb.validate()) == []
+
+
+def test_a_verdict_is_undone_though_robots_have_restated_the_counts_since(bench, trial):
+    mine = trial.say("ann", "refuse")["commit"]
+    trial.robot.call(
+        "report_outcome", task_id="urn:more", object=trial.object, grasp=trial.grasp,
+        gripper_id="right_hand", outcome=bench.held(),
+    )  # fmt: skip
+    assert trial.counted() == (1, 2)
+    undo = {"operation": "undo", "commit": mine}
+    trial.engine.call("curate_object", undo, Access("ann", "teacher"))
+    assert trial.counted() == (2, 2)
+    assert list(trial.kb.validate()) == []
