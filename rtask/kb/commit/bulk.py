@@ -116,6 +116,8 @@ def _add_text(
             else:
                 committer.interrupted = True
             raise
+        finally:
+            store.changed()
     return {graph}
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, QuerySolutions,
 from rtask.errors import ClosedError, StorageFullError, StoreFormatError, UnsupportedError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
-from rtask.kb.store.merged_graphs import with_merged_graphs
+from rtask.kb.store.merged_graphs import MergedCopy, with_merged_graphs
 from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.writes import Writes, as_update
 from rtask.rdf.terms import GraphName, Subject, Term, stored, triple_key
@@ -42,12 +43,13 @@ class EmbeddedStore(GraphStore):
         The store; the caller must keep no other reference to it.
     """
 
-    __slots__ = ("_path", "_store")
+    __slots__ = ("_is_applying", "_merged", "_path", "_store")
 
     def __init__(self, store: Store, path: str | None = None) -> None:
         super().__init__()
         self._store: Store | None = store
         self._path = path
+        self._merged, self._is_applying = MergedCopy(), False
 
     @property
     def raw(self) -> Store:
@@ -70,6 +72,7 @@ class EmbeddedStore(GraphStore):
     def move(self, path: Path) -> None:
         """Go on with the store at another place."""
         self._store = None
+        self.changed()
         self._store, self._path = Store(str(path)), str(path)
 
     @property
@@ -93,6 +96,7 @@ class EmbeddedStore(GraphStore):
         if self._path is None:
             return
         self._store = None
+        self.changed()
         for attempt in range(_ATTEMPTS):
             try:
                 self._store = Store(self._path)
@@ -107,6 +111,21 @@ class EmbeddedStore(GraphStore):
     def close(self) -> None:
         """Release the files."""
         self._store = None
+        self.changed()
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        try:
+            yield
+        except RuntimeError as error:
+            raise self._failed(error) from error
+        finally:
+            self.changed()
+
+    def changed(self) -> None:
+        """Forget what is copied of the store, after a change other than by :meth:`apply`."""
+        if not self._is_applying:
+            self._merged.drop()
 
     def __contains__(self, quad: Quad) -> bool:
         try:
@@ -194,24 +213,20 @@ class EmbeddedStore(GraphStore):
             options["use_default_graph_as_union"] = True
         try:
             with self.complete():
-                source, options = with_merged_graphs(self.raw, text, options)
+                source, options = with_merged_graphs(self.raw, text, options, self._merged)
                 return source.query(text, **options)
         except RuntimeError as error:
             raise self._failed(error) from error
 
     def update(self, text: str, **options: Any) -> None:
         """Run an update atomically."""
-        try:
+        with self._changing():
             self.raw.update(text, **options)
-        except RuntimeError as error:
-            raise self._failed(error) from error
 
     def extend(self, quads: Iterable[Quad]) -> None:
         """Add quads, all or none."""
-        try:
+        with self._changing():
             self.raw.extend(quads)
-        except RuntimeError as error:
-            raise self._failed(error) from error
 
     def bulk_extend(self, quads: Iterable[Quad]) -> None:
         """Add many quads fast, but not atomically: a process killed meanwhile leaves some.
@@ -227,25 +242,37 @@ class EmbeddedStore(GraphStore):
         rest = iter(quads)
         count = len(quads) if isinstance(quads, Sized) else 0
         parts = max(1, round(count / _BULK))
-        try:
+        with self._changing():
             for _ in range(parts - 1):
                 self.raw.bulk_extend(itertools.islice(rest, count // parts))
             self.raw.bulk_extend(rest)
-        except RuntimeError as error:
-            raise self._failed(error) from error
 
     def _bulk_load(self, text: bytes, graph: GraphName) -> None:
         """Add N-Triples whose terms the store has made or checked before."""
-        try:
+        with self._changing():
             self.raw.bulk_load(text, RdfFormat.N_TRIPLES, to_graph=graph, lenient=True)
-        except RuntimeError as error:
-            raise self._failed(error) from error
 
     def apply(self, writes: Writes) -> None:
         """Change the store in one atomic step; a large change is added in bulk first."""
         if len(writes.added) > LARGE:
             self._apply_large(writes)
-        elif writes.only_adds():
+            return
+        self._is_applying = True
+        try:
+            self._apply_small(writes)
+        except BaseException:
+            self._merged.drop()
+            raise
+        finally:
+            self._is_applying = False
+        if self._merged.is_made:
+            removed, added = list(writes.removed), list(writes.added)
+            self._merged.follow(removed, added, writes.created, writes.dropped)
+        else:
+            self._merged.drop()
+
+    def _apply_small(self, writes: Writes) -> None:
+        if writes.only_adds():
             self.extend(writes.added)
         else:
             operations, functions = as_update(writes)
@@ -265,6 +292,7 @@ class EmbeddedStore(GraphStore):
                 self.update(" ;\n".join(operations), custom_functions=functions)
         except BaseException:
             self._take_back(writes)
+            self.changed()
             raise
 
     def _take_back(self, writes: Writes) -> None:

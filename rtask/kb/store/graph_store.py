@@ -72,6 +72,9 @@ class GraphStore(ABC):
         self.is_view = False
         self.gate: Gate | None = None
 
+    def changed(self) -> None:  # noqa: B027 - most stores copy nothing
+        """Forget what is copied of the store, after a change other than by :meth:`apply`."""
+
     @property
     def is_complete(self) -> bool:
         """Whether a read can begin without completing the store first."""

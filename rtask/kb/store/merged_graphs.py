@@ -8,6 +8,7 @@ is part of the keeper's script and needs only the standard library and pyoxigrap
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Collection, Iterable
 from typing import Any
 
@@ -43,6 +44,8 @@ class MergedCopy:
     def __init__(self) -> None:
         self._copy: ox.Store | None = None
         self._left_out: frozenset[Any] = frozenset()
+        self._changes = 0
+        self._making, self._lock = threading.Lock(), threading.Lock()
 
     @property
     def is_made(self) -> bool:
@@ -69,9 +72,22 @@ class MergedCopy:
             return self._copy
         if not _shows_repeats(text) or len(store) > _MAX_COPIED:
             return None
-        self._copy = None
-        self._copy, self._left_out = _merged(store, graphs, graphs), left_out
-        return self._copy
+        with self._making:
+            with self._lock:
+                if self._copy is not None and left_out == self._left_out:
+                    return self._copy  # made while this one waited
+                self._copy, changes = None, self._changes
+            copy = _merged(store, graphs, graphs)
+            with self._lock:
+                if changes == self._changes:  # else it may lack a part of what came meanwhile
+                    self._copy, self._left_out = copy, left_out
+            return copy
+
+    def drop(self) -> None:
+        """Take note of a change that is not to be followed."""
+        with self._lock:
+            self._copy = None
+            self._changes += 1
 
     def follow(
         self,
@@ -81,6 +97,17 @@ class MergedCopy:
         dropped: Collection[Any],
     ) -> None:
         """Apply a change of the store; applying it twice does no harm."""
+        with self._lock:
+            self._changes += 1
+            self._follow(removed, added, created, dropped)
+
+    def _follow(
+        self,
+        removed: list[ox.Quad],
+        added: list[ox.Quad],
+        created: Iterable[Any],
+        dropped: Collection[Any],
+    ) -> None:
         copy = self._copy
         if copy is None:
             return

@@ -138,6 +138,7 @@ def _load(
         joined = (quad for quad in block if Graphs.is_joined(quad.graph_name))
         raw.bulk_extend(Quad(quad.subject, quad.predicate, quad.object) for quad in joined)
         raw.bulk_extend(block)  # keeps the names of blank nodes, unlike bulk_load
+    store.changed()
     for graph in graphs:
         if isinstance(graph, NamedNode | BlankNode):
             raw.add_graph(graph)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import pyoxigraph as ox
@@ -96,3 +97,63 @@ def test_a_copy_is_made_once_however_many_commits_follow(monkeypatch: pytest.Mon
         apply_change(store, encode_change([], added, [], []), kept)
         assert len(rows(store, graphs, kept)) == number + 1
     assert len(made) == 1
+
+
+def in_process(kb: KnowledgeBase, text: str) -> list[str]:
+    """Return an answer from the asserted graphs, in the order of its text."""
+    return sorted(str(row) for row in kb.query(text, inferred=False))
+
+
+@pytest.mark.parametrize("folder", [None, "kb"])
+def test_the_copy_of_the_programs_own_process_follows_each_kind_of_change(
+    folder: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[ox.Store] = []
+    copying = merged_graphs._merged
+
+    def counted(*args: Any) -> ox.Store:
+        made.append(copying(*args))
+        return made[-1]
+
+    monkeypatch.setattr(merged_graphs, "_merged", counted)
+    file = tmp_path / "more.ttl"
+    file.write_text("<urn:s:9> <urn:p> <urn:o:9> .", encoding="utf-8")
+    rng = random.Random(3)
+    with rtask.open(":memory:" if folder is None else tmp_path / folder, ontologies=False) as kb:
+        kb.update("INSERT DATA { <urn:p> a <http://www.w3.org/2002/07/owl#SymmetricProperty> }")
+        kb.update(
+            "INSERT DATA { <urn:s:1> <urn:p> <urn:o:1> }"
+        )  # from here on there is an inferred graph
+        in_process(kb, ALL)
+        changes: list[Callable[[], object]] = [
+            lambda: kb.update(f"INSERT DATA {{ {triple(rng)} }}", "nao-1"),
+            lambda: kb.update(f"INSERT DATA {{ {triple(rng)} }}", "nao-2"),
+            lambda: kb.update(f"DELETE DATA {{ {triple(rng)} }}"),
+            lambda: kb.update("DELETE WHERE { <urn:s:1> ?p ?o }"),
+            lambda: kb.load(file, graph="urn:g:loaded"),
+            lambda: kb.update("DROP GRAPH <urn:g:loaded>"),
+        ]
+        copies = len(made)
+        for _ in range(12):
+            for change in rng.sample(changes[:4], 2):
+                change()
+            assert in_process(kb, ALL) == fresh(kb)
+        assert len(made) == copies, "commits are followed; nothing is copied again"
+        for change in changes[4:]:
+            change()
+            assert in_process(kb, ALL) == fresh(kb)
+
+
+def triple(rng: random.Random) -> str:
+    return f"<urn:s:{rng.randrange(3)}> <urn:p> <urn:o:{rng.randrange(3)}>"
+
+
+def fresh(kb: KnowledgeBase) -> list[str]:
+    """Return the answer to ``ALL`` from each asserted statement, read one by one."""
+    apart = {kb.graphs.inferred, kb.graphs.meta, kb.graphs.provenance}
+    quads = {
+        (quad.subject, quad.object)
+        for quad in kb.store.quads_for_pattern(None, ox.NamedNode("urn:p"), None, None)
+        if quad.graph_name not in apart and isinstance(quad.graph_name, ox.NamedNode)
+    }
+    return sorted(f"Row(s={s}, o={o})" for s, o in quads)
