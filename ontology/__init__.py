@@ -76,6 +76,7 @@ _MODULES: Final = (
     "rtask/graph.ttl",
     "rtask/world.ttl",
     "rtask/rules.ttl",
+    "rtask/plan.ttl",
     "rtask.ttl",
 )
 

@@ -25,6 +25,7 @@
     │   ├── QueryTooExpensive       a query that needs more memory than it may use
     │   ├── VersionConflictError    somebody else wrote first
     │   ├── ConflictError           later data stand in the way
+    │   ├── SearchLimit             a search for a plan reached its bound
     │   ├── TooLargeError           beyond a stated limit
     │   │   └── TooMuchFollowsError more follows from a change than it may cause
     │   ├── UnknownTermError        a name or IRI that the graph does not contain
@@ -93,6 +94,7 @@ __all__ = [
     "RemoteUnavailableError",
     "RobotError",
     "RtaskError",
+    "SearchLimit",
     "ServiceError",
     "ServiceFailedError",
     "StartupFailedError",
@@ -274,6 +276,12 @@ class QueryTooExpensive(DataError):
     """A query needs more memory than it may use, or crashed the process that ran it."""
 
     status, slug = 400, "query-too-expensive"
+
+
+class SearchLimit(DataError):
+    """A search for a plan was ended by its bound: whether there is a plan is not known."""
+
+    slug = "search-limit"
 
 
 class ValidationError(DataError):

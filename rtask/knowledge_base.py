@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rtask.loader.load import LoadReport
     from rtask.model.dynamic import Vocabulary
     from rtask.model.session import Session
+    from rtask.tasks import Tasks
     from rtask.world import World
 
 __all__ = ["KnowledgeBase"]
@@ -73,6 +74,13 @@ class KnowledgeBase(GraphCore):
         from rtask.world import world_of
 
         return world_of(self)
+
+    @property
+    def tasks(self) -> Tasks:
+        """Plans for goals, from what robots can do; see :class:`rtask.tasks.Tasks`."""
+        from rtask.tasks import Tasks
+
+        return Tasks(self)
 
     def session(self, agent: str | None = None, **options: Any) -> Session:
         """Return a unit of work over Python objects; see :class:`rtask.model.Session`."""

@@ -49,6 +49,7 @@ _BUILT_IN = {
     "reason": "rtask.cli.reasoning:reason",
     "rebuild": "rtask.cli.maintenance:rebuild",
     "recognise": "rtask.cli.perception.recognise:recognise",
+    "plan": "rtask.cli.tasks.plan:plan",
     "promote": "rtask.cli.maintenance:promote",
     "restore": "rtask.cli.maintenance:restore",
     "ros": "rtask.cli.ros.commands:ros",
@@ -70,7 +71,7 @@ _BUILT_IN = {
 
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
-    "Ask": ("ask", "query", "search", "explain", "entails", "where", "history", "objects"),
+    "Ask": ("ask", "plan", "query", "search", "explain", "entails", "where", "history", "objects"),
     "Load and change": ("load", "update", "undo", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),

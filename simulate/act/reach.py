@@ -32,7 +32,7 @@ def plan_reach(
     Raises
     ------
     RobotError
-        It cannot be reached, or only in a stance that a driver of arms cannot take.
+        No motion was planned, or only one in a stance that a driver of arms cannot take.
     """
     x, y, z = position
     turn = {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2), "w": math.cos(theta / 2)}
@@ -40,7 +40,12 @@ def plan_reach(
     request = ActRequest.read({"goal_pose": goal}, cell.description)
     plan = plan_goal(cell, request, seed)
     if isinstance(plan, str):
-        raise RobotError(f"({x:g}, {y:g}, {z:g}) cannot be reached: {plan}")
+        unknown = (
+            ""
+            if plan == "grasp_collision"
+            else "; the search is bounded: another --seed may find one"
+        )
+        raise RobotError(f"no motion to ({x:g}, {y:g}, {z:g}) was planned: {plan}{unknown}")
     if plan.stance not in ("", cell.robot.stance):
         raise RobotError(f"({x:g}, {y:g}, {z:g}) needs the stance {plan.stance}")
     return plan

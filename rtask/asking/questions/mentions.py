@@ -17,7 +17,7 @@ from rtask.errors import RtaskError
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
-__all__ = ["Mention", "Select", "find_mentions"]
+__all__ = ["Mention", "Select", "find_mentions", "tokens_of"]
 
 Select = Callable[[str], Solutions]
 """Evaluates a SELECT with the rights and within the bounds of whoever asks."""
@@ -72,16 +72,24 @@ def tokens_of(text: str) -> list[str]:
     return _TOKEN.findall(text)[:MAX_WORDS]
 
 
-def find_mentions(select: Select, tokens: list[str], base: str = "") -> list[Mention]:
+def find_mentions(
+    select: Select,
+    tokens: list[str],
+    base: str = "",
+    roles: Mapping[str, str] = _ROLES,
+    kinds: Mapping[str, str] = _KINDS,
+) -> list[Mention]:
     """Return what the tokens of a question name; longer names hide what lies within them.
 
     Parameters
     ----------
     base
         What ``kb:`` stands for; empty where that is not known.
+    roles, kinds
+        Roles that a mention can have: of the instances of a class, and of the classes below one.
     """
     names, terms = _candidates(tokens, base)
-    rows = _look_up(select, names, terms)
+    rows = _look_up(select, names, terms, roles, kinds)
     result: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
     for row in rows:
         name, term, role = row["n"], row["s"], str(row.value("role"))
@@ -162,7 +170,11 @@ def _read(reader: Reader, token: str) -> NamedNode | None:
 
 
 def _look_up(
-    select: Select, names: Mapping[str, object], terms: Mapping[Term | None, object]
+    select: Select,
+    names: Mapping[str, object],
+    terms: Mapping[Term | None, object],
+    roles: Mapping[str, str],
+    kinds: Mapping[str, str],
 ) -> Solutions:
     literals = [
         str(Literal(name, language=language)) if language else str(Literal(name))
@@ -172,8 +184,8 @@ def _look_up(
     prefixes = "\n".join(
         f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "cora", "rdfs", "skos")
     )
-    roles = " ".join(f'("{role}" {top})' for role, top in _ROLES.items())
-    kinds = " ".join(f'("{role}" {top})' for role, top in _KINDS.items())
+    individuals = " ".join(f'("{role}" {top})' for role, top in roles.items())
+    classes = " ".join(f'("{role}" {top})' for role, top in kinds.items())
     written = " ".join(literals)
     return select(f"""{prefixes}
 SELECT DISTINCT ?n ?s ?role WHERE {{
@@ -183,8 +195,8 @@ SELECT DISTINCT ?n ?s ?role WHERE {{
       {{ ?s rt:name ?n }} UNION {{ ?s rdfs:label ?n }} UNION {{ ?s skos:altLabel ?n }}
     }}
     UNION {{ VALUES ?s {{ {" ".join(str(term) for term in terms)} }} }}
-    {{ VALUES (?role ?top) {{ {roles} }} ?s a/rdfs:subClassOf* ?top }}
-    UNION {{ VALUES (?role ?top) {{ {kinds} }} ?s rdfs:subClassOf+ ?top FILTER(?s != ?top) }}
+    {{ VALUES (?role ?top) {{ {individuals} }} ?s a/rdfs:subClassOf* ?top }}
+    UNION {{ VALUES (?role ?top) {{ {classes} }} ?s rdfs:subClassOf+ ?top FILTER(?s != ?top) }}
   }}
   UNION {{
     VALUES ?n {{ {written} }}

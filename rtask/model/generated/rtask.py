@@ -125,6 +125,10 @@ class Thing(Model):
         "namespace/name" of a service or dataset.
     rdfs_comment
         An explanation for people, in a language.
+    reaches
+        The robot's hand gets to the surface, container or place: stated by a person or robot,
+        or the robot has put something there (rule R10). Where nothing says so, it is not
+        known.
     result_time
         When the result was complete (xsd:dateTime with time zone).
     simulated
@@ -194,6 +198,7 @@ class Thing(Model):
     position_sigma: One[float] = One(_RT + "positionSigma", _XSD + "double", unit="M")
     qualified_name: One[str] = One(_RT + "qualifiedName", _XSD + "string", functional=True)
     rdfs_comment: Many[str] = Many(_RDFS + "comment", _RDF + "langString")
+    reaches: Links[Thing] = Links(_RT + "reaches", _OWL + "Thing")
     result_time: Many[object] = Many(_SOSA + "resultTime", _RDFS + "Literal")
     simulated: One[bool] = One(_RT + "simulated", _XSD + "boolean", functional=True)
     started_at_time: Many[object] = Many(_PROV + "startedAtTime", _RDFS + "Literal")
@@ -2581,12 +2586,18 @@ class Task(IntentionalProcess):
         A part of the task, at any depth.
     has_time_window
         The time at which the task should be done.
+    planned_chance
+        The chance of success that the plan expects of the task, in [0, 1]. [UNITLESS]
+    planned_duration
+        How long the plan expects the task to take. [SEC]
     precedes
         This task must end before the other begins.
     requires_capability
         A capability that the doer must have.
     requires_motion
         A motion that fulfils the task (Gatto 2016, 3.2.3).
+    step_number
+        The place of the task in its plan, from 1. [NUM]
     sub_task_of
         The task of which this one is a part, at any depth.
     task_name
@@ -2601,9 +2612,12 @@ class Task(IntentionalProcess):
     engages: Links[EndEffector] = Links(_RT + "engages", _RT + "EndEffector")
     has_sub_task: Links[Task] = Links(_RT + "hasSubTask", _RT + "Task", inverse=_RT + "subTaskOf")
     has_time_window: Link[Interval] = Link(_RT + "hasTimeWindow", _RT + "Interval", functional=True)
+    planned_chance: One[float] = One(_RT + "plannedChance", _XSD + "double", unit="UNITLESS")
+    planned_duration: One[float] = One(_RT + "plannedDuration", _XSD + "double", unit="SEC")
     precedes: Links[Task] = Links(_RT + "precedes", _RT + "Task")
     requires_capability: Links[Capability] = Links(_RT + "requiresCapability", _RT + "Capability")
     requires_motion: Links[Motion] = Links(_RT + "requiresMotion", _SUMO + "Motion")
+    step_number: One[int] = One(_RT + "stepNumber", _XSD + "positiveInteger", unit="NUM")
     sub_task_of: Links[Task] = Links(_RT + "subTaskOf", _RT + "Task", inverse=_RT + "hasSubTask", stored=False)
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
 
@@ -3118,6 +3132,26 @@ class SupportSurface(CorpuscularObject):
     __iri__: ClassVar[str] = _RT + "SupportSurface"
 
 
+class TaskPlan(Task):
+    """A goal to be achieved by its sub-tasks, in the order of rt:precedes. What robots did for a
+    sub-task is rt:carriedOutBy it.
+
+    ``rt:TaskPlan``
+
+    Attributes
+    ----------
+    goal_text
+        The goal in the words of whoever stated it.
+    plan_assumption
+        A statement that the plan needs and that nobody has made, in words.
+    """
+
+    __iri__: ClassVar[str] = _RT + "TaskPlan"
+
+    goal_text: Many[str] = Many(_RT + "goalText", _XSD + "string")
+    plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
+
+
 class ThreeFingerGrasp(SpatialGrasp):
     """A grasp by three fingers that close on a common axis: three contacts, or two that jam the
     object. The pose has its origin and approach on that axis; opening and contact width are
@@ -3366,6 +3400,15 @@ class GraspAttempt(RobotManipulationAction):
     used_recognition: Links[RecognitionResult] = Links(_RT + "usedRecognition", _RT + "RecognitionResult")
 
 
+class HandOver(Manipulation):
+    """The task of giving a held object into the hand of another robot.
+
+    ``rt:HandOver``
+    """
+
+    __iri__: ClassVar[str] = _RT + "HandOver"
+
+
 class Human(CognitiveAgent, Person):
     """A person who operates, teaches or writes.
 
@@ -3487,6 +3530,9 @@ class Robot(Device, Agent):
         Make and version of the robot.
     has_sensor
         From a robot to its sensor.
+    meets
+        The hands of the two robots can meet, so that one can give to the other. A place that
+        both reach is no proof of it.
     remotecontrolled_robot
         The robot takes part while a person controls it from afar. Never asserted here.
     semiautonomous_robot
@@ -3505,6 +3551,7 @@ class Robot(Device, Agent):
     has_end_effector: Links[EndEffector] = Links(_RT + "hasEndEffector", _RT + "EndEffector", inverse=_RT + "endEffectorOf")
     has_robot_model: Link[RobotModel] = Link(_RT + "hasRobotModel", _RT + "RobotModel", functional=True)
     has_sensor: Links[RobotSensor] = Links(_RT + "hasSensor", _RT + "RobotSensor", inverse=_RT + "sensorOf")
+    meets: Links[Robot] = Links(_RT + "meets", _CORA + "Robot")
     remotecontrolled_robot: Links[Process] = Links(_CORA + "remotecontrolledRobot", _SUMO + "Process")
     semiautonomous_robot: Links[Process] = Links(_CORA + "semiautonomousRobot", _SUMO + "Process")
     serial_number: One[str] = One(_RT + "serialNumber", _XSD + "string", functional=True)

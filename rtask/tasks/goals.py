@@ -1,0 +1,171 @@
+"""Goals: a pattern that is to hold, for everything that a second pattern selects."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rtask.errors import TooLargeError, UsageError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import NamedNode
+from rtask.tasks.actions import Select
+from rtask.tasks.patterns import Pattern, expanded, parse_pattern
+from rtask.tasks.planning.problem import Atom, Goal
+
+__all__ = ["LOCATED", "MAX_GOALS", "Aim", "Target", "read_aims", "targets"]
+
+MAX_GOALS = 2000
+"""Most things of one goal."""
+MAX_ROWS = 20_000
+LOCATED = "?thing rt:locatedOn ?place"
+_WHERE = re.compile(r"\bwhere\b\s*\{(.*)\}\s*$", re.I | re.S)
+_SUBJECT = re.compile(r"\?(\w+)")
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A goal as it was understood.
+
+    Parameters
+    ----------
+    pattern
+        The graph pattern that is to match.
+    where
+        What selects its variables, in SPARQL; empty for a pattern without variables.
+    number
+        For how many things; None for all.
+    text
+        The goal for people.
+    """
+
+    pattern: str
+    where: str
+    number: int | None = None
+    text: str = ""
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Names of the variables of the pattern; the first stands for what the goal is about."""
+        return tuple(dict.fromkeys(_SUBJECT.findall(self.pattern)))
+
+    @property
+    def sparql(self) -> str:
+        """The query for what the goal is about, and for what would do."""
+        names = " ".join(f"?{name}" for name in self.variables)
+        return f"SELECT DISTINCT {names} WHERE {{ {self.where.strip()} }}"
+
+
+@dataclass(frozen=True)
+class Target:
+    """One thing of a goal, and the facts of which any would do."""
+
+    aim: Aim
+    subject: str
+    goal: Goal
+
+
+def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
+    """Return the goals of a pattern or of JSON; None for words.
+
+    Parameters
+    ----------
+    given
+        ``PATTERN [WHERE { SPARQL }]``, or an object, or its JSON, with ``achieve``, and if need be
+        ``where`` and ``number``; ``goals`` has several of these.
+
+    Raises
+    ------
+    UsageError
+        An object without ``achieve``, or with members of other types.
+    DataError
+        A pattern cannot be read.
+
+    Examples
+    --------
+    >>> read_aims("?x rt:locatedOn <urn:box> WHERE { ?x a rt:Exemplar }")[0].variables
+    ('x',)
+    """
+    if isinstance(given, str) and given.lstrip().startswith("{"):
+        try:
+            given = json.loads(given)
+        except json.JSONDecodeError as error:
+            raise UsageError(f"the goal is not JSON: {error}") from error
+        if not isinstance(given, Mapping):
+            raise UsageError("a goal in JSON is an object")
+    if isinstance(given, Mapping):
+        parts = given.get("goals", [given])
+        if not isinstance(parts, Sequence) or isinstance(parts, str) or not parts:
+            raise UsageError("goals is a list of goals")
+        return tuple(_from_object(part) for part in parts)
+    if not re.match(r"\s*(?:\?\w|<|\w+:\w)", given):
+        return None
+    match = _WHERE.search(given)
+    pattern = given[: match.start()] if match else given
+    return (_checked(pattern, match[1] if match else "", None),)
+
+
+def _from_object(part: object) -> Aim:
+    if not isinstance(part, Mapping) or not isinstance(part.get("achieve"), str):
+        raise UsageError('a goal has "achieve", a graph pattern such as "?x rt:locatedOn <IRI>"')
+    where, number = part.get("where", ""), part.get("number")
+    if not isinstance(where, str):
+        raise UsageError('"where" of a goal is SPARQL text')
+    if number is not None and (not isinstance(number, int) or isinstance(number, bool)):
+        raise UsageError('"number" of a goal is an integer, or null for all')
+    if number is not None and number < 1:
+        raise UsageError(f'"number" of a goal is 1 or more, not {number}')
+    return _checked(part["achieve"], where, number)
+
+
+def _checked(pattern: str, where: str, number: int | None) -> Aim:
+    pattern = " ".join(pattern.split())
+    expanded(pattern)
+    aim = Aim(pattern, where, number, pattern)
+    if aim.variables and not where.strip():
+        names = ", ".join(f"?{name}" for name in aim.variables)
+        raise UsageError(f"nothing selects {names}: add WHERE {{ ... }} to the goal {pattern!r}")
+    return aim
+
+
+def targets(select: Select, aim: Aim) -> tuple[Pattern, list[Target]]:
+    """Return the predicate of a goal, and each thing that it is about.
+
+    Raises
+    ------
+    TooLargeError
+        The goal is about more than :data:`MAX_GOALS` things.
+    """
+    if not aim.variables:
+        return _constant(aim)
+    pattern = parse_pattern(aim.pattern, aim.variables)
+    by_subject: dict[str, list[Atom]] = defaultdict(list)
+    rows = select(f"{PREFIXES}{aim.sparql} LIMIT {MAX_ROWS + 1}")
+    if len(rows) > MAX_ROWS:
+        raise TooLargeError(f"more than {MAX_ROWS} ways to reach the goal {aim.text!r}")
+    for row in rows:
+        values = {name: row[name] for name in aim.variables}
+        if all(isinstance(value, NamedNode) for value in values.values()):
+            iris = {name: str(row.value(name)) for name in aim.variables}
+            atom = (pattern.predicate, *(iris[name] for name in pattern.arguments))
+            by_subject[iris[aim.variables[0]]].append(atom)
+    if len(by_subject) > MAX_GOALS:
+        raise TooLargeError(f"the goal is about {len(by_subject)} things; at most {MAX_GOALS}")
+    return pattern, [
+        Target(aim, subject, tuple(sorted(set(atoms))))
+        for subject, atoms in sorted(by_subject.items())
+    ]
+
+
+def _constant(aim: Aim) -> tuple[Pattern, list[Target]]:
+    """Return a goal whose subject and object are IRIs, as a predicate over both."""
+    words = expanded(aim.pattern).rstrip(" .").split()
+    if len(words) != 3 or not all(word.startswith("<") for word in words):
+        raise UsageError(f"the goal {aim.pattern!r} is no statement about two IRIs")
+    subject, prop, value = words
+    pattern = parse_pattern(f"?s {prop} ?o", ("s", "o"))
+    atom = (pattern.predicate, subject.strip("<>"), value.strip("<>"))
+    return pattern, [Target(aim, atom[1], (atom,))]

@@ -1,0 +1,123 @@
+"""How tasks ended so far: the chance of success and the duration of a planned step."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from rtask.rdf.namespaces import PREFIXES, values
+from rtask.tasks.actions import ActionClass, Select
+
+__all__ = ["Counts", "Experience", "read_experience"]
+
+_PRIOR = 2.0
+"""Weight, in attempts, of what is known of all hands and products about one hand and product."""
+_MAX_INTERVALS = 10_000
+_OUTCOMES = """
+SELECT ?action ?hand ?product ?ok (COUNT(DISTINCT ?outcome) AS ?n) WHERE {
+  VALUES ?action { %s }
+  ?task a ?action ; rt:carriedOutBy ?attempt .
+  ?attempt rt:hasOutcome ?outcome .
+  ?outcome rt:judgedSuccess ?ok
+  OPTIONAL { ?attempt rt:activates/rt:gripperType ?hand }
+  OPTIONAL { ?task rt:handles ?product }
+} GROUP BY ?action ?hand ?product ?ok"""
+_DURATIONS = """
+SELECT ?action ?begin ?end WHERE {
+  VALUES ?action { %s }
+  ?task a ?action ; rt:executedIn ?interval .
+  ?interval time:hasBeginning/time:inXSDDateTimeStamp ?begin ;
+    time:hasEnd/time:inXSDDateTimeStamp ?end
+} LIMIT %d"""
+_KINDS = """
+SELECT ?part ?kind WHERE {
+  { ?part rt:gripperType ?kind } UNION { ?part rt:exemplarOf ?kind }
+}"""
+
+
+@dataclass
+class Counts:
+    """Attempts and successes."""
+
+    successes: int = 0
+    attempts: int = 0
+
+    def add(self, is_success: bool, number: int) -> None:
+        """Count attempts that all ended alike."""
+        self.attempts += number
+        self.successes += number if is_success else 0
+
+
+@dataclass(frozen=True)
+class Experience:
+    """Outcomes and durations of tasks, by their class.
+
+    The chance of a step is the mean of a beta distribution: the outcomes of this kind of hand with
+    this product, with those of the class as a prior that weighs two attempts. Without outcomes of
+    the class the chance is not known, and counts as one half.
+    """
+
+    kinds: Mapping[str, str] = field(default_factory=dict)
+    by_class: Mapping[str, Counts] = field(default_factory=dict)
+    by_pair: Mapping[tuple[str, str, str], Counts] = field(default_factory=dict)
+    durations_s: Mapping[str, float] = field(default_factory=dict)
+
+    def counts(self, action: ActionClass, arguments: Mapping[str, str]) -> Counts:
+        """Return the outcomes of this kind of hand with this product."""
+        hand = self.kinds.get(arguments.get(action.parameter("engages"), ""), "")
+        product = self.kinds.get(arguments.get(action.parameter("handlesExemplar"), ""), "")
+        return self.by_pair.get((action.iri, hand, product), Counts())
+
+    def chance(self, action: ActionClass, arguments: Mapping[str, str]) -> float:
+        """Return the chance of success, 0..1."""
+        overall = self.by_class.get(action.iri, Counts())
+        prior = (overall.successes + 1) / (overall.attempts + 2)
+        counts = self.counts(action, arguments)
+        return (counts.successes + _PRIOR * prior) / (counts.attempts + _PRIOR)
+
+    def duration_s(self, action: ActionClass) -> float:
+        """Return the mean duration of tasks of the class, else what its description says."""
+        return self.durations_s.get(action.iri, action.duration_s)
+
+    def estimate(self, action: ActionClass) -> Callable[[Mapping[str, str]], tuple[float, float]]:
+        """Return what estimates duration, s, and chance of a step."""
+        duration_s = self.duration_s(action)
+        chances: dict[tuple[str, str], float] = {}
+        names = action.parameter("engages"), action.parameter("handlesExemplar")
+
+        def of(arguments: Mapping[str, str]) -> tuple[float, float]:
+            key = (
+                self.kinds.get(arguments.get(names[0], ""), ""),
+                self.kinds.get(arguments.get(names[1], ""), ""),
+            )
+            if key not in chances:
+                chances[key] = self.chance(action, arguments)
+            return duration_s, chances[key]
+
+        return of
+
+
+def read_experience(select: Select, actions: Sequence[ActionClass]) -> Experience:
+    """Return the outcomes and durations of tasks of these classes."""
+    classes = values(action.iri for action in actions)
+    by_class: dict[str, Counts] = defaultdict(Counts)
+    by_pair: dict[tuple[str, str, str], Counts] = defaultdict(Counts)
+    for row in select(PREFIXES + _OUTCOMES % classes):
+        action, number = str(row.value("action")), int(str(row.value("n")))
+        is_success = row.value("ok") is True
+        pair = (action, str(row.value("hand") or ""), str(row.value("product") or ""))
+        by_class[action].add(is_success, number)
+        by_pair[pair].add(is_success, number)
+    rows = select(PREFIXES + _KINDS)
+    kinds = {str(row.value("part")): str(row.value("kind")) for row in rows}
+    return Experience(kinds, dict(by_class), dict(by_pair), _durations(select, classes))
+
+
+def _durations(select: Select, classes: str) -> dict[str, float]:
+    spans: dict[str, list[float]] = defaultdict(list)
+    for row in select(PREFIXES + _DURATIONS % (classes, _MAX_INTERVALS)):
+        begin, end = (dt.datetime.fromisoformat(str(row.value(name))) for name in ("begin", "end"))
+        spans[str(row.value("action"))].append((end - begin).total_seconds())
+    return {action: sum(parts) / len(parts) for action, parts in spans.items()}

@@ -1,0 +1,251 @@
+"""From a goal to a plan: what the graph knows as a planning problem, its search and its reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import ontology
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, local_name
+from rtask.tasks.actions import ActionClass, IsOntology, Select, read_actions
+from rtask.tasks.facts import read_facts
+from rtask.tasks.goals import Aim, Target, read_aims, targets
+from rtask.tasks.names import names_of
+from rtask.tasks.outcomes import Experience, read_experience
+from rtask.tasks.plan import Refusal, TaskPlan
+from rtask.tasks.planning.pddl import write_pddl
+from rtask.tasks.planning.problem import Action, Atom, Parameter, Problem, Step
+from rtask.tasks.planning.search import find_plan, goal_costs
+from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
+from rtask.tasks.reasons import refusal
+from rtask.tasks.sentences import aims_in_words
+from rtask.tasks.steps import Wording, planned_steps
+
+__all__ = ["ASSUMABLE", "plan_goal"]
+
+ASSUMABLE = ontology.NS + "reaches"
+"""Property whose statements a plan may assume where nobody has made them."""
+_MAX_REFUSALS = 5
+_ASSUMED_COST = 1.0
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A goal with all that is known about it."""
+
+    actions: tuple[ActionClass, ...]
+    aims: tuple[Aim, ...]
+    targets: tuple[Target, ...]
+    problem: Problem
+    experience: Experience
+    mendable: Mapping[str, float]
+
+
+def plan_goal(
+    select: Select,
+    is_ontology: IsOntology,
+    given: str | Mapping[str, Any],
+    *,
+    base: str = "",
+    assume_reach: bool = False,
+    max_states: int = 200_000,
+) -> TaskPlan:
+    """Return a plan for a goal in words, as a pattern or as JSON; see :mod:`rtask.tasks.goals`.
+
+    Parameters
+    ----------
+    select
+        Evaluates the queries, with the rights and within the bounds of whoever asks.
+    is_ontology
+        Whether a named graph holds an ontology: actions are read from these alone.
+    base
+        What ``kb:`` stands for.
+    assume_reach
+        Plan as if robots reached places of which that is not known, and say so.
+    max_states
+        Bound of the search.
+
+    Raises
+    ------
+    UsageError, UnknownTermError
+        The goal is not understood; the message says what was, and the nearest names.
+    DataError
+        An action is described in a way that cannot be read.
+    SearchLimit
+        The search was ended by its bound: whether there is a plan is not known.
+    """
+    task = _read(select, is_ontology, given, base)
+    problem, assumed = task.problem, tuple[Atom, ...]()
+    obstacles = explain_unsolvable(problem, task.mendable)
+    if obstacles and assume_reach:
+        problem, assumed = _with_assumptions(task, problem)
+        obstacles = explain_unsolvable(problem, task.mendable)
+    problem = _chosen(task, problem)
+    if any(target.aim.number is not None for target in task.targets):
+        obstacles = explain_unsolvable(problem, task.mendable)
+    steps = None if obstacles else _search(problem, max_states)
+    return _result(select, given, task, problem, obstacles, steps, assumed)
+
+
+def _search(problem: Problem, max_states: int) -> tuple[Step, ...] | None:
+    plan = find_plan(problem, max_states=max_states)
+    return None if plan is None else plan.steps
+
+
+def _read(
+    select: Select, is_ontology: IsOntology, given: str | Mapping[str, Any], base: str
+) -> _Task:
+    actions = read_actions(select, is_ontology)
+    aims = read_aims(given)
+    if aims is None:
+        aims = aims_in_words(select, str(given), base)
+    patterns, all_targets = [], list[Target]()
+    for aim in aims:
+        pattern, of_aim = targets(select, aim)
+        if not of_aim:
+            raise UnknownTermError(
+                f"nothing in the graph fits the goal {aim.text!r}; that does not mean that there "
+                f"is none. It was sought by {aim.sparql or aim.pattern}"
+            )
+        patterns.append(pattern)
+        all_targets += of_aim
+    mentioned = {value for item in all_targets for atom in item.goal for value in atom[1:]}
+    facts = read_facts(select, actions, patterns, mentioned)
+    experience = read_experience(select, actions)
+    problem = Problem(
+        facts.objects,
+        tuple(_action(action, experience) for action in actions),
+        facts.atoms,
+        tuple(dict.fromkeys(item.goal for item in all_targets)),
+    )
+    return _Task(actions, aims, tuple(all_targets), problem, experience, _mendable(select, actions))
+
+
+def _action(action: ActionClass, experience: Experience) -> Action:
+    def atoms(patterns: Sequence[Any]) -> tuple[Atom, ...]:
+        return tuple((pattern.predicate, *pattern.arguments) for pattern in patterns)
+
+    return Action(
+        action.iri, tuple(Parameter(name, kind) for name, kind in action.parameters),
+        atoms(action.preconditions), atoms(action.additions), atoms(action.removals),
+        experience.estimate(action),
+    )  # fmt: skip
+
+
+def _mendable(select: Select, actions: Sequence[ActionClass]) -> dict[str, float]:
+    """Return the predicates whose facts could be made true, and how dear that is."""
+    rows = select(f"{PREFIXES}SELECT ?property ?cost WHERE {{ ?property rt:mendingCost ?cost }}")
+    costs = {str(row.value("property")): float(str(row.value("cost"))) for row in rows}
+    return {
+        pattern.predicate: costs[iri]
+        for action in actions
+        for pattern in action.preconditions
+        for iri in pattern.properties & costs.keys()
+    }
+
+
+def _with_assumptions(task: _Task, problem: Problem) -> tuple[Problem, tuple[Atom, ...]]:
+    """Return a problem in which robots reach what they must, and what was assumed for that."""
+    permitted = {
+        pattern.predicate: _ASSUMED_COST
+        for action in task.actions
+        for pattern in action.preconditions
+        if ASSUMABLE in pattern.properties
+    }
+    missing = {
+        atom for obstacle in explain_unsolvable(problem, permitted) for atom in obstacle.missing
+    }
+    return replace(problem, facts=problem.facts | missing), tuple(sorted(missing))
+
+
+def _chosen(task: _Task, problem: Problem) -> Problem:
+    """Return a problem with the goals of those things that are cheapest, where a number is given.
+
+    Things that are there already cost nothing, and out of reach are the last to be chosen.
+    """
+    if all(target.aim.number is None for target in task.targets):
+        return problem
+    costs = dict(zip(problem.goals, goal_costs(problem), strict=True))
+    goals: list[tuple[Atom, ...]] = []
+    for aim in dict.fromkeys(target.aim for target in task.targets):
+        of_aim = [target.goal for target in task.targets if target.aim == aim]
+        if aim.number is not None:
+            ranked = sorted(
+                of_aim, key=lambda goal: float("inf") if costs[goal] is None else costs[goal] or 0.0
+            )
+            if len(ranked) < aim.number:
+                raise UnknownTermError(
+                    f"the goal {aim.text!r} needs {aim.number} things, and the graph knows of "
+                    f"{len(ranked)}"
+                )
+            of_aim = ranked[: aim.number]
+        goals += of_aim
+    return replace(problem, goals=tuple(dict.fromkeys(goals)))
+
+
+def _result(
+    select: Select,
+    given: str | Mapping[str, Any],
+    task: _Task,
+    problem: Problem,
+    obstacles: Sequence[Obstacle],
+    steps: tuple[Step, ...] | None,
+    assumed: tuple[Atom, ...],
+) -> TaskPlan:
+    robots = _robots(task)
+    # All have names, so that those of a plan and of its reasons are told apart from all others.
+    members = {value for values in problem.objects.values() for value in values}
+    names = names_of(select, members | {v for goal in problem.goals for a in goal for v in a[1:]})
+    wording = Wording(names, _property_labels(select, task))
+    pddl = write_pddl(problem)
+    refusals: list[Refusal] = []
+    for obstacle in obstacles[:_MAX_REFUSALS]:
+        refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
+    return TaskPlan(
+        goal=given if isinstance(given, str) else str(dict(given)),
+        understood=tuple(aim.text for aim in task.aims),
+        sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
+        steps=planned_steps(task.actions, problem, steps or (), task.experience, assumed, wording),
+        refusals=tuple(refusals),
+        assumptions=tuple(wording.atom(atom) for atom in assumed) if steps is not None else (),
+        names=_mentioned(names, problem, steps or (), refusals),
+        is_complete=steps is not None,
+        domain=pddl.domain,
+        problem=pddl.problem,
+    )
+
+
+def _mentioned(
+    names: Mapping[str, str], problem: Problem, steps: Sequence[Step], refusals: Sequence[Refusal]
+) -> dict[str, str]:
+    """Return the names of what a plan mentions."""
+    iris = {value for step in steps for _, value in step.arguments}
+    iris |= {value for goal in problem.goals for atom in goal for value in atom[1:]}
+    iris |= {part for item in refusals for statement in item.missing for part in statement}
+    iris |= {robot for item in refusals for robot in item.by_robot}
+    return {iri: names[iri] for iri in sorted(iris) if iri in names}
+
+
+def _robots(task: _Task) -> tuple[tuple[str, str], ...]:
+    """Return the class of those who do tasks, and each of them."""
+    kinds = {
+        dict(action.parameters)[action.parameter("assignedTo")]
+        for action in task.actions
+        if action.parameter("assignedTo")
+    }
+    return tuple((robot, kind) for kind in sorted(kinds)
+                 for robot in task.problem.objects.get(kind, ()))  # fmt: skip
+
+
+def _property_labels(select: Select, task: _Task) -> dict[str, str]:
+    """Return the labels of the properties in the patterns of actions."""
+    iris = {
+        iri
+        for action in task.actions
+        for pattern in (*action.preconditions, *action.additions, *action.removals)
+        for iri in pattern.properties
+    }
+    labels = names_of(select, iris)
+    return {iri: labels.get(iri, local_name(iri)) for iri in iris}

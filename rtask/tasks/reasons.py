@@ -1,0 +1,106 @@
+"""Why a goal is out of reach, for each robot, and what would mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import NamedNode
+from rtask.tasks.actions import Select
+from rtask.tasks.plan import Refusal
+from rtask.tasks.planning.problem import Atom, Problem
+from rtask.tasks.planning.unsolvable import Obstacle, explain_unsolvable
+from rtask.tasks.steps import Wording, statement_of
+
+__all__ = ["refusal"]
+
+_MAX_ROBOTS = 6
+_LIMITS = """
+SELECT (MAX(?opening) AS ?widest) (MAX(?payload) AS ?strongest) (SAMPLE(?w) AS ?width)
+  (MIN(?m) AS ?mass) WHERE {
+  %s rt:hasEndEffector ?hand
+  OPTIONAL { ?hand rt:maxOpening ?opening } OPTIONAL { ?hand rt:maxPayload ?payload }
+  OPTIONAL { %s rt:effectiveGraspWidth ?w }
+  OPTIONAL { { %s rt:effectiveMass ?m } UNION { %s rt:massBound ?m } }
+}"""
+
+
+def refusal(
+    select: Select,
+    problem: Problem,
+    obstacle: Obstacle,
+    mendable: Mapping[str, float],
+    robots: Sequence[tuple[str, str]],
+    wording: Wording,
+) -> Refusal:
+    """Return why a goal is out of reach: the cheapest remedy, and what each robot alone lacks."""
+    goal = " or ".join(wording.atom(atom) for atom in obstacle.goal[:3])
+    alone: dict[str, str] = {}
+    for robot, kind in robots[:_MAX_ROBOTS]:
+        objects = {**problem.objects, kind: (robot,)}
+        restricted = replace(problem, objects=objects, goals=(obstacle.goal,))
+        for other in explain_unsolvable(restricted, mendable):
+            alone[robot] = _reasons(select, other.missing, wording) or _nothing(problem, obstacle)
+    text = _remedy(select, obstacle, wording) if obstacle.missing else _nothing(problem, obstacle)
+    statements = (statement_of(atom) for atom in obstacle.missing)
+    return Refusal(goal, text, tuple(item for item in statements if item is not None), alone)
+
+
+def _nothing(problem: Problem, obstacle: Obstacle) -> str:
+    """Return that no single statement helps: mostly, that nobody knows where something is."""
+    subject = obstacle.goal[0][1]
+    predicate = obstacle.goal[0][0]
+    if not any(atom[0] == predicate and atom[1] == subject for atom in problem.facts):
+        return "it is not known where it is: nobody has stated on or in what"
+    return "no capability or reach that could be added would make it possible"
+
+
+def _remedy(select: Select, obstacle: Obstacle, wording: Wording) -> str:
+    reasons = _reasons(select, obstacle.missing, wording)
+    data = " . ".join(
+        " ".join(str(NamedNode(part)) for part in statement)
+        for atom in obstacle.missing
+        if (statement := statement_of(atom)) is not None and statement[1] != RT.canGrasp.value
+    )
+    how = f"; if so, state it: rtask update 'INSERT DATA {{ {data} }}'" if data else ""
+    return f"it would be possible, were it not that {reasons}{how}"
+
+
+def _reasons(select: Select, missing: Iterable[Atom], wording: Wording) -> str:
+    return " and ".join(_reason(select, atom, wording) for atom in missing)
+
+
+def _reason(select: Select, atom: Atom, wording: Wording) -> str:
+    statement = statement_of(atom)
+    if statement is None:
+        return f"it does not hold that {wording.atom(atom)}"
+    if statement[1] != RT.canGrasp.value:
+        return f"it is not known that {wording.atom(atom)}"
+    return _why_no_grasp(select, statement[0], statement[2], wording)
+
+
+def _why_no_grasp(select: Select, robot: str, exemplar: str, wording: Wording) -> str:
+    """Return which of the conditions of ``rt:canGrasp`` fails for a robot, with its numbers."""
+    what, who = str(NamedNode(exemplar)), str(NamedNode(robot))
+    row = select(PREFIXES + _LIMITS % (who, what, what, what))[0]
+    widest, strongest, width, mass = (
+        float(value) if isinstance(value, int | float) else None
+        for value in (row.value(name) for name in ("widest", "strongest", "width", "mass"))
+    )
+    name, owner = wording.name(exemplar), wording.name(robot)
+    if width is None:
+        return f"the width of {name} is not known"
+    if widest is not None and width >= widest:
+        return (
+            f"{name} is {1000 * width:.0f} mm wide, and no hand of {owner} opens beyond "
+            f"{1000 * widest:.0f} mm"
+        )
+    if mass is None:
+        return f"nobody has stated what {name} weighs, or lifted it"
+    if strongest is not None and mass > strongest:
+        return (
+            f"{name} may weigh {mass:.2f} kg, and no hand of {owner} lifts more than "
+            f"{strongest:.2f} kg"
+        )
+    return f"{owner} cannot grasp {name}"

@@ -1,0 +1,106 @@
+"""Steps of a plan with their reasons, their words, and when they can begin."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rtask.rdf.namespaces import local_name
+from rtask.tasks.actions import ActionClass
+from rtask.tasks.outcomes import Experience
+from rtask.tasks.patterns import Pattern
+from rtask.tasks.plan import PlannedStep, Support
+from rtask.tasks.planning.problem import Atom, Problem, Step
+
+__all__ = ["Wording", "planned_steps", "statement_of"]
+
+
+def statement_of(atom: Atom) -> tuple[str, str, str] | None:
+    """Return the statement of a fact; None if it is no single one."""
+    arguments = tuple(f"a{n}" for n in range(1, len(atom)))
+    return Pattern(atom[0], arguments).triple(atom[1:])
+
+
+@dataclass(frozen=True)
+class Wording:
+    """Names of what a plan mentions, and labels of properties."""
+
+    names: Mapping[str, str]
+    labels: Mapping[str, str]
+
+    def name(self, iri: str) -> str:
+        """Return the name of something."""
+        return self.names.get(iri) or local_name(iri)
+
+    def atom(self, atom: Atom) -> str:
+        """Return a fact in words."""
+        statement = statement_of(atom)
+        if statement is not None:
+            subject, prop, value = statement
+            label = self.labels.get(prop) or local_name(prop)
+            return f"{self.name(subject)} {label} {self.name(value)}"
+        text = re.sub(r"<([^<>]*)>", lambda m: self.labels.get(m[1]) or local_name(m[1]), atom[0])
+        names = {f"?{n}": self.name(value) for n, value in enumerate(atom[1:], 1)}
+        text = re.sub(r"\?\d+", lambda m: names.get(m[0], m[0]), text)
+        free = re.fullmatch(r"FILTER NOT EXISTS { \?a ([^?]*) }", text)
+        return f"nothing is {free[1]}" if free else text
+
+    def step(self, action: ActionClass, arguments: Mapping[str, str]) -> str:
+        """Return a step in words."""
+        return re.sub(
+            r"\?(\w+)",
+            lambda m: self.name(arguments[m[1]]) if m[1] in arguments else m[0],
+            action.text,
+        )
+
+
+def planned_steps(
+    actions: Sequence[ActionClass],
+    problem: Problem,
+    steps: Sequence[Step],
+    experience: Experience,
+    assumed: Sequence[Atom],
+    wording: Wording,
+) -> tuple[PlannedStep, ...]:
+    """Return the steps of a plan with reasons, expectations and the earliest start of each.
+
+    A step begins when its robots are free and the steps have ended that make its preconditions
+    true, or that needed what it undoes.
+    """
+    classes = {action.iri: action for action in actions}
+    result: list[PlannedStep] = []
+    made: dict[Atom, int] = {}
+    used: dict[Atom, list[int]] = {}
+    ends: dict[int, float] = {0: 0.0}
+    free: dict[str, float] = {}
+    for number, step in enumerate(steps, 1):
+        action, arguments = classes[step.action], dict(step.arguments)
+        statements = tuple((prop, arguments[name]) for prop, name in action.statements)
+        robots = tuple(value for prop, value in statements if local_name(prop) == "assignedTo")
+        before = [made.get(atom, 0) for atom in step.preconditions]
+        before += [n for atom in step.deletes for n in used.get(atom, ())]
+        start_s = max(
+            [ends[n] for n in before] + [free.get(robot, 0.0) for robot in robots] + [0.0]
+        )
+        counts = experience.counts(action, arguments)
+        result.append(
+            PlannedStep(
+                number, step.action, arguments, statements, robots,
+                wording.step(action, arguments), step.duration_s, step.chance,
+                counts.successes, counts.attempts, start_s,
+                tuple(_support(atom, made, assumed, wording) for atom in step.preconditions),
+            )
+        )  # fmt: skip
+        ends[number] = start_s + step.duration_s
+        free.update(dict.fromkeys(robots, ends[number]))
+        for atom in step.preconditions:
+            used.setdefault(atom, []).append(number)
+        made.update(dict.fromkeys(step.adds, number))
+    return tuple(result)
+
+
+def _support(
+    atom: Atom, made: Mapping[Atom, int], assumed: Sequence[Atom], wording: Wording
+) -> Support:
+    return Support(wording.atom(atom), made.get(atom), statement_of(atom), atom in assumed)
