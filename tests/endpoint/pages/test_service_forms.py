@@ -111,6 +111,8 @@ def _plan_and_move(forms: Forms) -> None:
     cloud = encode_cloud(np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3)).astype(np.float32))
     found = forms.call("rtask/Segmentation/segment", {"cloud": cloud})
     assert found["status"] == "no_table"
+    view = {"cloud": base64.b64decode(seen_from_above(seed=7, noise_seed=1))}
+    assert forms.call("rtask/Segmentation/perceive", view, sensor_pose=LOOKING_DOWN)["status"]
     joints = [one.name for one in describe("panda").joints if one.kind != "fixed"]
     body = {"$data.robot": "robots/Panda", "joint_names": "\n".join(joints)}
     place = {"joint_positions": [0.0] * len(joints), "root_from_camera": LOOKING_DOWN}
