@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import base_of, open_graph, open_to_change
-from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    agent_option,
+    announce_undo,
+    data_option,
+    json_option,
+    print_json,
+    server_option,
+)
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -65,6 +72,7 @@ def plan(
             _show(result, form, because)
             if result.steps:
                 click.echo(f"stored as {kb.tasks.store(result, agent)}", err=True)
+                announce_undo("undo", str(kb.seq))
     else:
         from rtask.tasks.tasks import plan_on
 

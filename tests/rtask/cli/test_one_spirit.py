@@ -144,7 +144,7 @@ def test_an_option_is_called_and_used_the_same_by_all_commands() -> None:
     assert {long: found for long, found in uses.items()
             if len(found) > 1 and long not in _USED_IN_TWO_WAYS} == {}  # fmt: skip
     several = {letter: found for letter, found in meanings.items() if len(found) > 1}
-    assert several == {"-n": {"--limit", "--trials", "--count"}}  # always: how many
+    assert several == {"-n": {"--limit", "--trials", "--count", "--demos"}}  # always: how many
     assert _FORMER & uses.keys() == set()
 
 

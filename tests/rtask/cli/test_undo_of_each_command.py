@@ -20,7 +20,7 @@ _UNDONE = {
     "contributors withdraw", "dataset merge", "dataset prune", "dataset put", "dataset remove",
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
     "objects forget", "objects merge", "objects name", "objects split", "objects twins",
-    "objects undo", "ontology unload", "ontology upgrade", "proposals adopt", "robot add",
+    "objects undo", "ontology unload", "ontology upgrade", "plan", "proposals adopt", "robot add",
     "robot remove", "robot restore", "rules add", "rules remove", "teach", "token create",
     "token expire", "undo", "update",
 }  # fmt: skip

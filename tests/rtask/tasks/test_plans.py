@@ -219,3 +219,4 @@ def test_the_command_prints_steps_reasons_and_formats_and_stores(tmp_path, capsy
     assert "(define (problem rtask-problem)" in out
     code, _, err = run("pen into the right box", "--store", "--agent", "ann")
     assert (code, "stored as " in err) == (0, True)
+    assert "undo: rtask undo" in err
