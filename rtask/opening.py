@@ -291,9 +291,15 @@ def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> Non
         _log.warning("the store held statements of commits that the journal lost; they are kept")
     if kb.plain:
         return
+    # Asked before anything is written, which would state that what is derived is up to date.
+    is_outdated = kb.is_outdated
+    if is_outdated:
+        _log.warning(
+            "the closure is rebuilt: it was made by other rules or another version of the reasoner"
+        )
     if options.ontologies:
         refresh(kb)
-    if closure_state(kb) == "behind":
+    if is_outdated or closure_state(kb) == "behind":
         commit = kb.rebuild("inferred")
         _log.info("derived again: +%d -%d", commit.added, commit.removed)
     if options.rules:

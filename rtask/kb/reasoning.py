@@ -253,6 +253,14 @@ class Reasoning(Writing):
             )
         return self._inference
 
+    @property
+    def is_outdated(self) -> bool:
+        """Whether other rules, or another version of the reasoner, made the inferred graph.
+
+        It is known from the closure that was saved in the folder; without one, it is taken not to.
+        """
+        return self._inference is not None and self._inference.is_outdated()
+
     def rebuild(self, what: str = "inferred") -> Commit:
         """Recompute the inferred graph and commit the difference.
 

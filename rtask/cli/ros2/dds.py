@@ -15,7 +15,7 @@ import click
 
 from rtask.cli.options import json_option, print_json
 from rtask.cli.ros.schema import engine_schema
-from rtask.errors import RemoteUnavailableError, UsageError
+from rtask.errors import CallFailedError, DataError, RemoteUnavailableError, UsageError
 
 if TYPE_CHECKING:
     from rtask.client import Client
@@ -141,7 +141,7 @@ def call(operation: str, request: str, namespace: str, wait_s: float, domain: in
         response = mapping_of(client.call(message, wait_s))
     print_json(response)
     if refused := response[REFUSED]:
-        raise UsageError(refused)
+        raise CallFailedError(refused)
 
 
 @dds.command()
@@ -182,7 +182,7 @@ def save(
             try:
                 cdr = heard.get(timeout=wait_s)
             except queue.Empty:
-                raise UsageError(
+                raise RemoteUnavailableError(
                     f"nothing came on {topic} within {wait_s:g} s; do type and --domain fit?"
                 ) from None
             name, data = _file(kind, types.decode_arrays(cdr, _TYPES[kind]))
@@ -226,5 +226,5 @@ def _file(kind: str, message: Any) -> tuple[str, bytes]:
             return "pcd", pcd_from_point_cloud(message_mapping(message))
         data = image_bytes(message_mapping(message))
     except ValueError as error:
-        raise UsageError(str(error)) from error
+        raise DataError(str(error)) from error
     return ("jpg" if data.startswith(b"\xff\xd8") else "png"), data

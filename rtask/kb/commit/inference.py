@@ -147,6 +147,10 @@ class Inference:
         quads = self._store.quads_for_pattern(*triple, None)
         return any(self._graphs.is_input(quad.graph_name) for quad in quads)
 
+    def is_outdated(self) -> bool:
+        """Whether other rules, or another version of the reasoner, made the inferred graph."""
+        return self.saved is not None and self.saved.made_otherwise(self._rules_in_force())
+
     def prepare_save(self, always: bool = False) -> Callable[[], None] | None:
         """Copy the closure if it is there and has changed; return a function that saves the copy.
 

@@ -130,6 +130,22 @@ class SavedClosures:
             return closure
         return None
 
+    def made_otherwise(self, rules: Iterable[str | LabelledRule]) -> bool:
+        """Whether other rules or another version of the reasoner made the newest saved closure.
+
+        Then they also made what is stored as derived, so that it has to be derived again.
+        """
+        from reasoner import Closure
+        from reasoner.saved.container import DamagedFolderError, read_head
+
+        for path in saved_folders(self._folder):
+            try:
+                head = read_head(path)
+            except (DamagedFolderError, OSError):
+                continue
+            return bool(head["made_by"] != Closure(rules).fingerprint())
+        return False
+
     def _read(self, path: Path, held: Held, rules: tuple[str | LabelledRule, ...]) -> Closure:
         from reasoner import Closure
         from reasoner.saved.container import read_head

@@ -214,6 +214,22 @@ def test_a_call_from_a_shell_prints_the_response(served, network):
 
 
 @pytest.mark.slow
+def test_what_a_shell_asks_for_in_vain_ends_with_exit_code_3(served, network, tmp_path):
+    report = {"object": "urn:x", "gripper_id": "of-nobody", "success": [True]}
+    asked = {
+        ("call", "report_outcome", json.dumps(report), "--namespace", "/nao1", "--wait", "30"):
+            "of-nobody",
+        ("save", "/silent", str(tmp_path), "--wait", "0.2"): "nothing came on /silent",
+    }  # fmt: skip
+    for arguments, message in asked.items():
+        run = subprocess.run(
+            [sys.executable, "-m", "rtask", "ros2", "dds", *arguments, "--domain", network],
+            capture_output=True, text=True, timeout=100, check=False,
+        )  # fmt: skip
+        assert (run.returncode, message in run.stderr) == (3, True), run.stderr
+
+
+@pytest.mark.slow
 def test_a_cloud_of_a_topic_is_saved_as_it_was(network, robot, types, tmp_path):
     points = np.random.default_rng(1).normal(size=(6, 3)).astype("<f4")
     cloud = types.make(CLOUD)

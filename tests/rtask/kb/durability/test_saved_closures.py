@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import rtask
+from rtask.kb.commit import inference
 from rtask.kb.durability import saved_closures
 from rtask.kb.durability.saved_closures import saved_folders
 from rtask.kb.durability.settings import Settings
@@ -62,9 +63,8 @@ def _reasons(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 def _assert_current(kb: KnowledgeBase) -> None:
     """Compare the stored inferred graph and the closure in use with a rebuild."""
-    inference = kb._inference
-    used = inference.closure()
-    rebuilt = inference._build()
+    used = kb._inference.closure()
+    rebuilt = kb._inference._build()
     assert set(used.inferred()) == set(rebuilt.inferred())
     stored = {(q.subject, q.predicate, q.object) for q in kb.match(graph=kb.graphs.inferred)}
     assert stored == set(rebuilt.inferred())
@@ -295,6 +295,25 @@ def test_a_folder_open_for_reading_uses_it_and_writes_none(folder: Path) -> None
     with _open(folder, mode="r") as kb:
         assert kb.explain("urn:t:m", _TYPE, _THING).holds
     assert [path.name for path in saved_folders(folder)] == ["closure-2"]
+
+
+def test_what_other_rules_derived_is_derived_again_at_the_next_opening(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after an upgrade that brings a rule."""
+    rule = "CONSTRUCT { ?x a <urn:t:Ruled> } WHERE { ?x a <urn:t:Mug> }"
+    shipped = inference.shipped_rules()
+    monkeypatch.setattr(inference, "shipped_rules", lambda: [*shipped, rule])
+    with _open(folder) as kb:
+        assert kb.query("ASK { <urn:t:m> a <urn:t:Ruled> }")
+        _assert_current(kb)
+        last = kb.seq
+    with _open(folder) as kb:
+        assert kb.seq == last, "once is enough"
+    monkeypatch.setattr(inference, "shipped_rules", lambda: shipped)
+    with _open(folder) as kb:
+        assert not kb.query("ASK { <urn:t:m> a <urn:t:Ruled> }")
+        _assert_current(kb)
 
 
 def test_rebuilding_the_store_or_the_closure_discards_it(folder: Path) -> None:
