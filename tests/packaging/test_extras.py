@@ -27,10 +27,10 @@ _DISTRIBUTION = {
     "yaml": "pyyaml",
 }
 
-# On no package index; rtask/interop/ros/find.py says which packages of Debian bring them.
+# Of a ROS that the user has; rtask/interop/ros/find.py says which packages of Debian bring ROS 1.
 _OF_ROS = {
-    "actionlib", "genpy", "geometry_msgs", "rosgraph", "rosgraph_msgs", "rospy", "sensor_msgs",
-    "std_msgs", "tf2_msgs", "tf2_ros", "visualization_msgs",
+    "actionlib", "genpy", "geometry_msgs", "rcl_interfaces", "rclpy", "rosgraph", "rosgraph_msgs",
+    "rospy", "rtask_msgs", "sensor_msgs", "std_msgs", "tf2_msgs", "tf2_ros", "visualization_msgs",
 }  # fmt: skip
 
 
