@@ -226,7 +226,13 @@ def _open_address(
 def _assemble(files: Files, options: _Options) -> KnowledgeBase:
     try:
         kb = _connect(files, options)
-        if options.mode != "r":
+        if options.mode == "r":
+            if kb.is_outdated:
+                _log.warning(
+                    "what is derived here was derived by other rules or another version of the "
+                    "reasoner; open it once for writing to derive it again"
+                )
+        else:
             _bring_up_to_date(kb, files, options)
             kb.expiry.start()
     except BaseException:

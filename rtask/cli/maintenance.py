@@ -126,12 +126,14 @@ def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
     The shapes are those that come with the ontology, those of loaded graphs, and those of
     --shapes; the last line counts them. A contradiction is listed by its cause, the smallest set
     of statements that cannot hold together. Exit code 1 if there is a violation or contradiction;
-    warnings are only listed.
+    warnings are only listed. Where there is none, but a shape could not be applied, it is not known
+    whether the data conform: "conforms" is null, and the exit code 3.
     """
     with announce_compilation(), Working("checking"), open_to_read(data) as kb:
         report = kb.validate(shapes)
         findings = [*report, *_contradictions(kb)]
-    conforms = not any(finding.severity == "Violation" for finding in findings)
+    violates = any(finding.severity == "Violation" for finding in findings)
+    conforms = False if violates else None if report.left_out else True
     if as_json:
         print_json(
             {
@@ -150,7 +152,7 @@ def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
         all_well = not findings and not report.left_out
         click.echo(f"{'all well' if all_well else 'checked'}: {_counted(report.shapes)}")
     if not conforms:
-        raise SystemExit(1)
+        raise SystemExit(1 if violates else 3)
 
 
 def _counted(shapes: Sequence[str]) -> str:

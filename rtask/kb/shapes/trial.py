@@ -1,9 +1,10 @@
-"""Trial of shapes on a single node, so that one that cannot be applied stops no other."""
+"""Trial of shapes on nodes made for it, so that one that cannot be applied stops no other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 from rtask.errors import QuerySyntaxError
@@ -18,7 +19,7 @@ _SH = "http://www.w3.org/ns/shacl#"
 _TEXTS = frozenset(_SH + name for name in ("select", "ask", "construct"))
 _PATH, _TARGET_NODE = NamedNode(_SH + "path"), NamedNode(_SH + "targetNode")
 _COMPONENT = NamedNode(_SH + "ConstraintComponent")
-_NODE = NamedNode("urn:rtask:shape-trial")
+_NODES = tuple(NamedNode(f"urn:rtask:shape-trial:{k}") for k in range(3))
 
 
 class Components:
@@ -69,8 +70,9 @@ def faults_of(shapes: Mapping[Term, Lines], components: Components) -> dict[Term
     """Return why shapes cannot be applied, for those for which that is so.
 
     The validator looks at a constraint only when it meets a node, so that a broken shape would pass
-    as long as nothing is of its kind, and then refuse whatever is. So each is tried on a node that
-    has a text, and itself, as values of each property that the shape names.
+    as long as nothing is of its kind, and then refuse whatever is. So each is tried on the first of
+    three nodes, each of which has a text and the next node as values of each property that the
+    shape names; a ring would have shapes that refer to themselves go round.
 
     Parameters
     ----------
@@ -101,11 +103,11 @@ def _tried(shapes: tuple[Term, ...], definitions: Lines) -> str:
         value for _, predicate, value in definitions
         if predicate == _PATH and isinstance(value, NamedNode)
     }  # fmt: skip
-    values = (literal("a text"), _NODE)
-    data: Any = [(_NODE, path, value) for path in properties for value in values]
-    aimed: Any = [*definitions, *((shape, _TARGET_NODE, _NODE) for shape in shapes)]
+    data: Any = [(node, path, literal("a text")) for path in properties for node in _NODES]
+    data += [(node, path, after) for path in properties for node, after in pairwise(_NODES)]
+    aimed: Any = [*definitions, *((shape, _TARGET_NODE, _NODES[0]) for shape in shapes)]
     try:
-        validate(data, aimed, [_NODE])
+        validate(data, aimed, _NODES[:1])
     except ShapesError as error:
         return str(error)
     return ""

@@ -246,3 +246,23 @@ def test_the_command_line_takes_files_of_shapes(tmp_path: Path) -> None:
     assert f"<urn:e#CupShape> ({shapes})" in report["shapes"]
     text = CliRunner().invoke(cli, ["validate", *here, "--shapes", str(shapes)]).stdout
     assert f"1 of {shapes}" in text
+
+
+def test_the_command_line_does_not_say_that_data_conform_to_a_shape_it_could_not_apply(
+    tmp_path: Path,
+) -> None:
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        text = "e:S a sh:NodeShape ; sh:targetClass e:C ; sh:property [ sh:minCount 1 ] ."
+        kb.load(turtle(text), format="turtle", graph="urn:shapes")
+    done = CliRunner().invoke(cli, ["validate", "--data", str(tmp_path), "--json"])
+    assert (done.exit_code, json.loads(done.stdout)["conforms"]) == (3, None)
+
+
+def test_a_shape_that_refers_to_itself_is_applied() -> None:
+    text = """e:S a sh:NodeShape ; sh:targetNode e:x ;
+      sh:property [ sh:path e:name ; sh:minCount 1 ], [ sh:path e:knows ; sh:node e:S ] ."""
+    with opened() as kb:
+        kb.load(turtle(text), format="turtle", graph="urn:shapes")
+        kb.update("INSERT DATA { <urn:e#x> <urn:e#name> 'x' ; <urn:e#knows> <urn:e#y> }")
+        report = kb.validate()
+        assert (len(report), report.left_out) == (1, ()), "y has no name"

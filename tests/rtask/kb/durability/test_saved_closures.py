@@ -298,12 +298,14 @@ def test_a_folder_open_for_reading_uses_it_and_writes_none(folder: Path) -> None
 
 
 def test_what_other_rules_derived_is_derived_again_at_the_next_opening(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """As after an upgrade that brings a rule."""
     rule = "CONSTRUCT { ?x a <urn:t:Ruled> } WHERE { ?x a <urn:t:Mug> }"
     shipped = inference.shipped_rules()
     monkeypatch.setattr(inference, "shipped_rules", lambda: [*shipped, rule])
+    with caplog.at_level(logging.WARNING), _open(folder, mode="r"):
+        assert "open it once for writing" in caplog.text
     with _open(folder) as kb:
         assert kb.query("ASK { <urn:t:m> a <urn:t:Ruled> }")
         _assert_current(kb)
