@@ -95,8 +95,7 @@ def _plan_there(
         wanted = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
         answer = dict(client.call("plan_goal", **goal, **wanted))
         if store and answer["steps"]:
-            name = {} if agent is None else {"agent": agent}
-            stored = client.call("store_plan", **goal, digest=answer["digest"], **name)
+            stored = client.call("store_plan", **goal, digest=answer["digest"], agent=agent)
             answer |= {"task": stored["task"], "commit": stored["commit"]}
     return answer
 
