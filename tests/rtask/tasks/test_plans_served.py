@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 
 import httpx
 import pytest
@@ -10,16 +11,19 @@ from websockets.sync.client import connect
 
 from rtask.cli import main
 from tests.rtask.tasks.conftest import LAB
-from tests.servers import RunningServer
+from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow
 
 GOAL = {"goal": "every cup into the left box"}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def lab(server: RunningServer) -> None:
-    httpx.post(f"{server.url}/update", data={"update": LAB}, timeout=60).raise_for_status()
+@pytest.fixture(scope="module")
+def server() -> Iterator[RunningServer]:
+    """A server that knows the lab."""
+    with running_server(None) as running:
+        httpx.post(f"{running.url}/update", data={"update": LAB}, timeout=60).raise_for_status()
+        yield running
 
 
 def test_http_rosbridge_and_agents_get_the_same_plan(server: RunningServer) -> None:
