@@ -3193,7 +3193,7 @@ class TaskPlan(Task):
     task_deadline
         When the plan is to be done; no step of it is begun later.
     task_priority
-        Plans with a greater number are begun first; one without has 0. [NUM]
+        Plans with a greater number are begun first; one without has 0.
     """
 
     __iri__: ClassVar[str] = _RT + "TaskPlan"
@@ -3203,7 +3203,7 @@ class TaskPlan(Task):
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
     replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")
     task_deadline: Many[datetime.datetime] = Many(_RT + "taskDeadline", _XSD + "dateTime")
-    task_priority: Many[int] = Many(_RT + "taskPriority", _XSD + "integer", unit="NUM")
+    task_priority: Many[int] = Many(_RT + "taskPriority", _XSD + "integer")
 
 
 class ThreeFingerGrasp(SpatialGrasp):
