@@ -8,7 +8,14 @@ from typing import Any
 import click
 
 from rtask.cli.connection import connection, open_to_read
-from rtask.cli.options import data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    data_option,
+    json_option,
+    listing_option,
+    print_json,
+    server_option,
+    shown_rows,
+)
 
 __all__ = ["where"]
 
@@ -26,6 +33,7 @@ __all__ = ["where"]
 )  # fmt: skip
 @data_option
 @server_option
+@listing_option
 @json_option
 def where(
     name: str,
@@ -35,6 +43,7 @@ def where(
     radius: float,
     data: Path,
     server: str | None,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Tell where NAME is or was: a thing, a product or a kind, by name or IRI.
@@ -48,6 +57,7 @@ def where(
         question["stamp"] = moment(at).timestamp()
     question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
+    answer["things"] = shown_rows(answer["things"], limit, as_json)
     if as_json:
         print_json(answer)
     else:
