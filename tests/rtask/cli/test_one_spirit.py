@@ -364,7 +364,7 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
 _SILENT_WORK = """
 import sys, time
 import click
-from rtask.cli import main
+from rtask.cli import cli, main
 
 @cli.command()
 @click.option("--json", "as_json", is_flag=True)
