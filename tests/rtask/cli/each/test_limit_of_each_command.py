@@ -51,6 +51,7 @@ INSERT DATA {{
   <urn:mug-3> a rt:Mug ; rt:objectId "3" ; rt:name "green mug" .
 }}"""
 Run = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.slow
 
 
 def test_each_command_has_the_option_limit_or_a_reason_to_have_none() -> None:
