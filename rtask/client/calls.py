@@ -510,6 +510,7 @@ class RecalledGrasps(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
 
 
 class PlannedGrasps(TypedDict):
@@ -589,6 +590,7 @@ class SimilarObjects(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
 
 
 class OfferedObject(TypedDict):
@@ -633,6 +635,7 @@ class ResolvedRequest(TypedDict):
     understood: dict[str, Any]
     explanation: dict[str, Any]
     suggestions: list[str]
+    objects_untried: int
 
 
 class OtherThing(TypedDict):
@@ -671,6 +674,7 @@ class Located(TypedDict):
     text: str
     time: float
     things: list[LocatedThing]
+    things_untried: int
 
 
 class Resembled(TypedDict):
@@ -768,6 +772,7 @@ class Taught(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -1172,6 +1177,7 @@ class Calls(ABC):
         frame: str | None = None,
         near: str | None = None,
         radius: float | None = None,
+        max_things: int | None = None,
     ) -> Located:
         """Tell where something is or was, since when, and how sure that is.
 
@@ -1188,6 +1194,8 @@ class Calls(ABC):
         radius
             how near that is; with a robot and the reach of its arm: what it can reach (m); default:
             0.5
+        max_things
+            how many things of that name are looked at; default: 200
         """
         answer: Located = self._operate("where_is", locals())
         return answer
