@@ -6,13 +6,13 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from rtask.engine.decision_log import FILE, DecisionLog
 from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.honesty import HonestyCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
-from rtask.engine.records.decision_log import FILE, DecisionLog
 from rtask.engine.stored import Models, Recent
 from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep

@@ -9,9 +9,9 @@ import pytest
 from pydantic import BaseModel
 
 import ontology
+from rtask.engine.decision_log import DecisionLog
 from rtask.engine.operations.outcome import ReportOutcome
 from rtask.engine.operations.table import OPERATIONS
-from rtask.engine.records.decision_log import DecisionLog
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.services.offered import open_host

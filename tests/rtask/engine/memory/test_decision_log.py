@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from grasp.spatial.candidate import Contacts
+from rtask.engine.decision_log import FILE, DecisionLog
 from rtask.engine.decisions import Decision, Offer
 from rtask.engine.records.asked import record_of
-from rtask.engine.records.decision_log import FILE, DecisionLog
 from rtask.errors import UsageError
 
 CUP = Offer(
