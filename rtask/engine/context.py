@@ -65,6 +65,8 @@ class Context:
     ----------
     writing
         Lock under which IRIs are minted and statements made and stored.
+    planning
+        Lock under which one plan for a goal is made at a time.
     names, grippers, classes, functions, honesty
         Catalogues, refreshed after each commit.
     reasons
@@ -97,6 +99,7 @@ class Context:
         self.kb = kb
         self.policy = policy
         self.writing = threading.RLock()
+        self.planning = threading.Lock()
         self.names = Names(kb)
         self.grippers = GripperCatalogue(kb)
         self.classes = ClassCatalogue(kb)
