@@ -19,7 +19,7 @@ from rtask.asking.terms import Reader, reader_of
 from rtask.asking.tools.values import Terms
 from rtask.errors import UnsupportedError, UsageError
 from rtask.rdf.terms import RDF_TYPE, XSD, Literal, NamedNode, TripleKey, iri, stored
-from rtask.wire.effect import Effect
+from rtask.wire.effect import Effect, Source
 from rtask.wire.message import Answer, Message
 
 if TYPE_CHECKING:
@@ -215,6 +215,8 @@ class Tool(Generic[Q, A]):
         What a caller needs, and what a call does to the graph.
     operation
         Name of the operation that it carries out, whose scope and effect it has.
+    source
+        What its answer is made from.
     """
 
     name: str
@@ -227,6 +229,7 @@ class Tool(Generic[Q, A]):
     scope: str = "read"
     effect: Effect = "reads"
     operation: str = ""
+    source: Source = "graph"
 
     def description(self) -> str:
         """Return the sentence and the examples."""
@@ -251,6 +254,7 @@ def tool(
     scope: str = "read",
     effect: Effect = "reads",
     operation: str = "",
+    source: Source = "graph",
 ) -> Callable[[Callable[[Asked, Q], A]], Tool[Q, A]]:
     """Declare a handler ``(asked, request) -> answer`` as a tool of its name."""
 
@@ -259,8 +263,9 @@ def tool(
         request, answer = (hints[name] for name in ("request", "return"))
         name = getattr(handler, "__name__", "")
         return Tool(
-            name, sentence, examples, request, answer, handler, entries, scope, effect, operation
-        )
+            name, sentence, examples, request, answer, handler, entries, scope, effect, operation,
+            source,
+        )  # fmt: skip
 
     return declare
 

@@ -104,6 +104,7 @@ class Past(PagedAnswer):
     {"s": "kb:object/7", "p": "a", "o": "rt:DrinkingVessel"},
     {"s": "kb:robot/nao", "p": "rt:canGrasp", "o": '"red mug"'},
     entries=("steps", "needs"),
+    source="reasoner",
 )
 def explain(asked: Asked, request: Explain) -> Explanation:
     """Return a proof step by step, or what is missing."""
