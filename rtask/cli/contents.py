@@ -105,6 +105,10 @@ def history(
         entries = kb.history(
             about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
+        kept_from = kb.feed.oldest_retained()
+    if since + 1 < kept_from:
+        gone = f"commits {since + 1} to {kept_from - 1} are no longer kept"
+        click.echo(f"{gone}: what they changed is not known", err=True)
     entries = shown_rows(entries, limit, as_json, newest=True)
     if as_json:
         print_json([_entry_row(entry, statements) for entry in entries])

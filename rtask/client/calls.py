@@ -20,6 +20,7 @@ __all__ = [
     "EndEffector",
     "Feedback",
     "GivenVerdict",
+    "GoalPlan",
     "GraspConfidence",
     "GraspContact",
     "GraspStatistics",
@@ -35,6 +36,9 @@ __all__ = [
     "OtherThing",
     "OutcomeReport",
     "Picture",
+    "PlanReason",
+    "PlanRefusal",
+    "PlanStep",
     "PlannedGrasps",
     "Reason",
     "RecalledGrasp",
@@ -51,6 +55,7 @@ __all__ = [
     "SimilarObject",
     "SimilarObjects",
     "StepTimes",
+    "StoredPlan",
     "Taught",
     "WithdrawnContributor",
 ]
@@ -67,6 +72,7 @@ REPEATABLE = frozenset(
         "search_object",
         "resolve_request",
         "where_is",
+        "plan_goal",
         "insert_object",
         "report_outcome",
         "report_refusal",
@@ -510,6 +516,7 @@ class RecalledGrasps(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
 
 
 class PlannedGrasps(TypedDict):
@@ -589,6 +596,7 @@ class SimilarObjects(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
 
 
 class OfferedObject(TypedDict):
@@ -633,6 +641,7 @@ class ResolvedRequest(TypedDict):
     understood: dict[str, Any]
     explanation: dict[str, Any]
     suggestions: list[str]
+    objects_untried: int
 
 
 class OtherThing(TypedDict):
@@ -671,6 +680,83 @@ class Located(TypedDict):
     text: str
     time: float
     things: list[LocatedThing]
+    things_untried: int
+
+
+class PlanReason(TypedDict):
+    """Why a precondition of a step holds when its turn comes."""
+
+    text: str
+    step: int | None
+    assumed: bool
+    statement: list[str] | None
+
+
+class PlanStep(TypedDict):
+    """One task of a plan."""
+
+    step: int
+    action: str
+    arguments: dict[str, Any]
+    robots: list[str]
+    text: str
+    duration_s: float
+    start_s: float
+    chance: float
+    successes: int
+    attempts: int
+    because: list[PlanReason]
+
+
+class PlanRefusal(TypedDict):
+    """Why one goal is out of reach."""
+
+    goal: str
+    text: str
+    missing: list[str]
+    by_robot: dict[str, Any]
+
+
+class GoalPlan(TypedDict):
+    """A plan, or the reasons why there is none."""
+
+    goal: str
+    understood: list[str]
+    sparql: list[str]
+    complete: bool
+    steps: list[PlanStep]
+    refusals: list[PlanRefusal]
+    assumptions: list[str]
+    names: dict[str, Any]
+    duration_s: float
+    chance: float
+    digest: str
+    text: str
+    domain: NotRequired[str]
+    problem: NotRequired[str]
+    behaviour_tree: NotRequired[str]
+
+
+class StoredPlan(TypedDict):
+    """A plan, and where it is stored."""
+
+    goal: str
+    understood: list[str]
+    sparql: list[str]
+    complete: bool
+    steps: list[PlanStep]
+    refusals: list[PlanRefusal]
+    assumptions: list[str]
+    names: dict[str, Any]
+    duration_s: float
+    chance: float
+    digest: str
+    text: str
+    domain: NotRequired[str]
+    problem: NotRequired[str]
+    behaviour_tree: NotRequired[str]
+    task: str
+    commit: str
 
 
 class Resembled(TypedDict):
@@ -768,6 +854,7 @@ class Taught(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -1172,6 +1259,7 @@ class Calls(ABC):
         frame: str | None = None,
         near: str | None = None,
         radius: float | None = None,
+        max_things: int | None = None,
     ) -> Located:
         """Tell where something is or was, since when, and how sure that is.
 
@@ -1188,8 +1276,58 @@ class Calls(ABC):
         radius
             how near that is; with a robot and the reach of its arm: what it can reach (m); default:
             0.5
+        max_things
+            how many things of that name are looked at; default: 200
         """
         answer: Located = self._operate("where_is", locals())
+        return answer
+
+    def plan_goal(
+        self,
+        *,
+        goal: str,
+        assume_reach: bool | None = None,
+        pddl: bool | None = None,
+        behaviour_tree: bool | None = None,
+    ) -> GoalPlan:
+        """Plan what robots do for a goal, or say why none can reach it.
+
+        Parameters
+        ----------
+        goal
+            words such as "every cup into the left box", PATTERN WHERE { SPARQL }, or JSON
+        assume_reach
+            plan as if robots reached places of which that is not known, and say so; default: False
+        pddl
+            also answer domain and problem for other planners; default: False
+        behaviour_tree
+            also answer XML of BehaviorTree.CPP 4; default: False
+        """
+        answer: GoalPlan = self._operate("plan_goal", locals())
+        return answer
+
+    def store_plan(
+        self,
+        *,
+        goal: str,
+        assume_reach: bool | None = None,
+        digest: str | None = None,
+        agent: str | None = None,
+    ) -> StoredPlan:
+        """Store the plan for a goal, so that robots can carry it out.
+
+        Parameters
+        ----------
+        goal
+            the goal, as for plan_goal
+        assume_reach
+            as for plan_goal; default: False
+        digest
+            digest of the plan that was agreed to: another one is not stored; default: any
+        agent
+            in whose name; default: the caller
+        """
+        answer: StoredPlan = self._operate("store_plan", locals())
         return answer
 
     def insert_object(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -164,6 +166,12 @@ class TaskPlan:
     def duration_s(self) -> float:
         """How long it takes if robots work at the same time, s."""
         return max((step.start_s + step.duration_s for step in self.steps), default=0.0)
+
+    @property
+    def digest(self) -> str:
+        """Digest of the steps: two plans of the same tasks have the same."""
+        tasks = [[step.action, sorted(step.arguments.items())] for step in self.steps]
+        return hashlib.sha256(json.dumps(tasks).encode()).hexdigest()
 
     @property
     def text(self) -> str:

@@ -11,6 +11,8 @@ from rtask.rdf.terms import NamedNode, Value
 from rtask.tasks.plan import PlannedStep, TaskPlan
 
 if TYPE_CHECKING:
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
 __all__ = ["store_plan"]
@@ -18,13 +20,15 @@ __all__ = ["store_plan"]
 _Statement = tuple[NamedNode, NamedNode, Value]
 
 
-def store_plan(kb: GraphCore, plan: TaskPlan, agent: str | None = None) -> str:
-    """Store a plan in one commit; return the IRI of its task.
+def store_plan(
+    kb: GraphCore, plan: TaskPlan, agent: str | None = None, *, access: Access | None = None
+) -> tuple[str, Commit]:
+    """Store a plan in one commit; return the IRI of its task, and the commit.
 
     Parameters
     ----------
-    agent
-        In whose name; None for the owner of the store.
+    agent, access
+        In whose name, or with whose rights; None for the owner of the store.
 
     Raises
     ------
@@ -36,10 +40,10 @@ def store_plan(kb: GraphCore, plan: TaskPlan, agent: str | None = None) -> str:
     if not plan.is_complete or not plan.steps:
         raise UsageError("only a plan that has steps can be stored")
     root = NamedNode(mint(kb.base, "TaskPlan"))
-    with kb.transaction(agent, note=f"plan: {plan.goal[:200]}") as tx:
+    with kb.transaction(agent, note=f"plan: {plan.goal[:200]}", access=access) as tx:
         for statement in _statements(kb, plan, root):
             tx.add(*statement)
-    return root.value
+    return root.value, tx.commit
 
 
 def _statements(kb: GraphCore, plan: TaskPlan, root: NamedNode) -> Iterator[_Statement]:

@@ -31,6 +31,10 @@ __all__ = ["where"]
     "--radius", type=click.FloatRange(min=0.001, max=1000.0), default=0.5, show_default=True,
     help="How near that is, m.",
 )  # fmt: skip
+@click.option(
+    "--max-things", type=click.IntRange(1, 10_000), default=200, show_default=True,
+    help="How many things of that name are looked at.",
+)  # fmt: skip
 @data_option
 @server_option
 @listing_option
@@ -41,6 +45,7 @@ def where(
     frame: str | None,
     near: str | None,
     radius: float,
+    max_things: int,
     data: Path,
     server: str | None,
     limit: int | None,
@@ -48,9 +53,12 @@ def where(
 ) -> None:
     """Tell where NAME is or was: a thing, a product or a kind, by name or IRI.
 
-    Exit code 1 if its place is not known; the answer then says where it was last.
+    Exit code 1 if its place is not known; the answer then says where it was last. What was not
+    looked at, because more things than --max-things have the name, is said and not denied.
     """
-    question: dict[str, Any] = {"name": name, "frame": frame, "near": near, "radius": radius}
+    question: dict[str, Any] = {
+        "name": name, "frame": frame, "near": near, "radius": radius, "max_things": max_things,
+    }  # fmt: skip
     if at is not None:
         from rtask.rdf.terms import moment
 
@@ -63,6 +71,12 @@ def where(
     else:
         for line in [thing["text"] for thing in answer["things"]] or [answer["text"]]:
             click.echo(line)
+        untried = answer["things_untried"]
+        if untried and answer["things"]:
+            click.echo(
+                f"{untried} more were not looked at; --max-things {max_things + untried} does so",
+                err=True,
+            )
     if not answer["known"]:
         raise SystemExit(1)
 

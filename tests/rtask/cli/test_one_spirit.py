@@ -19,6 +19,7 @@ import pytest
 import ontology
 import rtask
 from rtask.cli import main
+from tests.commands import run_command
 from tests.rtask.cli.each.tree import walk_commands
 from tests.servers import running_server
 
@@ -314,11 +315,7 @@ def test_completion_knows_commands_and_options() -> None:
             "COMP_CWORD": str(at),
             "_RTASK_COMPLETE": "bash_complete",
         }
-        command = [sys.executable, "-m", "rtask"]
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=False, cwd=_ROOT
-        )
-        return done.stdout
+        return run_command(environment=environment).stdout
 
     assert "plain,export\n" in completed("rtask exp", 1)
     assert "plain,--server\n" in completed("rtask query --s", 2)

@@ -71,6 +71,20 @@ def test_a_bounded_history_shows_the_latest_commits(run: Run) -> None:
     assert err == f"{len(whole) - 1} earlier; --limit 0 for all\n"
 
 
+def test_a_history_says_which_commits_are_not_kept(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """ "No commits" would deny what the journal no longer tells."""
+    from rtask.kb.feed.feed import Feed
+
+    assert run("history", "urn:nobody")[2] == "no commits\n"
+    monkeypatch.setattr(Feed, "oldest_retained", lambda self: 3)
+    code, out, err = run("history", "urn:nobody")
+    assert (code, out) == (1, "")
+    assert "commits 1 to 2 are no longer kept: what they changed is not known" in err
+    assert "no longer kept" not in run("history", "urn:nobody", "--since", "2")[2]
+
+
 def test_a_merge_is_undone_by_what_the_merge_printed(run: Run) -> None:
     _, _, err = run("objects", "merge", "mug 1", "mug 2")
     assert len(json.loads(run("objects", "list", "--json")[1])) == 3
