@@ -527,6 +527,7 @@ class RecalledGrasps(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
 
 
 class PlannedGrasps(TypedDict):
@@ -606,6 +607,7 @@ class SimilarObjects(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
 
 
 class OfferedObject(TypedDict):
@@ -650,6 +652,7 @@ class ResolvedRequest(TypedDict):
     understood: dict[str, Any]
     explanation: dict[str, Any]
     suggestions: list[str]
+    objects_untried: int
 
 
 class OtherThing(TypedDict):
@@ -688,6 +691,7 @@ class Located(TypedDict):
     text: str
     time: float
     things: list[LocatedThing]
+    things_untried: int
 
 
 class PlanReason(TypedDict):
@@ -931,6 +935,7 @@ class Taught(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -1335,6 +1340,7 @@ class Calls(ABC):
         frame: str | None = None,
         near: str | None = None,
         radius: float | None = None,
+        max_things: int | None = None,
     ) -> Located:
         """Tell where something is or was, since when, and how sure that is.
 
@@ -1351,6 +1357,8 @@ class Calls(ABC):
         radius
             how near that is; with a robot and the reach of its arm: what it can reach (m); default:
             0.5
+        max_things
+            how many things of that name are looked at; default: 200
         """
         answer: Located = self._operate("where_is", locals())
         return answer
