@@ -110,6 +110,9 @@ def recognise(
             verdict += ", another view may decide"
             if row["in_other_light"]:
                 verdict += "; the light differs: `rtask teach` a view in this light"
+        elif row["outcome"] == "null" and row["views_untried"]:
+            verdict += f", not decided: {row['views_untried']} stored views that share its print "
+            verdict += "were left out; another view may decide"
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
@@ -186,6 +189,7 @@ def _asked(
                     "differs": answer["differs"],
                     "ask_again": answer["ask_again"],
                     "in_other_light": answer["in_other_light"],
+                    "views_untried": answer["views_untried"],
                     "pose": None,
                     "matches": [
                         {
@@ -225,6 +229,7 @@ def _row(view: Seen) -> dict[str, Any]:
         "differs": view.answer.differs,
         "ask_again": view.answer.ask_again,
         "in_other_light": view.answer.is_in_other_light,
+        "views_untried": view.answer.views_untried,
         "pose": _pose_row(view.pose),
         "matches": [
             {

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
 
 import click
 import pytest
 
-from rtask.cli import cli
+from tests.rtask.cli.each.tree import walk_commands
 
 _FINAL = {
     "dataset create", "dataset snapshot", "objects forget", "promote", "proposals refuse",
@@ -47,21 +46,9 @@ _CHANGING = (
 """Calls in the source of a command that changes something."""
 
 
-def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
-    context = click.Context(group)
-    for child_name in group.list_commands(context):
-        child = group.get_command(context, child_name)
-        assert child is not None
-        path = f"{name} {child_name}".strip()
-        if isinstance(child, click.Group):
-            yield from _commands(child, path)
-        else:
-            yield path, child
-
-
 @pytest.fixture(scope="module")
 def commands() -> dict[str, click.Command]:
-    return dict(_commands(cli))
+    return dict(walk_commands())
 
 
 def test_a_command_that_may_change_something_says_how_that_is_undone(
