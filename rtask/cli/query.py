@@ -99,7 +99,8 @@ def query(
     """Run a SPARQL query; TEXT may be - for standard input.
 
     The ontology's prefixes (rt:, cora:, prov: ...) are predefined, and so is kb: for the base of
-    the knowledge base. Exit code 1 if there are no rows, or the answer to an ASK is no.
+    the knowledge base; SPARQL wants a backslash before a slash in a name, as in kb:object\\/7. Exit
+    code 1 if there are no rows, or the answer to an ASK is no.
     """
     form = "json" if as_json else form
     asked = read_text(text, file)
