@@ -21,6 +21,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.cli.progress import Working
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -176,6 +177,7 @@ def export(
     if original and (len(graphs) != 1 or target == "-"):
         raise UsageError("--original needs one --graph and a TARGET file")
     form = form or ("trig" if target == "-" else None)
+    graphs = tuple(name_or_iri(graph, data, server) for graph in graphs)
     with Working("exporting"):
         if server:
             if original or inferred:

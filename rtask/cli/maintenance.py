@@ -23,6 +23,7 @@ from rtask.cli.options import (
     yes_option,
 )
 from rtask.cli.progress import Working, announce_compilation
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -273,6 +274,7 @@ def quarantine(
     instead of refusing the commit. RECORDS are IRIs from the list; without any, all are meant.
     Putting back fails, and changes nothing, while a statement still contradicts the others.
     """
+    records = tuple(name_or_iri(record, data) for record in records)
     if action is not None:
         if action == "forget":
             confirm_final("`rtask history -s` shows the statements, to be asserted anew", yes)

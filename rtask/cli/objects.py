@@ -23,7 +23,7 @@ from rtask.cli.options import (
     shown_rows,
     yes_option,
 )
-from rtask.cli.things import resolve_object
+from rtask.cli.things import name_or_iri, resolve_object
 
 __all__ = ["objects"]
 
@@ -289,6 +289,8 @@ def _carry_out(
     with connection(*where) as client:
         for role in given.keys() & {"object", "into"}:
             given[role] = resolve_object(client.query, given[role])
+        if "views" in given:
+            given["views"] = [name_or_iri(view, *where) for view in given["views"]]
         done = client.call(called, **given)
     if as_json:
         print_json(done)

@@ -33,7 +33,6 @@ SELECT ?ontology ?version ?statements {
   OPTIONAL { ?ontology owl:versionInfo ?version }
 } ORDER BY ?ontology
 """
-_BREAKING = 1
 
 source_option = click.option(
     "--source",
@@ -96,14 +95,16 @@ def upgrade(
     equivalent to another) are rewritten in all data. Terms that it removes without replacement are
     reported with the number of statements that use them. All is one commit; --undo takes it back.
     """
+    from rtask.asking.terms import reader_of
     from rtask.ontology_docs.upgrading import undo_upgrade
     from rtask.ontology_docs.upgrading import upgrade as run
 
     with announce_compilation(), open_to_change(data) as kb:
         if undo:
-            commit = undo_upgrade(kb, source)
+            upgraded_iri = reader_of(kb).resource(source).value
+            commit = undo_upgrade(kb, upgraded_iri)
             if as_json:
-                print_json({"ontology": source, "commit": commit.seq})
+                print_json({"ontology": upgraded_iri, "commit": commit.seq})
             else:
                 click.echo(f"undone: +{commit.added} -{commit.removed} statements")
                 announce_undo("undo", str(commit.seq))
@@ -137,10 +138,12 @@ def unload(
 
     Refused while other ontologies import it or data use its terms, unless --force is given.
     """
+    from rtask.asking.terms import reader_of
     from rtask.ontology_docs.unloading import unload as run
 
     with announce_compilation(), open_to_change(data) as kb:
-        unloaded = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
+        graph = reader_of(kb).resource(iri).value
+        unloaded = run(kb, graph, force=force, dry_run=dry_run)
     used = shown_rows(list(unloaded.used.items()), limit, as_json, what="terms")
     if as_json:
         print_json({**unloaded.to_dict(), "used": dict(used)})
@@ -179,11 +182,13 @@ def patches(limit: int | None, as_json: bool) -> None:
 @click.argument("iri")
 @json_option
 def path(iri: str, as_json: bool) -> None:
-    """Print where the file of a bundled ontology is."""
+    """Print where the file of a bundled ontology is, given its IRI or name ("grasp")."""
     from rtask.errors import UnknownTermError
     from rtask.loader.catalogue import OntologyCatalogue
+    from rtask.ontology_docs import Vocabulary, read_source
 
-    iri = resource(iri, "")
+    module = None if ":" in iri else Vocabulary(read_source("bundled")).module(iri)
+    iri = resource(iri, "") if module is None else module.iri
     file = OntologyCatalogue().find(iri)
     if file is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")
@@ -351,7 +356,7 @@ def diff(old: str, new: str, limit: int | None, as_json: bool) -> None:
         *lines, level = difference.lines()
         click.echo("\n".join([*shown_rows(lines, limit, as_json), level]))
     if difference.is_breaking:
-        raise click.exceptions.Exit(_BREAKING)
+        raise click.exceptions.Exit(1)
 
 
 @click.group()

@@ -22,6 +22,7 @@ from rtask.cli.options import (
     server_option,
     shown_rows,
 )
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -169,7 +170,9 @@ def list_(
     Robots that try the same grasp of the same object with the same kind of hand should find the
     same. Exit code 1 if there are no reports.
     """
-    request: dict[str, Any] = {} if name is None else {"contributor": name}
+    request: dict[str, Any] = (
+        {} if name is None else {"contributor": name_or_iri(name, data, server)}
+    )
     with connection(data, server) as client:
         compared = client.compare_contributors(**request)["contributors"]
     compared = shown_rows(compared, limit, as_json)
@@ -199,7 +202,8 @@ def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_js
     """
     named = {} if agent is None else {"operator": agent}
     with connection(data, server) as client:
-        done = client.withdraw_contributor(contributor=name, **named)
+        contributor = name_or_iri(name, data, server)
+        done = client.withdraw_contributor(contributor=contributor, **named)
     if as_json:
         print_json(done)
         return

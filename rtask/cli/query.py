@@ -26,6 +26,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.cli.progress import Working
+from rtask.cli.things import reader_at
 from rtask.errors import QuerySyntaxError, UsageError
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ def query(
     """Run a SPARQL query; TEXT may be - for standard input.
 
     The ontology's prefixes (rt:, cora:, prov: ...) are predefined, and so is kb: for the base of
-    the knowledge base. Exit code 1 if there are no rows, or the answer to an ASK is no.
+    the knowledge base; SPARQL wants a backslash before a slash in a name, as in kb:object\\/7. Exit
+    code 1 if there are no rows, or the answer to an ASK is no.
     """
     form = "json" if as_json else form
     asked = read_text(text, file)
@@ -317,12 +319,10 @@ def search(
     All words must occur; "cup*" matches any ending. A server looks at the best 1,000 texts. Exit
     code 1 if nothing is found.
     """
-    from rtask.asking.terms import Reader, reader_of
     from rtask.knowledge_base import KnowledgeBase
 
     with open_graph(data, server) as kb:
-        reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(base_of(kb))
-        class_iri = None if cls is None else reader.resource(cls)
+        class_iri = None if cls is None else reader_at(kb).resource(cls)
         if not isinstance(kb, KnowledgeBase):
             rows = _search_server(kb, " ".join(words), class_iri, lang)
         else:

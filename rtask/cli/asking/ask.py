@@ -19,7 +19,7 @@ from rtask.cli.options import (
     server_option,
     shown_rows,
 )
-from rtask.cli.things import resolve_object
+from rtask.cli.things import name_or_iri, resolve_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def ask(
         return
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
-        request["gripper_id"] = gripper
+        request["gripper_id"] = name_or_iri(gripper, data, server)
     with connection(data, server, agent) as client:
         if objects:
             request["objects"] = [resolve_object(client.query, name) for name in objects]

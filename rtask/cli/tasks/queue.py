@@ -19,6 +19,7 @@ from rtask.cli.options import (
     server_option,
     shown_rows,
 )
+from rtask.cli.things import name_or_iri
 
 __all__ = ["tasks"]
 
@@ -63,6 +64,7 @@ def cancel(
     plan: str, reason: str, data: Path, server: str | None, agent: str | None, as_json: bool
 ) -> None:
     """Cancel the stored plan with the IRI PLAN: no further step of it is begun."""
+    plan = name_or_iri(plan, data, server)
     with connection(data, server) as client:
         done = client.call("cancel_plan", plan=plan, reason=reason, operator=agent)
     if as_json:

@@ -16,6 +16,7 @@ from rtask.cli.options import (
     server_option,
     shown_rows,
 )
+from rtask.cli.things import name_or_iri
 
 __all__ = ["where"]
 
@@ -56,14 +57,16 @@ def where(
     Exit code 1 if its place is not known; the answer then says where it was last. What was not
     looked at, because more things than --max-things have the name, is said and not denied.
     """
-    question: dict[str, Any] = {
-        "name": name, "frame": frame, "near": near, "radius": radius, "max_things": max_things,
-    }  # fmt: skip
+    named = {
+        role: name_or_iri(text, data, server)
+        for role, text in (("name", name), ("frame", frame), ("near", near))
+        if text is not None
+    }
+    question: dict[str, Any] = {**named, "radius": radius, "max_things": max_things}
     if at is not None:
         from rtask.rdf.terms import moment
 
         question["stamp"] = moment(at).timestamp()
-    question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
     answer["things"] = shown_rows(answer["things"], limit, as_json)
     if as_json:

@@ -336,6 +336,7 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         assert code == 0
         assert json.loads(out)["results"]["bindings"]
         assert ask("search", "blue", "mug")[1] == "urn:mug  blue mug\n"
+        assert ask("search", "blue", "--class", "mug")[1] == "urn:mug  blue mug\n"
         assert ask("search", "nonexistent")[0] == 1
         assert json.loads(ask("stats", "--json")[1])["graphs"][_GRAPH] == 2
         assert ontology.ONTOLOGY in ask("ontology", "list")[1]
