@@ -240,6 +240,18 @@ class Dictionary:
         resources = (None if isinstance(r, BlankNode) else r for r in self._resources)
         return (*resources, *self._literals), len(self._resources)
 
+    def counts(self) -> tuple[int, int]:
+        """Return the lowest ids that a new resource and a new literal would have."""
+        return len(self._resources), LITERAL + len(self._literals)
+
+    def since(self, counts: tuple[int, int]) -> tuple[tuple[Term, ...], tuple[Term, ...]]:
+        """Return the resources and the literals that were new after `counts`, in order."""
+        resources, literals = counts
+        return (
+            tuple(map(self._resource, range(resources, len(self._resources)))),
+            tuple(map(self._literal, range(literals - LITERAL, len(self._literals)))),
+        )
+
     @property
     def has_variants(self) -> bool:
         """Whether any value has occurred in more than one literal."""
