@@ -12,10 +12,14 @@ from rtask.cli.options import (
     agent_option,
     announce_undo,
     data_option,
+    exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     server_option,
+    shown_rows,
 )
+from rtask.cli.things import name_or_iri
 
 __all__ = ["tasks"]
 
@@ -29,23 +33,24 @@ def tasks() -> None:
 @click.option("--all", "everything", is_flag=True, help="Also those done, cancelled or replaced.")
 @data_option
 @server_option
+@listing_option
 @json_option
-def list_(everything: bool, data: Path, server: str | None, as_json: bool) -> None:
+def list_(
+    everything: bool, data: Path, server: str | None, limit: int | None, as_json: bool
+) -> None:
     """List stored plans with their steps, who does what, and why.
 
     Exit code 1 if there is none.
     """
     with connection(data, server) as client:
         plans = client.call("list_plans", state="all" if everything else "open")["plans"]
+    shown = shown_rows(plans, limit, as_json)
     if as_json:
-        print_json(plans)
+        print_json(shown)
     else:
-        for plan in plans:
+        for plan in shown:
             _show(plan)
-        if not plans:
-            click.echo("No plan is open." if not everything else "No plan is stored.")
-    if not plans:
-        raise SystemExit(1)
+    exit_if_empty(plans, "no plan is stored" if everything else "no plan is open")
 
 
 @tasks.command()
@@ -59,6 +64,7 @@ def cancel(
     plan: str, reason: str, data: Path, server: str | None, agent: str | None, as_json: bool
 ) -> None:
     """Cancel the stored plan with the IRI PLAN: no further step of it is begun."""
+    plan = name_or_iri(plan, data, server)
     with connection(data, server) as client:
         done = client.call("cancel_plan", plan=plan, reason=reason, operator=agent)
     if as_json:
