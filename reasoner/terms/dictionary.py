@@ -263,10 +263,10 @@ class Dictionary:
                 del self._by_value[value.key]
         for number in range(counts[1], LITERAL + len(self._literals)):
             group = self._variants.pop(number, ())
-            kept = tuple(other for other in group if other < counts[1])
-            for other in kept:
-                if len(kept) > 1:
-                    self._variants[other] = kept
+            earlier = tuple(other for other in group if other < counts[1])
+            for other in earlier:
+                if len(earlier) > 1:
+                    self._variants[other] = earlier
                 else:
                     self._variants.pop(other, None)
         del self._resources[resources:], self._literals[literals:], self._values[literals:]
