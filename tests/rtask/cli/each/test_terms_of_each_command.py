@@ -78,8 +78,9 @@ _OTHERS = {
         classifier cluster cors follow form host new old ontology public_url server sources store
         target url""",
     "choices": "action kinds names only verdict gripper_type",
-    "robots and ROS": """distortion eliminate frame gripper heights joints limit look name namespace
-        naoqi on operation prefix remaps rosbridge source topic""",
+    "robots and ROS": """
+        base_frame distortion eliminate frame gripper heights joints limit look name
+        namespace naoqi on operation prefix remaps rosbridge source topic""",
 }
 """Other parameters that are texts, by what they take instead."""
 _SECONDS = re.compile(r'"seconds": [\d.e-]+')
