@@ -14,7 +14,7 @@ from typing import Protocol
 import ontology
 from simulate.tasks.body import Deed, TaskBody
 
-__all__ = ["Grasp", "HandOver", "Place", "TaskAction", "known_actions"]
+__all__ = ["Grasp", "HandOver", "Place", "TaskAction", "available_actions"]
 
 Arguments = Mapping[str, str]
 
@@ -87,13 +87,13 @@ class HandOver(Place):
 
 
 @cache
-def known_actions() -> Mapping[str, TaskAction]:
+def available_actions() -> Mapping[str, TaskAction]:
     """Return the actions that robots can carry out, by the IRIs of their classes."""
-    known: dict[str, TaskAction] = {
+    available: dict[str, TaskAction] = {
         ontology.NS + "Grasp": Grasp(),
         ontology.NS + "Place": Place(),
         ontology.NS + "HandOver": HandOver(),
     }
     for entry in entry_points(group="rtask.actions"):
-        known[entry.name] = entry.load()()
-    return known
+        available[entry.name] = entry.load()()
+    return available

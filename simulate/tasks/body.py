@@ -38,17 +38,17 @@ class TaskBody(Protocol):
     def hands(self) -> Mapping[str, str]:
         """Gripper id, as outcomes are reported with it, of each hand."""
 
-    def sees(self, thing: str, place: str) -> bool:
+    def sees(self, item: str, place: str) -> bool:
         """Look whether a thing is at a place, or in a hand."""
 
-    def find(self, thing: str) -> str | None:
+    def find(self, item: str) -> str | None:
         """Look for a thing wherever the robot reaches; return the place or hand, if it is seen."""
 
-    def pick(self, thing: str, place: str, hand: str) -> Deed:
+    def pick(self, item: str, place: str, hand: str) -> Deed:
         """Pick a thing up."""
 
-    def put(self, thing: str, place: str, hand: str) -> Deed:
+    def put(self, item: str, place: str, hand: str) -> Deed:
         """Put a held thing down."""
 
-    def give(self, thing: str, hand: str, target: str) -> Deed:
+    def give(self, item: str, hand: str, target: str) -> Deed:
         """Give a held thing into the hand of another robot."""

@@ -142,11 +142,11 @@ class Crew:
         """Let every robot look for the things of a plan of which nobody knows where they are."""
         tasks = " ".join(f"<{step['task']}>" for step in plan["steps"])
         for row in self.planner.query(_LOST % tasks):
-            thing = str(row["thing"])
+            item = str(row["thing"])
             for executor in self.robots.values():
-                place = executor.body.find(thing)
+                place = executor.body.find(item)
                 if place is not None:
-                    executor.graph.call("state_place", thing=thing, place=place)
+                    executor.graph.call("state_place", thing=item, place=place)
                     break
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rtask.errors import ConflictError
-from simulate.tasks.actions import TaskAction, known_actions
+from simulate.tasks.actions import TaskAction, available_actions
 from simulate.tasks.body import Deed, TaskBody
 
 __all__ = ["Executor", "Graph", "Turn"]
@@ -78,7 +78,7 @@ class Executor:
         actions: Mapping[str, TaskAction] | None = None,
     ) -> None:
         self.graph, self.body, self.robot, self._may = graph, body, robot, may
-        self.actions = known_actions() if actions is None else actions
+        self.actions = available_actions() if actions is None else actions
 
     def turn(self) -> Turn:
         """Carry out one step if there is one."""
@@ -89,8 +89,8 @@ class Executor:
         action = self.actions.get(claim["action"])
         if action is None:
             return self._end(claim, "failed", f"no program here carries out {claim['action']}")
-        thing, target = claim["arguments"].get("thing", ""), action.target(claim["arguments"])
-        if claim["resumed"] and thing and target and self.body.sees(thing, target):
+        item, target = claim["arguments"].get("thing", ""), action.target(claim["arguments"])
+        if claim["resumed"] and item and target and self.body.sees(item, target):
             # It was done before the robot was started again, and perhaps not yet reported.
             return self._done(claim, action, Deed(True), "it was done already")
         if not self._may(claim["text"]):
@@ -112,10 +112,10 @@ class Executor:
 
     def _failed(self, claim: Mapping[str, Any], comment: str, reported: bool = False) -> Turn:
         """End a step that was not done, with where the thing is now."""
-        thing = claim["arguments"].get("thing", "")
-        seen = self.body.find(thing) if thing else None
+        item = claim["arguments"].get("thing", "")
+        seen = self.body.find(item) if item else None
         return self._end(
-            claim, "failed", comment, place=seen, lost=bool(thing) and seen is None,
+            claim, "failed", comment, place=seen, lost=bool(item) and seen is None,
             reported=reported,
         )  # fmt: skip
 
@@ -134,8 +134,8 @@ class Executor:
 
     def _report(self, claim: Mapping[str, Any], deed: Deed) -> bool:
         """Report the outcome of a grasp of a known product; return whether it is one."""
-        thing, hand = claim["arguments"]["thing"], claim["arguments"]["hand"]
-        rows = self.graph.query(_PRODUCT % thing)
+        item, hand = claim["arguments"]["thing"], claim["arguments"]["hand"]
+        rows = self.graph.query(_PRODUCT % item)
         if not rows or hand not in self.body.hands:
             return False
         width = rows[0]["width"]
@@ -147,7 +147,7 @@ class Executor:
         }
         self.graph.call(
             "report_outcome", task_id=_report_id(claim["task"]), object=str(rows[0]["product"]),
-            thing=thing, gripper_id=self.body.hands[hand],
+            thing=item, gripper_id=self.body.hands[hand],
             grasp={"id": "", "in_object": _ABOVE, **({} if width is None else {"width": width})},
             outcome={name: value for name, value in outcome.items() if value is not None},
         )  # fmt: skip

@@ -45,7 +45,7 @@ class Lab:
     hands: Mapping[str, Mapping[str, str]]
     rng: np.random.Generator
     slip: float = 0.0
-    on_deed: Callable[[str, str, str], None] = lambda robot, action, thing: None
+    on_deed: Callable[[str, str, str], None] = lambda robot, action, item: None
     done: list[tuple[str, str, str]] = field(default_factory=list)
     """Actions that took effect: robot, action, thing."""
 
@@ -55,12 +55,12 @@ class Lab:
 
     def in_hand(self, hand: str) -> str | None:
         """Return what a hand holds."""
-        return next((thing for thing, place in self.where.items() if place == hand), None)
+        return next((item for item, place in self.where.items() if place == hand), None)
 
-    def drop(self, thing: str, robot: str) -> None:
+    def drop(self, item: str, robot: str) -> None:
         """Let a thing fall to one of the places that a robot reaches."""
         places = sorted(self.reach[robot])
-        self.where[thing] = places[int(self.rng.integers(len(places)))]
+        self.where[item] = places[int(self.rng.integers(len(places)))]
 
 
 @dataclass(frozen=True)
@@ -75,46 +75,46 @@ class LabRobot:
         """Gripper id of each hand."""
         return self.lab.hands[self.iri]
 
-    def sees(self, thing: str, place: str) -> bool:
+    def sees(self, item: str, place: str) -> bool:
         """Look whether a thing is at a place within reach, or in an own hand."""
-        at = self.lab.where.get(thing)
+        at = self.lab.where.get(item)
         return at == place and (place in self.hands or place in self.lab.reach[self.iri])
 
-    def find(self, thing: str) -> str | None:
+    def find(self, item: str) -> str | None:
         """Look for a thing wherever the robot reaches, and in its hands."""
-        at = self.lab.where.get(thing)
-        return at if at is not None and self.sees(thing, at) else None
+        at = self.lab.where.get(item)
+        return at if at is not None and self.sees(item, at) else None
 
-    def pick(self, thing: str, place: str, hand: str) -> Deed:
+    def pick(self, item: str, place: str, hand: str) -> Deed:
         """Pick a thing up; it may have gone since it was seen, or slip."""
-        self.lab.on_deed(self.iri, "pick", thing)
+        self.lab.on_deed(self.iri, "pick", item)
         took = _DURATION_S["pick"]
-        if not self.sees(thing, place) or self.lab.in_hand(hand) is not None:
+        if not self.sees(item, place) or self.lab.in_hand(hand) is not None:
             return Deed(False, "missed", took)
         if self.lab.rng.random() < self.lab.slip:
             return Deed(False, "slip_lift", took, 0.01)
-        self.lab.where[thing] = hand
-        self.lab.done.append((self.iri, "pick", thing))
+        self.lab.where[item] = hand
+        self.lab.done.append((self.iri, "pick", item))
         return Deed(True, "ok", took, _LIFT_M)
 
-    def put(self, thing: str, place: str, hand: str) -> Deed:
+    def put(self, item: str, place: str, hand: str) -> Deed:
         """Put a held thing down."""
-        self.lab.on_deed(self.iri, "put", thing)
+        self.lab.on_deed(self.iri, "put", item)
         took = _DURATION_S["put"]
-        if self.lab.where.get(thing) != hand or place not in self.lab.reach[self.iri]:
+        if self.lab.where.get(item) != hand or place not in self.lab.reach[self.iri]:
             return Deed(False, "slip_transport", took)
-        self.lab.where[thing] = place
-        self.lab.done.append((self.iri, "put", thing))
+        self.lab.where[item] = place
+        self.lab.done.append((self.iri, "put", item))
         return Deed(True, "ok", took)
 
-    def give(self, thing: str, hand: str, target: str) -> Deed:
+    def give(self, item: str, hand: str, target: str) -> Deed:
         """Give a held thing into another hand that is free."""
-        self.lab.on_deed(self.iri, "give", thing)
+        self.lab.on_deed(self.iri, "give", item)
         took = _DURATION_S["give"]
-        if self.lab.where.get(thing) != hand or self.lab.in_hand(target) is not None:
+        if self.lab.where.get(item) != hand or self.lab.in_hand(target) is not None:
             return Deed(False, "slip_transport", took)
-        self.lab.where[thing] = target
-        self.lab.done.append((self.iri, "give", thing))
+        self.lab.where[item] = target
+        self.lab.done.append((self.iri, "give", item))
         return Deed(True, "ok", took)
 
 
