@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from rtask.errors import UsageError
 from rtask.model.instance import Model, Property
+from rtask.rdf.terms import Literal, NamedNode
 
 __all__ = [
     "After",
@@ -103,10 +104,12 @@ class Path(Generic[T]):
     def __repr__(self) -> str:
         return ".".join([self._root.__name__, *(step.name for step in self._steps)])
 
-    def __eq__(self, other: object) -> Condition:  # type: ignore[override]
+    # Narrower than object's: with a value of another type the other operand's `==` counts to a
+    # checker, which gives a bool, and that is no condition.
+    def __eq__(self, other: T | Model | NamedNode | Literal) -> Condition:  # type: ignore[override]
         return Compare(self, "=", other)
 
-    def __ne__(self, other: object) -> Condition:  # type: ignore[override]
+    def __ne__(self, other: T | Model | NamedNode | Literal) -> Condition:  # type: ignore[override]
         return Compare(self, "!=", other)
 
     def __lt__(self, other: T) -> Condition:
@@ -124,7 +127,7 @@ class Path(Generic[T]):
     def __neg__(self) -> Order:
         return Order(self, descending=True)
 
-    def in_(self, values: Iterable[object]) -> Condition:
+    def in_(self, values: Iterable[T | Model | NamedNode | Literal]) -> Condition:
         """Hold if a value is one of these."""
         return In(self, tuple(values))
 

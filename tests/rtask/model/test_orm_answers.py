@@ -251,6 +251,8 @@ with rtask.open(":memory:") as kb, kb.session("nao-1") as s:
     assert_type(next(s.query(G).values(G.grasp_of, batch=10)), tuple[str | None])
     far: Path[float] = G.grasp_of.mass
     assert_type(next(s.query(G).values(far, G.grasp_of.name)), tuple[float | None, Any | None])
+    heavy = s.query(G).where(far == 1, far != 2.5, far.in_([1, 2.5]), G.name == "spoon")
+    of_mug = s.query(G).where(G.grasp_of == mug, G.grasp_of != "urn:x", G.grasp_of == mug.iri)
     nine = (far, far, far, far, far, far, far, far, far)
     assert_type(next(s.query(G).values(*nine)), tuple[Any, ...])
     rows = s.query(RTASK.Mug).group_by(RTASK.Mug.name).aggregate(n=count(), m=avg(RTASK.Mug.mass))
@@ -265,6 +267,9 @@ WRONG = {
     "for one, two, three in s.query(G).values(G.name, far): pass": "Need more than 2 values",
     "s.query(G).values('grasp_quality')": "No overload variant",
     's.query(G).where(far < "heavy")': "Unsupported operand types",
+    's.query(G).where(far == "heavy")': 'has incompatible type "bool"; expected "Condition"',
+    's.query(G).where((far != "x") | (far > 1.0))': 'No overload variant of "__or__" of "bool"',
+    's.query(G).where(far.in_(["heavy"]))': 'has incompatible type "str"',
     's.query(G).where(far.between(0, "heavy"))': 'has incompatible type "str"',
     "s.query(G).filter()": 'has no attribute "filter"',
     "s.get(RTASK.Mug, 'urn:x').tried_in": 'has no attribute "tried_in"',
