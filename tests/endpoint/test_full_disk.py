@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from shutil import disk_usage
 from urllib.parse import urlencode
 
 import pytest
@@ -18,6 +19,7 @@ from endpoint.http.messages import Request
 from endpoint.settings import Config
 from rtask.engine import Engine
 from rtask.kb.durability.disk_space import RESERVE_BYTES
+from rtask.kb.store.embedded import LARGE
 from rtask.knowledge_base import KnowledgeBase
 from tests.servers import new_application
 
@@ -37,10 +39,11 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", "--lazy", str(place)], check=True)
 
 
-def _fill(place: Path) -> None:
+def _fill(place: Path, leave: int = 0) -> None:
+    """Fill a disk but for so many bytes."""
     with (place / "ballast").open("wb", buffering=0) as file:
         try:
-            while True:
+            while not leave or disk_usage(place).free > leave:
                 file.write(bytes(4096))
         except OSError:
             return
@@ -94,3 +97,29 @@ def test_the_reserve_of_a_killed_process_opens_the_folder_on_a_full_disk(small_d
     with rtask.open(folder, ontologies=False, reason=False) as kb:
         assert kb.query("ASK { <urn:a> <urn:p> 1 }") is True
         assert not (folder / "reserve").exists()
+
+
+def test_an_upload_that_fills_the_disk_is_refused_and_leaves_nothing(small_disk: Path) -> None:
+    folder = small_disk / "kb"
+    _make(folder)
+    # Room for the journal's record and for a part of what goes into the store.
+    _fill(small_disk, leave=22 << 20)
+    lines = (f'<urn:s{i}> <urn:p> "{i}{"x" * 1_100}" .\n' for i in range(LARGE + 1))
+    body = "".join(lines).encode()
+    count = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o FILTER(STRSTARTS(STR(?s), 'urn:s')) }"
+    with ExitStack() as stack:
+        kb = stack.enter_context(rtask.open(folder, ontologies=False, reason=False))
+        tokens = stack.enter_context(closing(TokenStore(folder)))
+        engine = stack.enter_context(Engine(kb))
+        application = new_application(kb, engine, tokens, Config(rate=0, write_rate=0))
+        stack.callback(application.close)
+        for method, free in (("PUT", 0), ("POST", 1)):
+            headers = {"host": "localhost", "content-type": "application/n-triples"}
+            site = "http://localhost"
+            request = Request(method, "/store", "graph=urn:g", headers, body, site=site)
+            assert application.handle(request).status == 507
+            if free:
+                (small_disk / "ballast").unlink()
+        assert kb.update("INSERT DATA { <urn:a> <urn:p> 2 }").seq == 2
+        assert kb.verify() == []
+        assert next(iter(kb.query(count)))["n"].value == "0"

@@ -7,10 +7,10 @@ on ``close()``.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +43,14 @@ class EmbeddedStore(GraphStore):
         The store; the caller must keep no other reference to it.
     """
 
-    __slots__ = ("_is_applying", "_merged", "_path", "_store")
+    __slots__ = ("_is_applying", "_left_over", "_merged", "_path", "_store")
 
     def __init__(self, store: Store, path: str | None = None) -> None:
         super().__init__()
         self._store: Store | None = store
         self._path = path
         self._merged, self._is_applying = MergedCopy(), False
+        self._left_over: Writes | None = None
 
     @property
     def raw(self) -> Store:
@@ -100,9 +101,10 @@ class EmbeddedStore(GraphStore):
         for attempt in range(_ATTEMPTS):
             try:
                 self._store = Store(self._path)
+                self._clear_left_over()
                 self.is_stuck = False
                 return
-            except OSError as error:
+            except (OSError, RuntimeError) as error:
                 if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
                     self._store = Store.read_only(self._path)
                     raise StorageFullError(f"the store cannot be written: {error}") from error
@@ -113,7 +115,7 @@ class EmbeddedStore(GraphStore):
         self._store = None
         self.changed()
 
-    @contextmanager
+    @contextlib.contextmanager
     def _changing(self) -> Iterator[None]:
         try:
             yield
@@ -254,6 +256,7 @@ class EmbeddedStore(GraphStore):
 
     def apply(self, writes: Writes) -> None:
         """Change the store in one atomic step; a large change is added in bulk first."""
+        self._clear_left_over()
         if len(writes.added) > LARGE:
             self._apply_large(writes)
             return
@@ -291,9 +294,27 @@ class EmbeddedStore(GraphStore):
             if operations:
                 self.update(" ;\n".join(operations), custom_functions=functions)
         except BaseException:
-            self._take_back(writes)
             self.changed()
+            self._left_over = writes
+            self._clear_or_reopen()
             raise
+
+    def _clear_or_reopen(self) -> None:
+        """Remove what a failed change left, now if the disk has any room for that.
+
+        A store whose disk was full takes nothing more until it is opened again. Where that fails
+        as well, the next write begins with it.
+        """
+        try:
+            self._clear_left_over()
+        except (RuntimeError, OSError):
+            with contextlib.suppress(StorageFullError):
+                self.reopen()
+
+    def _clear_left_over(self) -> None:
+        if self._left_over is not None:
+            self._take_back(self._left_over)
+            self._left_over = None
 
     def _take_back(self, writes: Writes) -> None:
         """Remove what was added, from the union only what no named graph holds."""
