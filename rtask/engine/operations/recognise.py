@@ -182,7 +182,7 @@ def recognise_for_grasp(
     offered = {option.id: option for option in situation.chosen}
     made = Decision(
         recognised.iri if recognised else "", recognition, offered, dict(clock.times),
-        request.seed, exemplar,
+        request.seed, exemplar=exemplar,
     )  # fmt: skip
     _remember_decision(context, task, made, gripper, access)
     return Recognition(**fields, thing=exemplar, task_id=task, decision=decision, times=times)
