@@ -236,7 +236,11 @@ class WorldEdit:
 
     def last(self, exemplar: str) -> Placement | None:
         """Return the last placement of a thing, with what this commit changes."""
-        return self._last.get(exemplar) or self.world.last_placement(exemplar)
+        known = self._last.get(exemplar)
+        return known if known or self._is_made(exemplar) else self.world.last_placement(exemplar)
+
+    def _is_made(self, exemplar: str) -> bool:
+        return any(exemplar in made for made in self._made.values())
 
     def _exemplars(self, product: str) -> list[str]:
         return [*self.world.exemplars_of(product), *self._made.get(product, ())]
@@ -279,8 +283,9 @@ class WorldEdit:
     def _close(self, subject: str, time_s: float) -> None:
         """End the placement of a thing, and earlier ones that an undone change left without end."""
         last = self.last(subject)
+        stored = [] if self._is_made(subject) else self.world.open_placements(subject)
         stray = [
-            placement for placement in self.world.open_placements(subject)
+            placement for placement in stored
             if placement.iri not in self._ended and (last is None or placement.iri != last.iri)
         ]  # fmt: skip
         current = [last] if last is not None and last.is_current else []

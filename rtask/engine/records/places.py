@@ -249,7 +249,8 @@ def state_moved(
     """End the estimates of an object's pose that an attempt made void; return what to withdraw.
 
     These are the estimates of the thing that was handled, whoever made them, and those of no thing
-    in the robot's own frames: what other robots see on their tables is where it was. In which hand or place it left the object is the placement of a single thing; see
+    in the robot's own frames: what other robots see on their tables is where it was. In which hand
+    or place it left the object is the placement of a single thing; see
     :func:`rtask.engine.records.exemplars.move_exemplar`.
     """
     if not may_have_moved(outcome):
