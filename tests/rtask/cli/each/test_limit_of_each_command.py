@@ -32,7 +32,7 @@ _WITHOUT = {
     "writes all statements, as a file of them": "export",
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
-        demo, learn benchmark, service benchmark, simulate act-test place,
+        demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
         simulate act-test reach, simulate act-test workspace, study attempts, study demo,
         study grasp-quality, study grasp-views, study grasping, study judging, study learn,
         study piles, study push-grasps, study requests, study sharing, study table4, study table5,
