@@ -21,6 +21,7 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     listing_option,
+    print_json,
     shown_rows,
     yes_option,
 )
@@ -254,7 +255,7 @@ def list_tokens(data: Path, limit: int | None, as_json: bool) -> None:
     with closing(_tokens(data)) as tokens:
         listed = shown_rows(tokens.all(), limit, as_json)
     if as_json:
-        click.echo(json.dumps([_members(token) for token in listed]))
+        print_json([_members(token) for token in listed])
     for token in [] if as_json else listed:
         click.echo(_words(token))
     exit_if_empty(listed, "no tokens yet; `rtask token create` makes one")
