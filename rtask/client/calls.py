@@ -60,6 +60,7 @@ __all__ = [
     "SceneSegment",
     "SimilarObject",
     "SimilarObjects",
+    "StatedPlace",
     "StepTimes",
     "StoredPlan",
     "Taught",
@@ -79,6 +80,7 @@ REPEATABLE = frozenset(
         "search_object",
         "resolve_request",
         "where_is",
+        "state_place",
         "plan_goal",
         "list_plans",
         "claim_step",
@@ -692,6 +694,12 @@ class Located(TypedDict):
     time: float
     things: list[LocatedThing]
     things_untried: int
+
+
+class StatedPlace(TypedDict):
+    """The commit, which can be undone."""
+
+    commit: str
 
 
 class PlanReason(TypedDict):
@@ -1363,6 +1371,30 @@ class Calls(ABC):
         answer: Located = self._operate("where_is", locals())
         return answer
 
+    def state_place(
+        self,
+        *,
+        thing: str,
+        place: str | None = None,
+        lost: bool | None = None,
+        agent: str | None = None,
+    ) -> StatedPlace:
+        """State where a thing is from now on.
+
+        Parameters
+        ----------
+        thing
+            IRI of the thing
+        place
+            IRI of the place or end effector; required unless it is lost
+        lost
+            whether it is no longer where it was, and nobody knows where; default: False
+        agent
+            in whose name; default: the caller
+        """
+        answer: StatedPlace = self._operate("state_place", locals())
+        return answer
+
     def plan_goal(
         self,
         *,
@@ -1459,7 +1491,9 @@ class Calls(ABC):
         task: str,
         result: Literal["done", "failed", "declined", "released"],
         robot: str | None = None,
-        attempt: str | None = None,
+        outcome: str | None = None,
+        place: str | None = None,
+        lost: bool | None = None,
         comment: str | None = None,
     ) -> EndedStep:
         """Say how a claimed step ended.
@@ -1472,8 +1506,12 @@ class Calls(ABC):
             declined: by a person; released: untouched, so that it may be claimed again
         robot
             name or IRI of the robot; default: the caller
-        attempt
-            IRI of the attempt that carried it out; default: none
+        outcome
+            task_id of the report_outcome about it, whose attempt is linked to it; default: none
+        place
+            IRI of the place or end effector where the thing is now; default: as the graph has it
+        lost
+            whether nobody knows where the thing is now; default: False
         comment
             what happened
         """

@@ -12,6 +12,7 @@ from rtask.cli.options import (
     agent_option,
     announce_undo,
     data_option,
+    exit_if_empty,
     json_option,
     listing_option,
     print_json,
@@ -43,16 +44,13 @@ def list_(
     """
     with connection(data, server) as client:
         plans = client.call("list_plans", state="all" if everything else "open")["plans"]
-    plans = shown_rows(plans, limit, as_json)
+    shown = shown_rows(plans, limit, as_json)
     if as_json:
-        print_json(plans)
+        print_json(shown)
     else:
-        for plan in plans:
+        for plan in shown:
             _show(plan)
-        if not plans:
-            click.echo("No plan is open." if not everything else "No plan is stored.")
-    if not plans:
-        raise SystemExit(1)
+    exit_if_empty(plans, "no plan is stored" if everything else "no plan is open")
 
 
 @tasks.command()

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import CORA, PROV, RDF, RT, mint
-from rtask.rdf.terms import NamedNode, iri
+from rtask.rdf.terms import NamedNode, Value, iri
 from rtask.tasks.actions import ActionClass, read_actions
 from rtask.tasks.names import names_of
+from rtask.tasks.patterns import Pattern
 from rtask.tasks.queue.choosing import Choice, choose
 from rtask.tasks.queue.reading import Claim, QueuedPlan, QueuedStep, read_queue
 from rtask.tasks.steps import Wording, statement_of
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LEASE_S", "MAX_LEASE_S", "RESULTS", "cancel_plan", "claim_step", "end_claim", "failing"]
 
+Statement = tuple[NamedNode, NamedNode, Value]
+Statements = Iterable[Statement]
+Move = Callable[[str], tuple[Statements, Statements]]
 LEASE_S = 300.0
 """How long a claim lasts unless it is renewed."""
 MAX_LEASE_S = 3600.0
@@ -111,9 +115,12 @@ def failing(kb: GraphCore, actions: Sequence[ActionClass], step: QueuedStep) -> 
 
 def end_claim(
     kb: GraphCore, robot: str, task: str, result: str, access: Access, *, comment: str = "",
-    attempt: str = "", now: dt.datetime | None = None,
+    attempt: str = "", now: dt.datetime | None = None, move: Move | None = None,
 ) -> Commit | None:  # fmt: skip
     """End the claim of a robot on a step; None if it has ended in that way before.
+
+    What a step that is done makes true is stated with it, but for places, which are derived from
+    placements.
 
     Parameters
     ----------
@@ -121,6 +128,9 @@ def end_claim(
         One of :data:`RESULTS`.
     attempt
         IRI of the attempt that carried the step out; the two are linked.
+    move
+        Returns, for the IRI of the thing, what to state and to withdraw in the same commit about
+        where it is now.
 
     Raises
     ------
@@ -133,6 +143,7 @@ def end_claim(
     if result not in RESULTS:
         raise UsageError(f"a claim ends as one of {', '.join(RESULTS)}, not {result!r}")
     time = now or dt.datetime.now(dt.UTC)
+    actions = read_actions(kb.select, kb.catalogue.is_ontology) if result == "done" else ()
     with kb.transaction(access=access, note=f"end a claim: {result}") as tx:
         step = _step(read_queue(kb), task)
         mine = [claim for claim in step.claims if claim.robot == robot]
@@ -151,7 +162,29 @@ def end_claim(
             tx.add(claim.iri, RT.claimComment, comment)
         if attempt:
             tx.add(step.task, RT.carriedOutBy, iri(attempt))
+        for action in actions:
+            if action.iri == step.action:
+                for statement in _effects(action.removals, step):
+                    tx.remove(*statement)
+                for statement in _effects(action.additions, step):
+                    tx.add(*statement)
+        if move is not None and step.thing:
+            added, withdrawn = move(step.thing)
+            for statement in withdrawn:
+                tx.remove(*statement)
+            for statement in added:
+                tx.add(*statement)
     return tx.commit
+
+
+def _effects(patterns: Sequence[Pattern], step: QueuedStep) -> Iterator[Statement]:
+    """Yield the effects of a step that are single statements and not derived from placements."""
+    for pattern in patterns:
+        values = tuple(step.arguments.get(name, "") for name in pattern.arguments)
+        triple = pattern.triple(values) if all(values) else None
+        if triple is not None and triple[1] != RT.locatedOn.value:
+            subject, prop, value = map(NamedNode, triple)
+            yield subject, prop, value
 
 
 def _step(plans: Sequence[QueuedPlan], task: str) -> QueuedStep:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 import subprocess
 import sys
 
@@ -199,7 +200,7 @@ def test_commands_list_who_does_what_and_why_and_cancel(tmp_path, capsys):
         printed = capsys.readouterr()
         return ended.value.code or 0, printed.out, printed.err
 
-    assert run("tasks", "list")[:2] == (1, "No plan is open.\n")
+    assert run("tasks", "list") == (1, "", "no plan is open\n")
     assert run("plan", GOAL, "--priority", "3")[0] == 2
     due = ("--deadline", "2100-01-01T00:00:00Z")
     _, _, err = run("plan", GOAL, "--store", "--agent", "ann", "--priority", "3", *due)
@@ -210,7 +211,11 @@ def test_commands_list_who_does_what_and_why_and_cancel(tmp_path, capsys):
     assert (code, "(running, priority 3)" in out) == (0, True)
     assert "to panda-1, which is expected" in out
     assert "due 2100-01-01 00:00 UTC" in out
+    (listed,) = json.loads(run("tasks", "list", "--json")[1])
+    assert (listed["task"], listed["steps"][0]["claimed_by"]) == (task, PANDA)
     _, out, err = run("tasks", "cancel", task, "--reason", "enough", "--agent", "ann")
     assert ("is cancelled" in out, "undo: rtask undo" in err) == (True, True)
+    again = ("tasks", "cancel", task, "--reason", "enough", "--json")
+    assert json.loads(run(*again)[1]) == {"commit": ""}
     assert run("tasks", "list")[0] == 1
     assert "cancelled: enough" in run("tasks", "list", "--all")[1]

@@ -9,13 +9,14 @@ from annotated_types import Gt, Le, MaxLen, MinLen
 from pydantic import Field
 
 from rtask.engine.operations.operation import operation
-from rtask.errors import ForbiddenError, UsageError
+from rtask.engine.operations.world.state import moved
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import CORA, RDF, RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.tasks.queue import claiming
 from rtask.tasks.queue.reading import read_queue
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Iri, Json, Number, Text, Unit
+from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -79,8 +80,12 @@ class EndStep(Message):
     """declined: by a person; released: untouched, so that it may be claimed again"""
     robot: Text | None = None
     """name or IRI of the robot; default: the caller"""
-    attempt: Iri | None = None
-    """IRI of the attempt that carried it out; default: none"""
+    outcome: Text | None = None
+    """task_id of the report_outcome about it, whose attempt is linked to it; default: none"""
+    place: Text | None = None
+    """IRI of the place or end effector where the thing is now; default: as the graph has it"""
+    lost: Flag = False
+    """whether nobody knows where the thing is now"""
     comment: Annotated[Text, MaxLen(_MAX_CHARS)] | None = None
     """what happened"""
 
@@ -189,7 +194,8 @@ def end_step(context: Context, request: EndStep, access: Access) -> EndedStep:
     with context.writing:
         commit = claiming.end_claim(
             context.kb, robot, str(request.task), request.result, author,
-            comment=request.comment or "", attempt=str(request.attempt or ""),
+            comment=request.comment or "", attempt=_attempt(context, request.outcome, robot),
+            move=_move(context, request, author),
         )  # fmt: skip
     return EndedStep(commit="" if commit is None else context.commit_id(commit))
 
@@ -225,6 +231,45 @@ def list_plans(context: Context, request: ListPlans, access: Access) -> ListedPl
         if request.state == "all" or plan["state"] not in ("done", "cancelled", "replaced")
     ]
     return ListedPlans(plans=shown)
+
+
+def _attempt(context: Context, task_id: str | None, robot: str) -> str:
+    """Return the attempt of a robot that was reported under an id; "" for none.
+
+    Raises
+    ------
+    UnknownTermError
+        It reported none.
+    """
+    if not task_id:
+        return ""
+    for quad in context.kb.match(None, RT.requestId, task_id):
+        attempt = quad.subject
+        if isinstance(attempt, NamedNode) and context.kb.match(
+            attempt, RT.performedBy, NamedNode(robot)
+        ):
+            return attempt.value
+    raise UnknownTermError(f"outcome: {robot} reported no outcome of {task_id}", field="outcome")
+
+
+def _move(context: Context, request: EndStep, author: Access) -> claiming.Move | None:
+    """Return what states where the thing of a step is now; None if that is not said.
+
+    Raises
+    ------
+    UsageError
+        It is said to be somewhere, and to be lost.
+    UnknownTermError
+        The graph has no such place.
+    """
+    if request.place is None:
+        if not request.lost:
+            return None
+    elif request.lost:
+        raise UsageError("give place, or lost", field="lost")
+    elif not context.kb.match(iri(request.place)):
+        raise UnknownTermError(f"place: the graph has no {request.place}", field="place")
+    return lambda thing: moved(context, thing, request.place, author)
 
 
 def _robot(context: Context, name: str | None, access: Access) -> tuple[str, Access]:

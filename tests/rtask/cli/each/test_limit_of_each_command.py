@@ -21,9 +21,8 @@ _WITHOUT = {
         objects split, objects undo, ontology docs, promote, proposals adopt, proposals refuse,
         rebuild, restore, robot add, robot reach, robot remove, robot restore, ros messages,
         ros2 dds save, ros2 package, rules add, rules remove, service save, simulate fetch,
-        simulate film, simulate ros-reach, tasks cancel, teach, token create,
-        token expire, token revoke, undo,
-        update, grasp train""",
+        simulate film, simulate ros-reach, tasks cancel, teach, token create, token expire,
+        token revoke, undo, update, grasp train""",
     "prints a line for each file that it is given": "load",
     "prints one thing, which is of no use in part: a proof, a plan, a rule, a file, an answer": """
         explain, plan, rules show, ontology path, robot srdf, simulate urdf, help, service show,
@@ -33,7 +32,7 @@ _WITHOUT = {
     "writes all statements, as a file of them": "export",
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
-        demo, learn benchmark, service benchmark, simulate act-test place,
+        demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
         simulate act-test reach, simulate act-test workspace, study attempts, study demo,
         study grasp-quality, study grasp-views, study grasping, study judging, study learn,
         study piles, study push-grasps, study requests, study sharing, study table4, study table5,

@@ -67,8 +67,8 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 }
 """Parameters that take a term: forms of one term, and a call with a place for it."""
 _OTHERS = {
-    "words and remarks": """comment correct kind label message new_name note reason remark request
-        text wanted words""",
+    "words and remarks": """comment correct decline kind label message new_name note reason remark
+        request text wanted words""",
     "names of robots and people, which are no IRIs": "agent author hand robot role rights",
     "names of services, datasets, versions and what belongs to them": """after arguments before
         key mapping method path paths rules services version where""",
@@ -78,8 +78,9 @@ _OTHERS = {
         classifier cluster cors follow form host new old ontology public_url server sources store
         target url""",
     "choices": "action kinds names only verdict gripper_type",
-    "robots and ROS": """distortion eliminate frame gripper heights joints limit look name namespace
-        naoqi on operation prefix remaps rosbridge source topic""",
+    "robots and ROS": """
+        base_frame distortion eliminate frame gripper heights joints limit look name
+        namespace naoqi on operation prefix remaps rosbridge source topic""",
 }
 """Other parameters that are texts, by what they take instead."""
 _SECONDS = re.compile(r'"seconds": [\d.e-]+')
