@@ -67,13 +67,15 @@ class Staged:
         self,
         closure: Closure,
         draft: Draft,
-        rules: tuple[str | LabelledRule, ...],
+        rules: Rules,
+        counts: tuple[int, int],
         exported: FactChange | None = None,
     ) -> None:
         self._closure = closure
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
+        self._counts = counts
         self._exported, remaining = (
             (exported, None) if exported is not None else closure._difference(draft)
         )
@@ -81,6 +83,7 @@ class Staged:
         self.remaining_inferred: Collection[Triple] | None = remaining
         draft.layer.work = None
         earlier = closure._state.clashes
+        self._counts_after = closure._terms.counts()
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]
         self.contradictions = closure._describe(self._news, draft)
 
@@ -133,7 +136,10 @@ class Staged:
         return self._closure._difference_made(self._draft, self._exported)
 
     def discard(self) -> None:
-        """Discard the change."""
+        """Discard the change, and forget the terms that it brought if nobody met others since."""
+        terms = self._closure._terms
+        if self._draft is not None and terms.counts() == self._counts_after:
+            terms.forget_since(self._counts)
         self._draft = None
 
 
@@ -234,12 +240,17 @@ class Closure:
         InconsistentError
             If the change contradicts known statements and `Config.on_contradiction` is "reject".
         """
-        changed = self._changed(add, remove)
         former, now = self._rules, self._rules if rules is None else tuple(rules)
-        size = len(changed.facts) + len(changed.added)
-        maintainer = self._maintainer(size, now, not accepted, budget)
-        draft = maintainer.draft(self._state, changed, former if now != former else None)
-        staged = Staged(self, draft, now)
+        counts = self._terms.counts()
+        try:
+            changed = self._changed(add, remove)
+            size = len(changed.facts) + len(changed.added)
+            maintainer = self._maintainer(size, now, not accepted, budget)
+            draft = maintainer.draft(self._state, changed, former if now != former else None)
+            staged = Staged(self, draft, now, counts)
+        except BaseException:
+            self._terms.forget_since(counts)
+            raise
         if staged.contradictions and self._config.on_contradiction == "reject":
             staged.discard()
             raise InconsistentError(staged.contradictions)
@@ -283,6 +294,7 @@ class Closure:
             meanwhile, or if more follows than may.
         """
         now = self._rules if rules is None else tuple(rules)
+        counts = self._terms.counts()
         changed = self._changed(add, remove)
         adopted = handover.draft(self._state, changed)
         if adopted is None:
@@ -290,7 +302,7 @@ class Closure:
         draft, exported = adopted
         if derived is not None and draft.net > len(changed.added) + derived:
             return None
-        return Staged(self, draft, now, exported)
+        return Staged(self, draft, now, counts, exported)
 
     @classmethod
     def from_image(

@@ -30,7 +30,7 @@ def _same(number: int) -> int:
     return number
 
 
-def rules_to_data(rules: Iterable[Rule], known: Mapping[Rule, int] | None = None) -> Data:
+def rules_to_data(rules: Iterable[Rule], places: Mapping[Rule, int] | None = None) -> Data:
     """Return rules as lists, numbers and strings.
 
     All rules of one axiom share the facts behind them, perhaps a list of thousands, which is
@@ -38,7 +38,7 @@ def rules_to_data(rules: Iterable[Rule], known: Mapping[Rule, int] | None = None
 
     Parameters
     ----------
-    known : mapping of Rule to int, optional
+    places : mapping of Rule to int, optional
         Rules of which the reader has a list; these are written as their places in it.
 
     >>> rule = Rule("cls-hv2", (Atom(-1, 300, 301),), Atom(-1, 0, 302), ((302, 7, 301),))
@@ -47,33 +47,33 @@ def rules_to_data(rules: Iterable[Rule], known: Mapping[Rule, int] | None = None
     """
     reasons: list[list[list[int]]] = []
     held: list[tuple[Fact, ...]] = []  # alive, so that no other has the same id meanwhile
-    places: dict[int, int] = {}
+    reason_at: dict[int, int] = {}
     written: list[int | Data] = []
     for rule in rules:
-        place = None if known is None else known.get(rule)
+        place = None if places is None else places.get(rule)
         if place is not None:
             written.append(place)
             continue
         key = id(rule.because)
-        if key not in places:
-            places[key] = len(reasons)
+        if key not in reason_at:
+            reason_at[key] = len(reasons)
             reasons.append([list(fact) for fact in rule.because])
             held.append(rule.because)
-        written.append(_rule_to_data(rule, places[key]))
+        written.append(_rule_to_data(rule, reason_at[key]))
     return [reasons, written]
 
 
-def rules_from_data(data: Data, known: Sequence[Rule] = (), number: Number = _same) -> list[Rule]:
+def rules_from_data(data: Data, listed: Sequence[Rule] = (), number: Number = _same) -> list[Rule]:
     """Return the rules that `rules_to_data` was given, with their terms numbered anew if asked to.
 
     Parameters
     ----------
-    known : sequence of Rule
+    listed : sequence of Rule
         In the places that `rules_to_data` was given.
     """
     reasons = [facts_from_data(facts, number) for facts in data[0]]
     return [
-        known[rule] if isinstance(rule, int) else _rule_from_data(rule, reasons, number)
+        listed[rule] if isinstance(rule, int) else _rule_from_data(rule, reasons, number)
         for rule in data[1]
     ]
 
