@@ -12,11 +12,12 @@ import shutil
 import time
 from typing import Any
 
-from endpoint.access.auth import Caller, require_scope
+from endpoint.access.auth import Caller
 from endpoint.context import ServerContext
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import CONTENT_TYPE
+from endpoint.routes.addresses import QUERIES
 from endpoint.served import embedded
 from rtask.errors import UnsupportedError
 
@@ -37,32 +38,23 @@ class AdminRoutes:
         self._context = context
         self._count, self._count_again = 0, 0.0
 
-    def plan(self, request: Request, caller: Caller, address: str) -> Plan:
-        """Plan the answer to a request.
+    def plan_metrics(self) -> Plan:
+        """Plan the metrics."""
+        return Plan(self._metrics)
+
+    def plan_history(self) -> Plan:
+        """Plan the last events of the audit trail."""
+        return Plan(lambda: _json({"events": self._context.audit.recent(_HISTORY)}))
+
+    def plan_backup(self, caller: Caller) -> Plan:
+        """Plan a copy of the knowledge base into a folder that the server chooses.
 
         Raises
         ------
-        ForbiddenError
-            The caller is not an operator.
-        RefusedError
-            404 or 405.
+        UnsupportedError
+            The data are in memory.
         """
-        if address.startswith("/queries"):
-            return self._queries(request, caller, address)
-        if address == "/backup":
-            return self._plan_backup(request, caller)
-        if caller.access.role != "anonymous" and not self._is_local(caller, address):
-            require_scope(caller.access, "admin")
-        if address == "/metrics":
-            return Plan(self._metrics)
-        return Plan(lambda: _json({"events": self._context.audit.recent(_HISTORY)}))
-
-    def _plan_backup(self, request: Request, caller: Caller) -> Plan:
-        """Plan a copy of the knowledge base into a folder that the server chooses."""
         context = self._context
-        context.auth.check_origin(request, caller)
-        if caller.access.role != "anonymous":
-            require_scope(caller.access, "admin")
         if context.kb.folder is None:
             raise UnsupportedError("this server keeps its data in memory; use GET /store instead")
 
@@ -74,10 +66,6 @@ class AdminRoutes:
             return Response(201, json.dumps(members).encode(), JSON_TYPE)
 
         return Plan(run)
-
-    def _is_local(self, caller: Caller, address: str) -> bool:
-        """Tell whether a local collector reads the metrics, which name nobody."""
-        return address == "/metrics" and self._context.config.on_loopback and caller.token is None
 
     def _metrics(self) -> Response:
         context = self._context
@@ -103,13 +91,18 @@ class AdminRoutes:
             self._count, self._count_again = len(self._context.kb.store), now + _COUNT_EVERY_S
         return self._count
 
-    def _queries(self, request: Request, caller: Caller, address: str) -> Plan:
-        """List or stop running queries: the caller's own or, for an admin, anybody's."""
+    def plan_queries(self, request: Request, caller: Caller, address: str) -> Plan:
+        """List or stop running queries: the caller's own or, for an admin, anybody's.
+
+        Raises
+        ------
+        RefusedError
+            404.
+        """
         queries = self._context.queries.visible_to(caller)
-        if address == "/queries":
+        if request.method != "DELETE":
             return Plan.ready(_json({"queries": [query.facts() for query in queries]}))
-        self._context.auth.check_origin(request, caller)
-        name = address.removeprefix("/queries/")
+        name = address.removeprefix(f"{QUERIES}/")
         matching = [query for query in queries if query.id == name]
         if not matching:
             raise RefusedError(404, "not-found", f"you have no running query {name}")

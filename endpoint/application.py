@@ -207,9 +207,9 @@ class Application:
             job.plan = self.router.options(request, address)
             return
         match = find(address)
-        if match.routes and match.routes[0].handler == "health":  # before anybody is identified
+        if match.routes and match.routes[0].right == "public":  # before anybody is identified
             require_method(request, match.allow)
-            job.plan = context.health.plan(address)
+            job.plan = self.router.plan_public(request, address)
             return
         try:
             job.caller = caller = context.auth.identify(request, limited=True)

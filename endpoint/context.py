@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from endpoint.access.auth import Authenticator
 from endpoint.access.rate import Limiter
+from endpoint.access.rights import Rights
 from endpoint.access.tokens import TokenStore
 from endpoint.activity.log import ActivityLog
 from endpoint.http.conditional import Versions
@@ -39,8 +40,8 @@ class ServerContext:
         Access tokens.
     config
         Settings.
-    auth, limiter
-        Identify callers and limit their rates.
+    auth, rights, limiter
+        Identify callers, check what they may do and limit their rates.
     metrics, audit, health, queries, request_log
         What operators see of the server.
     versions
@@ -62,6 +63,7 @@ class ServerContext:
     tokens: TokenStore
     config: Config
     auth: Authenticator
+    rights: Rights
     limiter: Limiter
     metrics: Metrics
     audit: Audit
@@ -114,12 +116,14 @@ class ServerContext:
             gauges["rtask_follower_seconds_behind"] = lambda: following.seconds_behind
             gauges["rtask_follower_records_waiting"] = lambda: following.records_waiting
             gauges["rtask_follower_records_dropped_total"] = lambda: following.records_dropped
+        auth = Authenticator(tokens, config, clock)
         return cls(
             kb=kb,
             engine=engine,
             tokens=tokens,
             config=config,
-            auth=Authenticator(tokens, config, clock),
+            auth=auth,
+            rights=Rights(auth, kb, config),
             limiter=Limiter(config.rate, config.write_rate, config.max_in_flight, clock),
             metrics=metrics,
             audit=audit,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from endpoint.access.auth import Caller, limited_refusal, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
@@ -12,25 +12,28 @@ from endpoint.api.agents import plan_agents
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
 from endpoint.api.datasets import plan_dataset
-from endpoint.api.listing import ADDRESS as API
 from endpoint.api.listing import plan_listing
 from endpoint.api.openapi import plan_openapi
-from endpoint.api.operations import ADDRESS as ENGINE
 from endpoint.api.operations import plan_operation
 from endpoint.api.proposals import plan_proposals
-from endpoint.api.reasoner import plan_reasoner
-from endpoint.api.services import ADDRESS as SERVICES
+from endpoint.api.reasoner import (
+    plan_contradictions,
+    plan_entails,
+    plan_explain,
+    plan_rules,
+)
 from endpoint.api.services import plan_service
 from endpoint.api.tools import effect_of_tool, plan_tools, tools_named
 from endpoint.context import ServerContext
 from endpoint.follow.asked_records import plan_asked_records
-from endpoint.follow.replication import require_replicate, snapshot
+from endpoint.follow.replication import snapshot
 from endpoint.http.agent_calls import AgentCalls
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response, require_method
 from endpoint.http.plan import Plan
-from endpoint.rosbridge.hosted import is_at_copy
-from endpoint.routes import Match, find
+from endpoint.rosbridge.hosted import source_of
+from endpoint.routes import Match, Route, find
+from endpoint.routes.addresses import API, BLOBS, CONTEXT, ENGINE, SERVICES
 from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
@@ -50,13 +53,14 @@ from endpoint.sparql.request import (
 from rtask.asking.tools.toolbox import Toolbox
 from rtask.engine.context import SCOPES
 from rtask.errors import RtaskError
+from rtask.knowledge_base import KnowledgeBase
 from rtask.services.definition import Definition
-from rtask.wire.effect import Effect, strongest
+from rtask.wire.effect import Effect, Source, strongest
 
 Handler = Callable[[Request, Caller, str], Plan]
 
-_KINDS = {"/sparql": (QUERY, UPDATE), "/query": (QUERY,), "/update": (UPDATE,)}
-_BLOBS = "/api/blobs/"
+_KINDS = {"reads": (QUERY,), "writes": (UPDATE,), "declared": (QUERY, UPDATE)}
+"""Kinds of SPARQL that an address takes, by its effect."""
 
 
 class Router:
@@ -77,7 +81,7 @@ class Router:
         self._context = context
         kb, config = context.kb, context.config
         answers = Answers(kb, config)
-        self._store = graph_store.GraphStore(kb, context.auth, config, context.versions, answers)
+        self._store = graph_store.GraphStore(kb, config, context.versions, answers)
         cache = AnswerCache(kb, context.metrics, config.cache)
         context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
         past = PastStates(kb, config)
@@ -97,7 +101,7 @@ class Router:
             "check": lambda request, caller, address: check.plan_check(context.kb, request),
             "question": self._question,
             "terms": self._terms,
-            "ticket": lambda request, caller, address: plan_ticket(auth, request, caller),
+            "ticket": lambda request, caller, address: plan_ticket(auth, caller),
             "store": lambda request, caller, address: self._store.plan(request, caller),
             "operation": lambda request, caller, address: plan_operation(
                 engine, auth, request, caller, self._keys
@@ -110,28 +114,45 @@ class Router:
                 services, auth, request, caller, self._calls
             ),
             "dataset": lambda request, caller, address: plan_dataset(
-                services.datasets, auth, request, caller, address
+                services.datasets, request, caller, address
             ),
-            "reasoner": lambda request, caller, address: plan_reasoner(
-                embedded(kb, "the reasoner"), auth, request, caller
-            ),
+            **self._reasoner_handlers(),
             "proposals": lambda request, caller, address: plan_proposals(
-                embedded(kb, "proposals"), auth, context.audit, request, caller, address
+                embedded(kb, "proposals"), context.audit, request, caller, address
             ),
             "asked_records": lambda request, caller, address: plan_asked_records(
-                engine, context.tokens, request, caller
+                engine, context.tokens, request
             ),
             "snapshot": self._snapshot,
             "openapi": lambda request, caller, address: plan_openapi(
                 engine, services.registry, request
             ),
-            "health": lambda request, caller, address: context.health.plan(address),
-            "admin": self._admin.plan,
+            "history": lambda request, caller, address: self._admin.plan_history(),
+            "metrics": lambda request, caller, address: self._admin.plan_metrics(),
+            "backup": lambda request, caller, address: self._admin.plan_backup(caller),
+            "queries": self._admin.plan_queries,
             "listing": self._listing,
             "blob": lambda request, caller, address: plan_blob(
-                kb, request, request.path.removeprefix(_BLOBS)
+                kb, request, request.path.removeprefix(f"{BLOBS}/")
             ),
         }
+
+    def _reasoner_handlers(self) -> dict[str, Handler]:
+        kb = self._context.kb
+
+        def own() -> KnowledgeBase:
+            return embedded(kb, "the reasoner")
+
+        return {
+            "rules": lambda request, caller, address: plan_rules(own(), request, caller),
+            "explain": lambda request, caller, address: plan_explain(own(), request),
+            "entails": lambda request, caller, address: plan_entails(own(), request),
+            "contradictions": lambda request, caller, address: plan_contradictions(own()),
+        }
+
+    def plan_public(self, request: Request, address: str) -> Plan:
+        """Plan the answer to a request that anybody may send."""
+        return self._context.health.plan(find(address).routes[0].handler)
 
     def plan(self, request: Request, caller: Caller, address: str) -> Plan:
         """Plan the answer to a request.
@@ -149,12 +170,15 @@ class Router:
             raise limited_refusal(address)
         if first.handler == "operation" and _opens_form(request):
             return self._handlers[first.handler](request, caller, address)
-        if match.by(request.method) is None:
+        route = match.by(request.method)
+        if route is None:
             require_method(request, match.allow, first.advice)
+            raise self._nothing_at(address)
         effects = self._effects(request, address)
         changes = sum(effect != "reads" for effect in effects)
         self._context.limiter.admit_calls(caller, len(effects), changes)
-        handler = self._handlers.get(first.handler)
+        self._context.rights.require(route.right, request, caller)
+        handler = self._handlers.get(route.handler)
         if handler is None:  # a stream, which does not come through here
             raise self._nothing_at(address)
         return handler(request, caller, address)
@@ -168,12 +192,12 @@ class Router:
         route = find(address).by(request.method)
         if route is None:
             return ["reads"]
-        if route.effect is not None:
+        if route.effect != "declared":
             return [route.effect]
         if route.handler == "protocol":
             return ["writes" if is_update(request) else "reads"]
         if route.handler == "operation":
-            operation = self._context.engine.operations.get(address.removeprefix(ENGINE))
+            operation = self._context.engine.operations.get(address.removeprefix(f"{ENGINE}/"))
             return ["reads" if operation is None else operation.effect]
         if route.handler in ("agents", "tools"):
             effect_of = self._effect_of_tool(route.handler)
@@ -193,47 +217,48 @@ class Router:
     def is_for_writer(self, request: Request, caller: Caller, address: str) -> bool:
         """Return whether a follower passes a request on.
 
-        These are all that write, and what needs something that only the writer has: a reasoner,
-        proposals, datasets, workers of services, services that are not offered here.
+        These are all that write, and those whose answer is made from what it has not.
         """
-        match: Match = find(address)
-        handler = match.routes[0].handler if match.routes else ""
-        if match.by(request.method) is None:
+        route = find(address).by(request.method)
+        if route is None:
             return False
-        if handler == "proposals" or self.effect(request, address) == "writes":
+        if self.effect(request, address) == "writes":
             return True
-        if handler == "reasoner":
-            return not self._reasons
-        if handler in ("agents", "tools"):
-            return self._has_message_for_writer(request, caller, handler)
-        if handler != "service" or request.method != "POST":
-            return False
-        try:
-            definition, method = self._called(address)
-        except RtaskError:
-            return True
-        return not is_at_copy(definition, definition.methods[method])
+        return not all(map(self._has, self._sources(route, request, caller, address)))
 
-    @property
-    def _reasons(self) -> bool:
-        return bool(getattr(self._context.kb, "reasons", False))
+    def _has(self, source: Source) -> bool:
+        """Return whether answers can be made here from a source."""
+        if source == "reasoner":
+            return bool(getattr(self._context.kb, "reasons", False))
+        return source == "graph"
 
-    def _has_message_for_writer(self, request: Request, caller: Caller, handler: str) -> bool:
-        """Return whether an agent calls what only the writer has, or gives up a call there."""
-        for message in messages_in(request):
-            if any(not self._calls.has(caller.key, given_up) for given_up in cancelled(message)):
-                return True
-            name = tool_called(message)
-            if name is None:
-                continue
-            if handler == "agents":
-                if name == "explain" and not self._reasons:
-                    return True
-                continue
-            named = tools_named(self._context.services, name)
-            if not named or not all(is_at_copy(*pair) for pair in named):
-                return True
-        return False
+    def _sources(
+        self, route: Route, request: Request, caller: Caller, address: str
+    ) -> Iterator[Source]:
+        """Yield what the answer to each call in a request is made from."""
+        if route.source != "declared":
+            yield route.source
+        elif route.handler in ("agents", "tools"):
+            for message in messages_in(request):
+                if any(not self._calls.has(caller.key, call) for call in cancelled(message)):
+                    yield "writer"  # the call is under way there
+                name = tool_called(message)
+                if name is not None:
+                    yield self._source_of_tool(route.handler, name)
+        else:
+            try:
+                definition, method = self._called(address)
+            except RtaskError:  # the other server may offer it
+                yield "writer"
+            else:
+                yield source_of(definition, definition.methods[method])
+
+    def _source_of_tool(self, handler: str, name: str) -> Source:
+        if handler == "agents":
+            return self._toolbox().source_of(name)
+        named = tools_named(self._context.services, name)
+        sources = [source_of(*pair) for pair in named]
+        return "writer" if not sources or "writer" in sources else "graph"
 
     def _called(self, address: str) -> tuple[Definition, str]:
         """Return the service and the method at ``/services/<ns>/<name>/<method>``.
@@ -250,10 +275,10 @@ class Router:
     def _nothing_at(self, address: str) -> RefusedError:
         """Return the refusal that names the address that is likely to be meant."""
         last = address.rpartition("/")[2]
-        near = difflib.get_close_matches(address, [f"{API}{name}" for name in COLLECTIONS], n=1)
+        near = difflib.get_close_matches(address, [f"{API}/{name}" for name in COLLECTIONS], n=1)
         hint = f"did you mean {near[0]}?" if near else "see /openapi"
         if last in self._context.engine.operations:
-            hint = f"did you mean /engine/{last}?"
+            hint = f"did you mean {ENGINE}/{last}?"
         return RefusedError(404, "not-found", f"there is nothing at {address}; {hint}")
 
     def options(self, request: Request, address: str) -> Plan:
@@ -287,18 +312,17 @@ class Router:
 
     def _listing(self, request: Request, caller: Caller, address: str) -> Plan:
         context = self._context
-        name = address.removeprefix(API).partition("/")[0]
-        if name not in COLLECTIONS and address != f"{API}context.jsonld":
+        name = address.removeprefix(f"{API}/").partition("/")[0]
+        if name not in COLLECTIONS and address != CONTEXT:
             raise self._nothing_at(address)
         return plan_listing(context.kb, context.versions, request, context.config.timeout_s)
 
     def _snapshot(self, request: Request, caller: Caller, address: str) -> Plan:
-        require_replicate(caller)
         own = embedded(self._context.kb, "a snapshot")
-        return Plan(lambda: snapshot(own, caller))
+        return Plan(lambda: snapshot(own))
 
     def _protocol(self, request: Request, caller: Caller, address: str) -> Plan:
-        context, kinds = self._context, _KINDS[address]
+        context, kinds = self._context, _kinds(find(address))
         cached = self.asked.cache.find(request, caller.access)
         if cached is not None:
             return cached
@@ -310,11 +334,16 @@ class Router:
                 context.kb, request, context.config, updates=UPDATE in kinds
             )
         if isinstance(operation, UpdateRequest):
-            context.auth.require_write(request, caller)
+            context.rights.require("write", request, caller)  # of a text that declares itself
             return protocol.plan_update(context.kb, operation, request, caller, context.config)
         context.queries.check_room()
         operation = limit_query(operation, caller.access, context.kb)
         return protocol.plan_query(operation, request, caller, context.config, self.asked)
+
+
+def _kinds(match: Match) -> tuple[str, ...]:
+    """Return the kinds of SPARQL that an address takes."""
+    return max((_KINDS[route.effect] for route in match.routes if route.effect in _KINDS), key=len)
 
 
 def _opens_form(request: Request) -> bool:

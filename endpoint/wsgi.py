@@ -25,17 +25,19 @@ from rtask.errors import AuthenticationError, RtaskError
 from rtask.extras import missing_extra
 
 _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
-_OTHERS = ("/services", "/jobs", "/datasets")
-"""Addresses that are pages under a WSGI server, and whose programs need the ASGI application."""
+_OTHERS = ("service", "dataset")
+"""Handlers whose addresses are pages under a WSGI server; their programs need ASGI."""
 
-_SHARED = ("/sparql", "/ask", "/terms")
+_SHARED = frozenset(
+    route.pattern for route in ROUTES if route.pages and route.handler not in _OTHERS
+)
 """Addresses that are pages for people, and answer programs here too."""
 
 _PROGRAMS = tuple(
     dict.fromkeys(
         route.pattern
         for route in ROUTES
-        if route.lane != "stream" and not route.pages and not route.pattern.startswith(_OTHERS)
+        if route.lane != "stream" and route.handler not in _OTHERS and route.pattern not in _SHARED
     )
 )
 

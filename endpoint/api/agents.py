@@ -9,13 +9,12 @@ from endpoint.api.agent_messages import plan_messages, response_of
 from endpoint.http.agent_calls import AgentCall, AgentCalls
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.routes.addresses import MCP_SERVICES
 from rtask.asking.tools.protocol import answer
 from rtask.asking.tools.toolbox import Toolbox
 
 __all__ = ["plan_agents"]
 
-ADDRESS = "/mcp"
-SERVICES = "/mcp/services"
 _QUERIES = frozenset(("ask", "ask_sparql", "where_is"))
 _SPARE_S = 5.0
 """Time beyond that of its query until a call is given up, s."""
@@ -36,7 +35,7 @@ def plan_agents(
     timeout_s
         Time limit of a query.
     """
-    more = f"Methods of services are tools at {request.site}{SERVICES}."
+    more = f"Methods of services are tools at {request.site}{MCP_SERVICES}."
 
     def plan_message(message: dict[str, Any], call: AgentCall) -> Plan:
         remove = calls.add(caller.key, message.get("id"), call)

@@ -23,8 +23,8 @@ import mimetypes
 from typing import Any
 from urllib.parse import unquote
 
-from endpoint.access.auth import Authenticator, Caller
-from endpoint.api.operations import authorise, json_object
+from endpoint.access.auth import Caller
+from endpoint.api.operations import json_object
 from endpoint.http.messages import (
     CBOR_TYPE,
     JSON_TYPE,
@@ -33,18 +33,16 @@ from endpoint.http.messages import (
     Response,
 )
 from endpoint.http.plan import Plan
+from endpoint.routes.addresses import DATASETS
 from rtask.errors import UnknownTermError, UsageError
 from rtask.services.datasets.store import Datasets
 from rtask.services.outward.frames import unpack
 
-ADDRESS = "/datasets"
 _ACTIONS = ("diff", "snapshot", "prune", "merge", "files")
 _RULES = ("fail", "ours", "theirs")
 
 
-def plan_dataset(
-    datasets: Datasets, auth: Authenticator, request: Request, caller: Caller, address: str
-) -> Plan:
+def plan_dataset(datasets: Datasets, request: Request, caller: Caller, address: str) -> Plan:
     """Prepare the answer to a request about datasets.
 
     Raises
@@ -52,9 +50,7 @@ def plan_dataset(
     RefusedError
         404, which a private dataset is to strangers as well.
     """
-    if request.method not in ("GET", "HEAD"):
-        authorise(auth, request, caller, "write", address)
-    parts = address.removeprefix(ADDRESS).strip("/").split("/", 3)
+    parts = address.removeprefix(DATASETS).strip("/").split("/", 3)
     return Plan(lambda: _answer(datasets, request, caller, parts))
 
 
@@ -70,7 +66,7 @@ def _answer(datasets: Datasets, request: Request, caller: Caller, parts: list[st
             return _file(datasets, request, caller, name, unquote(parts[3]))
         if len(parts) == 3 and parts[2] in _ACTIONS:
             return _action(datasets, request, caller, name, parts[2])
-        raise UnknownTermError(f"there is nothing at {request.path}; see {ADDRESS}")
+        raise UnknownTermError(f"there is nothing at {request.path}; see {DATASETS}")
     except UnknownTermError as error:
         raise RefusedError(404, "not-found", str(error)) from None
 
@@ -97,7 +93,7 @@ def _whole(datasets: Datasets, request: Request, caller: Caller, name: str) -> R
         datasets.fork(name, source, caller.access)
     else:
         datasets.create(name, caller.access, readers, key)
-    return Response(201, headers=(("Location", f"{ADDRESS}/{name}"),))
+    return Response(201, headers=(("Location", f"{DATASETS}/{name}"),))
 
 
 def _action(

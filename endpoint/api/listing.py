@@ -24,6 +24,7 @@ from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.http.conditional import Versions, is_current
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.routes.addresses import API, CONTEXT
 from endpoint.served import ServedGraph
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
 from rtask.engine.curation.merging import present_name
@@ -32,16 +33,12 @@ from rtask.rdf.namespaces import PREFIXES, PROV
 from rtask.rdf.terms import iri, literal
 
 __all__ = [
-    "ADDRESS",
-    "CONTEXT_ADDRESS",
     "MAX_LIMIT",
     "TYPES",
     "context",
     "plan_listing",
 ]
 
-ADDRESS = "/api/"
-CONTEXT_ADDRESS = "/api/context.jsonld"
 TYPES = (JSON_TYPE, JSON_LD, CSV)
 LIMIT, MAX_LIMIT = 50, 1_000
 _OWN = ("limit", "cursor", "fields", "total", "iri")
@@ -76,8 +73,8 @@ def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_
     RefusedError
         400, naming the nearest parameter; 404 or 406.
     """
-    name, _, rest = request.raw_path.removeprefix(ADDRESS).rstrip("/").partition("/")
-    if request.raw_path == CONTEXT_ADDRESS:
+    name, _, rest = request.raw_path.removeprefix(f"{API}/").rstrip("/").partition("/")
+    if request.raw_path == CONTEXT:
         document = json.dumps(context(), indent=1).encode()
         return Plan.ready(Response(200, document, JSON_LD))
     collection = COLLECTIONS[name]
@@ -100,7 +97,7 @@ def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_
         if len(rows) > selection.limit:
             arguments = {k: v for k, v in request.parameters if k != "cursor"}
             arguments["cursor"] = _cursor(rows[selection.limit - 1], selection)
-            body["next"] = f"{ADDRESS}{name}?{urlencode(arguments)}"
+            body["next"] = f"{API}/{name}?{urlencode(arguments)}"
         if selection.counts:
             body["total"] = int(str(kb.select(_count_text(selection))[0].value("total")))
         return answer.of(body)
@@ -278,13 +275,13 @@ def _single(kb: ServedGraph, selection: _Selection, items: list[Item], answer: _
     name = selection.collection.name
     start = f"{kb.base}{selection.collection.folder}/"
     if now != selection.single and now.startswith(start):
-        return Response(308, headers=(("Location", f"{ADDRESS}{name}/{now[len(start) :]}"),))
+        return Response(308, headers=(("Location", f"{API}/{name}/{now[len(start) :]}"),))
     if kb.match(selection.single, PROV.invalidatedAtTime):
         raise RefusedError(410, "gone", f"{selection.single} was forgotten")
     raise RefusedError(
         404,
         "not-found",
-        f"no {selection.collection.folder} {selection.single}; see {ADDRESS}{name}",
+        f"no {selection.collection.folder} {selection.single}; see {API}/{name}",
     )
 
 
@@ -304,7 +301,7 @@ class _Answer:
             table = _table(body.get("items", [body]), self.members)
             return Response(200, table, content_type(CSV), headers)
         if self.media_type == JSON_LD:
-            body = {"@context": f"{self.site}{CONTEXT_ADDRESS}", **body}
+            body = {"@context": f"{self.site}{CONTEXT}", **body}
         text = json.dumps(body, ensure_ascii=False, default=str)
         return Response(200, text.encode(), self.media_type, headers)
 

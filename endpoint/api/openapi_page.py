@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
-JsonObject = dict[str, Any]
+from endpoint.routes.messages import JsonObject
 
 
 def page(document: JsonObject) -> str:

@@ -7,17 +7,18 @@ import json
 import re
 from typing import Any
 
-from endpoint.access.auth import Authenticator, Caller, require_scope
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.rights import authorise
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
+from endpoint.routes.addresses import ENGINE
 from endpoint.sparql.negotiation import prefers_html
-from rtask.errors import AuthenticationError, UsageError
+from rtask.errors import UsageError
 from rtask.wire.fields import request_id_of
 from rtask.wire.message import Answer
 
-ADDRESS = "/engine/"
 _HALF_PAIR = re.compile(rb"\\u[dD][89A-Fa-f]")
 
 
@@ -39,7 +40,7 @@ def plan_operation(
     ForbiddenError
         The caller's role does not include the operation.
     """
-    name = request.raw_path.rstrip("/").removeprefix(ADDRESS)
+    name = request.raw_path.rstrip("/").removeprefix(f"{ENGINE}/")
     operation = engine.operations.get(name)
     if operation is None:
         near = difflib.get_close_matches(name, engine.operations, n=1)
@@ -60,22 +61,6 @@ def plan_operation(
 
 def _answered(answer: Answer) -> Response:
     return Response(200, answer.to_json(), JSON_TYPE)
-
-
-def authorise(auth: Authenticator, request: Request, caller: Caller, scope: str, name: str) -> None:
-    """Refuse a caller that may not carry out what needs a scope.
-
-    Raises
-    ------
-    AuthenticationError
-        It needs a token, and none came.
-    ForbiddenError
-        The caller's role lacks the scope, or a page of another origin asks.
-    """
-    auth.check_origin(request, caller)
-    if caller.token is None and caller.access.role == "reader" and scope != "read":
-        raise AuthenticationError(f"{name} needs a token; send Authorization: Bearer <token>")
-    require_scope(caller.access, scope)
 
 
 def json_object(request: Request) -> dict[str, Any]:

@@ -10,51 +10,44 @@ from typing import Any, Literal, cast
 
 from pyoxigraph import DefaultGraph, Quad, RdfFormat
 
-from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.auth import Caller
+from endpoint.access.rights import require_schema
 from endpoint.api.operations import json_object
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
-from rtask.errors import AuthenticationError, ForbiddenError, UnknownTermError, UsageError
+from endpoint.routes.addresses import PROPOSALS
+from rtask.errors import AuthenticationError, UnknownTermError, UsageError
 from rtask.kb.proposals.proposal import STATES, Proposal, State
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.formats import read_document
 from rtask.rdf.terms import stored_quad
 
-__all__ = ["ADDRESS", "Decision", "decide", "plan_proposals", "visible"]
+__all__ = ["Decision", "decide", "plan_proposals", "visible"]
 
-ADDRESS = "/proposals"
 Decision = Literal["adopt", "refuse"]
 _FIELDS = ("added", "removed", "reason", "rests_on")
 
 
 def plan_proposals(
-    kb: KnowledgeBase,
-    auth: Authenticator,
-    audit: Audit,
-    request: Request,
-    caller: Caller,
-    address: str,
+    kb: KnowledgeBase, audit: Audit, request: Request, caller: Caller, address: str
 ) -> Plan:
     """Plan the answer to a request about proposals.
 
     Raises
     ------
-    AuthenticationError, ForbiddenError
-        The caller may not propose or decide at all.
     RefusedError
         404 or 415.
     UsageError
         A part of the request is not what is expected.
     """
-    name, _, action = address.removeprefix(ADDRESS).removeprefix("/").partition("/")
+    name, _, action = address.removeprefix(PROPOSALS).removeprefix("/").partition("/")
     if request.method in ("GET", "HEAD"):
         if name:
             number = _number(name)
             return Plan(lambda: _json(_one(kb, caller, number).to_dict()))
         state, author = _state(request), next(iter(request.values("author")), None)
         return Plan(lambda: _json({"proposals": _listed(kb, caller, state, author)}))
-    auth.require_write(request, caller)
     if not name:
         fields = _sent(request, _FIELDS)
         return Plan(lambda: _proposed(kb, caller, fields))
@@ -97,10 +90,7 @@ def decide(
     RtaskError
         The change cannot be stored as things are; the proposal stays open.
     """
-    if not caller.access.may_decide:
-        raise ForbiddenError(
-            "deciding about proposals needs the right schema, which an admin has", right="schema"
-        )
+    require_schema(caller)
     _get(kb, number)
     if decision == "adopt":
         kb.adopt(number, access=caller.access)
@@ -143,7 +133,7 @@ def _proposed(kb: KnowledgeBase, caller: Caller, fields: dict[str, Any]) -> Resp
         reason=str(fields.get("reason", "")),
         rests_on=rests_on,
     )
-    location = f"{ADDRESS}/{made.number}"
+    location = f"{PROPOSALS}/{made.number}"
     return _json(made.to_dict(), 201, (("Location", location),))
 
 

@@ -8,27 +8,21 @@ from typing import Any, NamedTuple
 
 from pyoxigraph import RdfFormat
 
-from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.auth import Caller
 from endpoint.api.operations import json_object
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.routes.addresses import RULES
+from endpoint.routes.reasoning import BUDGET, MAX_BUDGET, SPARQL_TYPE
 from rtask.asking.decisions import explain
 from rtask.asking.terms import reader_of
-from rtask.errors import AuthenticationError, TooLargeError, UsageError
+from rtask.errors import TooLargeError, UsageError
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import find
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import find_format, statements
 from rtask.rdf.terms import TripleKey, triple_key
-
-ADDRESS = "/reasoner/"
-RULES = ADDRESS + "rules"
-SPARQL_TYPE = "application/sparql-query"
-EXPLAIN, ENTAILS = ADDRESS + "explain", ADDRESS + "entails"
-CONTRADICTIONS = ADDRESS + "contradictions"
-BUDGET, MAX_BUDGET = 20_000, 200_000
-"""Steps of one answer, and how many a request may ask for: writers wait meanwhile."""
 
 CAUSES_MS = 500.0
 
@@ -37,45 +31,56 @@ MAX_RULES = 1_000
 _FIELDS = ("label", "text", "comment", "replace")
 
 
-def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, caller: Caller) -> Plan:
-    """Plan the answer to a request to the reasoner.
+def plan_explain(kb: KnowledgeBase, request: Request) -> Plan:
+    """Plan the proof of a statement, or what it lacks.
+
+    Raises
+    ------
+    UsageError
+        A parameter is missing, or is not what is expected.
+    """
+    triple, budget = _triple(kb, request), _budget(request)
+    return Plan(lambda: _json(explain(kb, triple, budget).to_dict()))
+
+
+def plan_entails(kb: KnowledgeBase, request: Request) -> Plan:
+    """Plan whether a statement, or a document of them, follows.
 
     Raises
     ------
     RefusedError
-        404, 415.
-    AuthenticationError
-        A change needs a token, and none was sent.
+        415.
+    UsageError, TooLargeError
+        The statements cannot be read, or are too many.
     """
-    address = request.path.rstrip("/")
-    if address == CONTRADICTIONS:
-        return Plan(lambda: _contradictions(kb))
-    if address == EXPLAIN:
-        triple, budget = _triple(kb, request), _budget(request)
-        return Plan(lambda: _json(explain(kb, triple, budget).to_dict()))
-    if address == ENTAILS:
-        conclusion, budget = _conclusion(kb, request), _budget(request)
-        return Plan(lambda: _json(kb.entails(conclusion, budget=budget).to_dict()))
-    name = address.removeprefix(RULES).removeprefix("/")
+    conclusion, budget = _conclusion(kb, request), _budget(request)
+    return Plan(lambda: _json(kb.entails(conclusion, budget=budget).to_dict()))
+
+
+def plan_contradictions(kb: KnowledgeBase) -> Plan:
+    """Plan the list of contradictions."""
+    return Plan(lambda: _contradictions(kb))
+
+
+def plan_rules(kb: KnowledgeBase, request: Request, caller: Caller) -> Plan:
+    """Plan the list of rules, one of them, or a change to them; the caller has the right to it.
+
+    Raises
+    ------
+    UsageError
+        No rule is named.
+    """
+    name = request.path.rstrip("/").removeprefix(RULES).removeprefix("/")
     if request.method == "POST":
-        _require_author(auth, request, caller)
         return Plan(lambda: _add(kb, request, caller))
     if request.method == "DELETE":
-        _require_author(auth, request, caller)
         if name:
             return Plan(lambda: _remove(kb, [name], request, caller))
         names = request.values("label")
         if not names:
-            raise UsageError("name the rules to remove: DELETE /reasoner/rules?label=<label>")
+            raise UsageError(f"name the rules to remove: DELETE {RULES}?label=<label>")
         return Plan(lambda: _remove(kb, names, request, caller))
     return Plan(lambda: _json(_rule_named(kb, name).to_dict() if name else {"rules": _all(kb)}))
-
-
-def _require_author(auth: Authenticator, request: Request, caller: Caller) -> None:
-    """Refuse callers without a token before anything else; the knowledge base decides the rest."""
-    auth.check_origin(request, caller)
-    if caller.token is None and caller.access.role == "reader":
-        raise AuthenticationError("rules need a token; send Authorization: Bearer <token>")
 
 
 def _all(kb: KnowledgeBase) -> list[dict[str, Any]]:
@@ -106,9 +111,6 @@ def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
 
 
 def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Caller) -> Response:
-    caller.access.bind(kb.graphs, kb.catalogue.is_ontology, kb.plain).require_write(
-        kb.graphs.rules, "rules"
-    )
     labels = [_rule_named(kb, name).label for name in names]
     commit = kb.remove_rules(labels, access=caller.access, note=caller.note(request))
     removed = labels if request.values("label") else labels[0]

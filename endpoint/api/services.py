@@ -22,7 +22,8 @@ from concurrent.futures import Future
 from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
-from endpoint.api.operations import authorise, json_object
+from endpoint.access.rights import authorise
+from endpoint.api.operations import json_object
 from endpoint.http.form_data import FORM_DATA_TYPE, FormPart, array_from_npy, form_parts
 from endpoint.http.messages import (
     CBOR_TYPE,
@@ -33,6 +34,7 @@ from endpoint.http.messages import (
 )
 from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
+from endpoint.routes.addresses import JOBS, SERVICES
 from rtask.errors import UnknownTermError, UsageError
 from rtask.services import ServiceHost
 from rtask.services.call import Invocation
@@ -42,8 +44,6 @@ from rtask.services.outward.frames import pack, packed, unpack
 from rtask.services.task import Task
 from rtask.wire.message import strict_json
 
-ADDRESS = "/services"
-JOBS = "/jobs"
 DATA = "$data"
 MAX_WAIT_S = 60.0
 _MAX_DIGITS = 15
@@ -67,14 +67,14 @@ def plan_service(
     try:
         if address == JOBS or address.startswith(f"{JOBS}/"):
             return _plan_jobs(host, auth, request, caller, address.removeprefix(JOBS).strip("/"))
-        if address == ADDRESS:
+        if address == SERVICES:
             return Plan(lambda: _json({"services": host.listing()}))
-        parts = address.removeprefix(f"{ADDRESS}/").split("/")
+        parts = address.removeprefix(f"{SERVICES}/").split("/")
         if len(parts) == 2:
             service = host.registry.find("/".join(parts))
             return Plan(lambda: _json(host.description(service.exact)))
         if len(parts) != 3:
-            raise UnknownTermError(f"there is nothing at {address}; see {ADDRESS}")
+            raise UnknownTermError(f"there is nothing at {address}; see {SERVICES}")
         return _plan_call(host, auth, request, caller, "/".join(parts[:2]), parts[2])
     except UnknownTermError as error:
         raise RefusedError(404, "not-found", str(error)) from None
@@ -174,7 +174,6 @@ def _plan_jobs(
         return Plan(lambda: _json({"jobs": [job.facts() for job in host.jobs.of(caller.key)]}))
     job = host.jobs.find(job_id, caller.key)
     if request.method == "DELETE":
-        auth.check_origin(request, caller)
         return Plan(lambda: _cancelled(job))
     wait_s = _seconds(request, "wait", MAX_WAIT_S)
     after = event_number(request) if request.values("after") else None

@@ -11,8 +11,8 @@ from concurrent.futures import Future
 from typing import Any
 
 from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.rights import authorise
 from endpoint.api.agent_messages import plan_messages, response_of
-from endpoint.api.operations import authorise
 from endpoint.http.agent_calls import AgentCall, AgentCalls
 from endpoint.http.messages import Request
 from endpoint.http.plan import Elsewhere, Plan

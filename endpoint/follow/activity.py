@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from endpoint.access.auth import Caller
     from endpoint.context import ServerContext
 
-__all__ = ["ADDRESS", "ActivityStream", "past_events", "place_of"]
+__all__ = ["ActivityStream", "past_events", "place_of"]
 
-ADDRESS = "/activity/events"
 MAX_PAST = 2_000
 _ID = re.compile(r"(?P<version>[^/\s]+)(?:/(?P<run>[0-9a-f]+)\.(?P<number>\d{1,15}))?")
 _NUMBER = re.compile(r"[0-9]{1,15}")

@@ -14,11 +14,9 @@ from contextlib import closing
 from functools import partial
 from typing import Any, cast
 
-from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.api.operations import json_object
 from endpoint.follow.record_spool import FILE, RecordSpool
-from endpoint.follow.replication import require_replicate
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan
 from rtask.engine.context import SCOPES
@@ -32,9 +30,7 @@ __all__ = ["plan_asked_records", "store_waiting"]
 _MAX_RECORDS = 1_000
 
 
-def plan_asked_records(
-    engine: object, tokens: TokenStore, request: Request, caller: Caller
-) -> Plan:
+def plan_asked_records(engine: object, tokens: TokenStore, request: Request) -> Plan:
     """Prepare to store the records of a follower.
 
     The answer lists those that were refused, each with ``id`` and ``reason``; the others are
@@ -42,12 +38,9 @@ def plan_asked_records(
 
     Raises
     ------
-    ForbiddenError
-        The caller has not the right ``replicate``.
     UsageError
         The body is not ``{"records": [...]}``.
     """
-    require_replicate(caller)
     if not isinstance(engine, Engine):
         raise UnsupportedError("there is no engine here that stores what robots asked")
     entries = json_object(request).get("records")

@@ -13,9 +13,8 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-from endpoint.access.auth import Caller, cors_headers, require_scope
+from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
-from endpoint.follow.activity import ADDRESS as ACTIVITY
 from endpoint.follow.activity import ActivityStream
 from endpoint.follow.event_stream import EventStream
 from endpoint.follow.events import (
@@ -28,12 +27,13 @@ from endpoint.follow.events import (
     version_of,
 )
 from endpoint.follow.job_events import JobStream, is_followed
-from endpoint.follow.replication import RECORDS, RecordStream
+from endpoint.follow.replication import RecordStream
 from endpoint.follow.socket import ChangeSocket
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
-from endpoint.routes import find
+from endpoint.routes import Route, find
+from endpoint.routes.addresses import CHANGES
 from endpoint.served import embedded
 from rtask.errors import (
     ClosedError,
@@ -45,7 +45,6 @@ from rtask.errors import (
 )
 from rtask.knowledge_base import KnowledgeBase
 
-ADDRESS = "/changes"
 MAX_STREAMS = 2_000
 MAX_STREAMS_PER_CALLER = 20
 
@@ -92,19 +91,20 @@ class Changes:
         RtaskError
             The request is refused.
         """
-        require_method(request, ("GET", "HEAD", "POST"))
-        caller = self._context.auth.identify(request)
+        context = self._context
+        route = _route(request)
+        caller = context.auth.identify(request)
+        context.rights.require(route.right, request, caller)
         if is_followed(request):
             self._admit(caller)
-            return JobStream(self, self._context.services, request, caller)
-        require_scope(caller.access, "read")
-        if request.path.rstrip("/") == ACTIVITY:
+            return JobStream(self, context.services, request, caller)
+        if route.handler == "activity":
             self._admit(caller)
-            return ActivityStream(self, self._context, request, caller)
-        if request.path.rstrip("/") == RECORDS:
+            return ActivityStream(self, context, request, caller)
+        if route.handler == "records":
             self._admit(caller)
-            return RecordStream(self, request, caller, self._kb, self._context.tokens)
-        rest = request.path.removeprefix(ADDRESS).strip("/")
+            return RecordStream(self, request, caller, self._kb, context.tokens)
+        rest = request.path.removeprefix(CHANGES).strip("/")
         if rest:
             return self._commit(rest)
         self._admit(caller)
@@ -135,11 +135,11 @@ class Changes:
         """Serve a websocket from its handshake to its end."""
         await receive()  # websocket.connect
         try:
-            if request.path.rstrip("/") != ADDRESS:
-                raise RefusedError(404, "not-found", f"followers connect to {ADDRESS}")
+            if request.path.rstrip("/") != CHANGES:
+                raise RefusedError(404, "not-found", f"followers connect to {CHANGES}")
             caller = self._context.auth.identify(request, ticket_in_url=True)
             self._context.auth.check_origin(request, caller)
-            require_scope(caller.access, "read")
+            self._context.rights.require(_route(request).right, request, caller)
             self._admit(caller)
             kb = self._kb
         except RtaskError as error:
@@ -265,6 +265,22 @@ class Stream(EventStream):
             yield event("lagged", {"detail": str(error), **error.details})
         except ClosedError:
             self.reason = "the store was closed"
+
+
+def _route(request: Request) -> Route:
+    """Return the line of the table for a request.
+
+    Raises
+    ------
+    RefusedError
+        405.
+    """
+    match = find(request.raw_path.rstrip("/"))
+    route = match.by(request.method)
+    if route is None:
+        require_method(request, match.allow)
+        raise RefusedError(404, "not-found", f"there is nothing at {request.path}")
+    return route
 
 
 def _patterns(request: Request) -> list[Any]:

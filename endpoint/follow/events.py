@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from typing import Any, cast
 
+from endpoint.routes.addresses import CHANGES
 from rtask.asking.terms import Reader, Role, reader_of
 from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.commit.commit import Change
@@ -206,7 +207,7 @@ def change_data(change: Change, limit: int | None = MAX_QUADS) -> JsonObject:
         "note": change.note or "",
     }
     if limit is not None and count > limit:
-        return {**data, "truncated": True, "statements": count, "whole": f"/changes/{commit.seq}"}
+        return {**data, "truncated": True, "statements": count, "whole": f"{CHANGES}/{commit.seq}"}
     added, removed, inferred_added, inferred_removed = map(_quads, lists)
     return {
         **data,

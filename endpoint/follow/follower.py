@@ -19,9 +19,9 @@ import httpx
 
 from endpoint.access.tokens import TokenStore
 from endpoint.follow.record_spool import FILE, RecordSpool
-from endpoint.follow.replication import ASKED, RECORDS, SNAPSHOT
 from endpoint.follow.versions import minimum_version
 from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.routes.addresses import ASKED, BLOBS, HEALTH, RECORDS, SNAPSHOT
 from rtask.errors import MissingBlobError, RemoteUnavailableError, RtaskError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.durability.blobs import PREFIX, digest_of
@@ -288,7 +288,7 @@ class Follower:
             It has none, or does not answer.
         """
         try:
-            answer = self._http.get(f"/api/blobs/{digest}", headers=authorization(self._token))
+            answer = self._http.get(f"{BLOBS}/{digest}", headers=authorization(self._token))
         except httpx.HTTPError as error:
             raise MissingBlobError(
                 f"the blob {digest} is not here yet, and {self.url} does not answer: {error}",
@@ -372,7 +372,7 @@ class Follower:
     def catch_up(self) -> None:
         """Wait, for two seconds at most, for what the writer has committed by now."""
         try:
-            now = self._http.get("/health", timeout=2.0).json()
+            now = self._http.get(HEALTH, timeout=2.0).json()
             wait_for = minimum_version(self._kb, f"{now['epoch']}:{now['seq']}")
             wait_for(Response)
         except (httpx.HTTPError, RtaskError, ValueError, KeyError) as error:

@@ -6,10 +6,11 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING
 
-from endpoint.api.services import JOBS, event_number, job_facts
+from endpoint.api.services import event_number, job_facts
 from endpoint.follow.event_stream import COMMENT_S, EVENT_STREAM, EventStream, Streams
 from endpoint.follow.events import event
 from endpoint.http.messages import RefusedError, Request
+from endpoint.routes.addresses import JOBS
 from rtask.errors import UnknownTermError
 from rtask.services.jobs import ENDED
 

@@ -23,37 +23,17 @@ from endpoint.access.tokens import TokenStore
 from endpoint.follow.event_stream import EventStream, Streams
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.websocket import Message
-from rtask.errors import ForbiddenError
 from rtask.kb.maintenance.replica import write_snapshot
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["ASKED", "RECORDS", "SNAPSHOT", "RecordStream", "require_replicate", "snapshot"]
+__all__ = ["RecordStream", "snapshot"]
 
-RECORDS = "/replicate/records"
-SNAPSHOT = "/replicate/snapshot"
-ASKED = "/replicate/asked"
 HEARTBEAT_S = 1.0
 _FEW = 4
 _LOOK_S = 0.25
 _PIECE = 1 << 18
 _HOME = "replicate-"
 _LEFT_S = 3_600.0
-
-
-def require_replicate(caller: Caller) -> None:
-    """Refuse a caller that may not copy the whole knowledge base with its tokens.
-
-    Raises
-    ------
-    ForbiddenError
-        Its token has not the right ``replicate``.
-    """
-    access = caller.access
-    if access.role not in ("admin", "anonymous") and "replicate" not in access.rights:
-        raise ForbiddenError(
-            "copying the knowledge base needs the right replicate: rtask token create --role "
-            "reader --right replicate"
-        )
 
 
 class RecordStream(EventStream):
@@ -78,7 +58,6 @@ class RecordStream(EventStream):
         kb: KnowledgeBase,
         tokens: TokenStore,
     ) -> None:
-        require_replicate(caller)
         super().__init__(streams, request, caller)
         self._kb = kb
         self._tokens = tokens
@@ -156,7 +135,7 @@ def _frame(kind: str, body: bytes, **members: int) -> bytes:
     return json.dumps({"kind": kind, **members, "bytes": len(body)}).encode() + b"\n" + body
 
 
-def snapshot(kb: KnowledgeBase, caller: Caller) -> Response:
+def snapshot(kb: KnowledgeBase) -> Response:
     """Return a copy of the knowledge base as a tar file.
 
     Raises
@@ -164,7 +143,6 @@ def snapshot(kb: KnowledgeBase, caller: Caller) -> Response:
     UnsupportedError
         It is in memory or on another server.
     """
-    require_replicate(caller)
     if kb.folder is not None:
         for left in kb.folder.glob(_HOME + "*"):  # by a process that was killed
             if time.time() - left.stat().st_mtime > _LEFT_S:

@@ -9,6 +9,7 @@ from typing import Any
 from endpoint.http.following import Following
 from endpoint.http.messages import JSON_TYPE, RefusedError, Response
 from endpoint.http.plan import Plan
+from endpoint.routes.addresses import HEALTH
 from endpoint.served import ServedGraph
 from rtask import __version__
 from rtask.knowledge_base import KnowledgeBase
@@ -44,14 +45,19 @@ class Health:
         self._following = following
         self.draining = False
 
-    def plan(self, address: str) -> Plan:
-        """Plan the answer to ``/health``, ``/health/live`` or ``/health/ready``."""
-        if address == "/health/live":
+    def plan(self, check: str) -> Plan:
+        """Plan the answer to the check ``live`` or ``ready``.
+
+        Raises
+        ------
+        RefusedError
+            404: there is no such check.
+        """
+        if check == "live":
             return Plan.ready(_answer({"live": True}, True))
-        if address not in ("/health", "/health/ready"):
-            raise RefusedError(
-                404, "not-found", "the health checks are /health, /health/live and /health/ready"
-            )
+        if check != "ready":
+            checks = f"{HEALTH}, {HEALTH}/live and {HEALTH}/ready"
+            raise RefusedError(404, "not-found", f"the health checks are {checks}")
         return Plan(self._ready, _TIMEOUT_S)
 
     def _ready(self) -> Response:

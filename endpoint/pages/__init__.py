@@ -22,6 +22,7 @@ from endpoint.pages import (
 from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
+from endpoint.pages.tasks import plan
 
 __all__ = [
     "activity",
@@ -42,6 +43,7 @@ __all__ = [
     "objects",
     "operations",
     "pipeline",
+    "plan",
     "proof",
     "resource",
     "robots",

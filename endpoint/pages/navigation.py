@@ -21,7 +21,7 @@ SECTIONS = (
     Section("/activity", "Live"),
     Section("/feedback", "Outcomes"),
     Section("/objects", "Objects", ("/object", "/teach", "/curation")),
-    Section("/robots", "Robots", ("/robot", "/setup")),
+    Section("/robots", "Robots", ("/robot", "/setup", "/plan")),
     Section("/learning", "Learning"),
     Section("/classes", "Classes", ("/terms", "/resource", "/explain")),
     Section("/sparql", "SPARQL", ("/ask",)),
@@ -33,6 +33,7 @@ SECTIONS = (
 MORE = (
     ("/ask", "Ask in words"),
     ("/terms", "Terms"),
+    ("/plan", "Plan a task"),
     ("/setup", "Set up a robot"),
     ("/teach", "Name objects"),
     ("/tools/pipeline", "Compose a pipeline"),

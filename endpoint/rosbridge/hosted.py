@@ -17,6 +17,7 @@ from rtask.services.definition import Definition, Method
 from rtask.services.description import ros_service, ros_type
 from rtask.services.host import MAX_TIMEOUT_S
 from rtask.services.task import Task
+from rtask.wire.effect import Source
 
 _DATA = "$data"
 
@@ -92,13 +93,18 @@ def hosted_actions(host: ServiceHost | None) -> list[Action]:
 
 
 def is_at_copy(definition: Definition, method: Method) -> bool:
-    """Return whether a follower carries a method out itself.
+    """Return whether a follower carries a method out itself."""
+    return source_of(definition, method) == "graph"
 
-    It does not where the method writes, or needs something that only the writer has: datasets, or
-    the workers of a service.
+
+def source_of(definition: Definition, method: Method) -> Source:
+    """Return what the answer of a method is made from.
+
+    The writer alone carries out what writes, and has the datasets and the workers of services.
     """
     has_datasets = any(resource.type == "binary" for resource in definition.resources.values())
-    return method.effect != "writes" and not has_datasets and definition.executor != "outward"
+    is_elsewhere = has_datasets or definition.executor == "outward"
+    return "writer" if is_elsewhere or method.effect == "writes" else "graph"
 
 
 def _methods(host: ServiceHost) -> Iterator[tuple[Definition, Method]]:

@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 
 from pyoxigraph import DefaultGraph, NamedNode, Quad, RdfFormat
 
-from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.auth import Caller
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_current, names
 from endpoint.http.form_data import FORM_DATA_TYPE, form_parts
@@ -24,6 +24,7 @@ from endpoint.http.messages import (
     split_media_type,
 )
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.routes.addresses import STORE
 from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config
 from endpoint.sparql import negotiation
@@ -36,7 +37,6 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.formats import read_document
 from rtask.rdf.terms import GraphName
 
-ADDRESS = "/store"
 FORMATS = {
     "text/turtle": "turtle",
     "application/x-turtle": "turtle",
@@ -74,8 +74,6 @@ class GraphStore:
     ----------
     kb
         The knowledge base that holds the graphs.
-    auth
-        Checks who may write at all.
     config
         Settings: public address and profile.
     versions
@@ -87,13 +85,11 @@ class GraphStore:
     def __init__(
         self,
         kb: ServedGraph,
-        auth: Authenticator,
         config: Config,
         versions: Versions,
         answers: Answers,
     ) -> None:
         self._served = kb
-        self._auth = auth
         self._config = config
         self._versions = versions
         self._answers = answers
@@ -103,7 +99,7 @@ class GraphStore:
         return embedded(self._served, "the graph store")
 
     def plan(self, request: Request, caller: Caller) -> Plan:
-        """Plan the answer to a request.
+        """Plan the answer to a request; its caller may read or write in general.
 
         Raises
         ------
@@ -114,7 +110,6 @@ class GraphStore:
         require_read(caller.access, graph, self._served)
         if request.method in ("GET", "HEAD"):
             return self._plan_read(request, caller, graph)
-        self._auth.require_write(request, caller)
         if request.method == "DELETE":
             return Plan(lambda: self._delete(request, caller, graph))
         write = self._put if request.method == "PUT" else self._post
@@ -131,7 +126,7 @@ class GraphStore:
             return absolute_iri(names[0], "graph")
         if default:
             return self._kb.access(access=caller.access).home()
-        if request.raw_path.rstrip("/") == ADDRESS:
+        if request.raw_path.rstrip("/") == STORE:
             return None
         return absolute_iri(request.url, "graph")
 
@@ -214,7 +209,7 @@ class GraphStore:
         """Merge into a graph, or create one (GSP, 5.5)."""
         headers: tuple[tuple[str, str], ...] = ()
         if graph is None and not all(part.format in _QUADS for part in parts):
-            graph = NamedNode(f"{request.site}{ADDRESS}/{uuid.uuid4()}")
+            graph = NamedNode(f"{request.site}{STORE}/{uuid.uuid4()}")
             headers = (("Location", graph.value),)
         existed = graph is None or self._exists(graph)
         version = self._check_preconditions(request, graph, existed)

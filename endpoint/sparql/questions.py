@@ -8,15 +8,14 @@ import time
 from endpoint.access.auth import Caller
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.routes.addresses import ASK
 from endpoint.served import ServedGraph
 from rtask.asking.questions import answer
 from rtask.asking.questions.mentions import Select
 from rtask.errors import QueryTimeout, UsageError
 from rtask.sparql.results import Solutions
 
-__all__ = ["ADDRESS", "plan_question", "select_within"]
-
-ADDRESS = "/ask"
+__all__ = ["plan_question", "select_within"]
 
 
 def plan_question(kb: ServedGraph, request: Request, caller: Caller, timeout_s: float) -> Plan:
@@ -34,7 +33,7 @@ def plan_question(kb: ServedGraph, request: Request, caller: Caller, timeout_s: 
     """
     text = (request.values("text") or [""])[-1]
     if not text.strip():
-        raise UsageError(f"which question? {ADDRESS}?text=WORDS")
+        raise UsageError(f"which question? {ASK}?text=WORDS")
     running = RunningQuery(request.id, caller.key, caller.name, text, timeout_s)
 
     def run() -> Response:

@@ -13,7 +13,6 @@ from endpoint.http.messages import (
     RefusedError,
     Request,
     parse_fields,
-    require_method,
 )
 from rtask.errors import DataError
 from rtask.rdf.terms import NamedNode, iri
@@ -23,13 +22,6 @@ UPDATE_TYPE = "application/sparql-update"
 
 # What an address accepts: `/sparql` both, `/query` and `/update` one of them.
 QUERY, UPDATE = "query", "update"
-METHODS = {
-    (QUERY, UPDATE): ("GET", "HEAD", "POST", "OPTIONS"),
-    (QUERY,): ("GET", "HEAD", "POST", "OPTIONS"),
-    (UPDATE,): ("POST", "OPTIONS"),
-}
-
-
 _QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "timeout", "as_of")
 _UPDATE_FIELDS = (
     UPDATE, "using-graph-uri", "using-named-graph-uri", "agent", "note", "if-version",
@@ -120,7 +112,6 @@ def parse_operation(request: Request, kinds: tuple[str, ...] = (QUERY, UPDATE)) 
     >>> parse_operation(Request("GET", "/sparql", "query=ASK+%7B%7D")).text
     'ASK {}'
     """
-    require_method(request, METHODS[kinds])
     if request.method in ("GET", "HEAD"):
         return _from_get(request)
     return _from_post(request, kinds)

@@ -8,15 +8,14 @@ from dataclasses import asdict
 from endpoint.access.auth import Caller
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.routes.addresses import TERMS
 from endpoint.served import ServedGraph
 from endpoint.sparql.questions import select_within
 from rtask.asking.cards import Card, card_of, find_term, list_terms
 from rtask.asking.questions.mentions import Select
 from rtask.errors import UnknownTermError
 
-__all__ = ["ADDRESS", "card_at", "plan_terms"]
-
-ADDRESS = "/terms"
+__all__ = ["card_at", "plan_terms"]
 
 
 def plan_terms(kb: ServedGraph, request: Request, caller: Caller, timeout_s: float) -> Plan:
@@ -58,4 +57,4 @@ def card_at(kb: ServedGraph, select: Select, name: str) -> Card:
     try:
         return card_of(select, find_term(select, name, kb.base))
     except UnknownTermError as error:
-        raise RefusedError(404, "not-found", f"{error}; {ADDRESS} lists them") from error
+        raise RefusedError(404, "not-found", f"{error}; {TERMS} lists them") from error

@@ -18,6 +18,8 @@ from rtask.tasks.planning.problem import Atom, Goal
 
 __all__ = ["LOCATED", "MAX_GOALS", "Aim", "Target", "read_aims", "targets"]
 
+MAX_AIMS = 50
+"""Most goals of one JSON object."""
 MAX_GOALS = 2000
 """Most things of one goal."""
 MAX_ROWS = 20_000
@@ -56,7 +58,8 @@ class Aim:
     def sparql(self) -> str:
         """The query for what the goal is about, and for what would do."""
         names = " ".join(f"?{name}" for name in self.variables)
-        return f"SELECT DISTINCT {names} WHERE {{ {self.where.strip()} }}"
+        # On a line of its own, so that no comment at the end hides what follows.
+        return f"SELECT DISTINCT {names} WHERE {{ {self.where.strip()}\n}}"
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ def read_aims(given: str | Mapping[str, Any]) -> tuple[Aim, ...] | None:
         parts = given.get("goals", [given])
         if not isinstance(parts, Sequence) or isinstance(parts, str) or not parts:
             raise UsageError("goals is a list of goals")
+        if len(parts) > MAX_AIMS:
+            raise UsageError(f"at most {MAX_AIMS} goals at once, not {len(parts)}")
         return tuple(_from_object(part) for part in parts)
     if not re.match(r"\s*(?:\?\w|<|\w+:\w)", given):
         return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,6 +67,8 @@ class PlannedStep:
         When it can begin if robots work at the same time.
     supports
         Why each precondition holds.
+    after
+        Numbers of the steps that must have ended before.
     """
 
     number: int
@@ -79,6 +83,7 @@ class PlannedStep:
     attempts: int
     start_s: float
     supports: tuple[Support, ...]
+    after: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values."""
@@ -87,7 +92,8 @@ class PlannedStep:
             "robots": list(self.robots), "text": self.text,
             "duration_s": round(self.duration_s, 3), "start_s": round(self.start_s, 3),
             "chance": round(self.chance, 4), "successes": self.successes,
-            "attempts": self.attempts, "because": [item.to_dict() for item in self.supports],
+            "attempts": self.attempts, "after": list(self.after),
+            "because": [item.to_dict() for item in self.supports],
         }  # fmt: skip
 
 
@@ -164,6 +170,12 @@ class TaskPlan:
     def duration_s(self) -> float:
         """How long it takes if robots work at the same time, s."""
         return max((step.start_s + step.duration_s for step in self.steps), default=0.0)
+
+    @property
+    def digest(self) -> str:
+        """Digest of the steps: two plans of the same tasks have the same."""
+        tasks = [[step.action, sorted(step.arguments.items())] for step in self.steps]
+        return hashlib.sha256(json.dumps(tasks).encode()).hexdigest()
 
     @property
     def text(self) -> str:

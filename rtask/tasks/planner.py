@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,6 +52,7 @@ def plan_goal(
     base: str = "",
     assume_reach: bool = False,
     max_states: int = 200_000,
+    require_time: Callable[[], None] = lambda: None,
 ) -> TaskPlan:
     """Return a plan for a goal in words, as a pattern or as JSON; see :mod:`rtask.tasks.goals`.
 
@@ -66,6 +68,8 @@ def plan_goal(
         Plan as if robots reached places of which that is not known, and say so.
     max_states
         Bound of the search.
+    require_time
+        Called often; raises once the time is up.
 
     Raises
     ------
@@ -74,23 +78,25 @@ def plan_goal(
     DataError
         An action is described in a way that cannot be read.
     SearchLimit
-        The search was ended by its bound: whether there is a plan is not known.
+        A bound was reached: whether there is a plan is not known.
     """
     task = _read(select, is_ontology, given, base)
     problem, assumed = task.problem, tuple[Atom, ...]()
-    obstacles = explain_unsolvable(problem, task.mendable)
+    obstacles = explain_unsolvable(problem, task.mendable, require_time)
     if obstacles and assume_reach:
-        problem, assumed = _with_assumptions(task, problem)
-        obstacles = explain_unsolvable(problem, task.mendable)
+        problem, assumed = _with_assumptions(task, problem, require_time)
+        obstacles = explain_unsolvable(problem, task.mendable, require_time)
     problem = _chosen(task, problem)
     if any(target.aim.number is not None for target in task.targets):
-        obstacles = explain_unsolvable(problem, task.mendable)
-    steps = None if obstacles else _search(problem, max_states)
+        obstacles = explain_unsolvable(problem, task.mendable, require_time)
+    steps = None if obstacles else _search(problem, max_states, require_time)
     return _result(select, given, task, problem, obstacles, steps, assumed)
 
 
-def _search(problem: Problem, max_states: int) -> tuple[Step, ...] | None:
-    plan = find_plan(problem, max_states=max_states)
+def _search(
+    problem: Problem, max_states: int, require_time: Callable[[], None]
+) -> tuple[Step, ...] | None:
+    plan = find_plan(problem, max_states=max_states, require_time=require_time)
     return None if plan is None else plan.steps
 
 
@@ -146,7 +152,9 @@ def _mendable(select: Select, actions: Sequence[ActionClass]) -> dict[str, float
     }
 
 
-def _with_assumptions(task: _Task, problem: Problem) -> tuple[Problem, tuple[Atom, ...]]:
+def _with_assumptions(
+    task: _Task, problem: Problem, require_time: Callable[[], None]
+) -> tuple[Problem, tuple[Atom, ...]]:
     """Return a problem in which robots reach what they must, and what was assumed for that."""
     permitted = {
         pattern.predicate: _ASSUMED_COST
@@ -154,9 +162,8 @@ def _with_assumptions(task: _Task, problem: Problem) -> tuple[Problem, tuple[Ato
         for pattern in action.preconditions
         if ASSUMABLE in pattern.properties
     }
-    missing = {
-        atom for obstacle in explain_unsolvable(problem, permitted) for atom in obstacle.missing
-    }
+    obstacles = explain_unsolvable(problem, permitted, require_time)
+    missing = {atom for obstacle in obstacles for atom in obstacle.missing}
     return replace(problem, facts=problem.facts | missing), tuple(sorted(missing))
 
 
@@ -204,7 +211,7 @@ def _result(
     for obstacle in obstacles[:_MAX_REFUSALS]:
         refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
     return TaskPlan(
-        goal=given if isinstance(given, str) else str(dict(given)),
+        goal=given if isinstance(given, str) else json.dumps(dict(given)),
         understood=tuple(aim.text for aim in task.aims),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
         steps=planned_steps(task.actions, problem, steps or (), task.experience, assumed, wording),

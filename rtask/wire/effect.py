@@ -9,11 +9,17 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
-__all__ = ["EFFECTS", "Effect", "strongest"]
+__all__ = ["EFFECTS", "Effect", "Source", "strongest"]
 
 Effect = Literal["reads", "records", "writes"]
 """``reads``: commits nothing. ``records``: answers from what is there, and then stores that it was
 asked, seen or refused; the answer does not depend on that record. ``writes``: everything else.
+"""
+
+Source = Literal["graph", "reasoner", "writer"]
+"""What an answer is made from. ``graph``: statements and history, which followers copy.
+``reasoner``: proofs and rules, which those servers have that derive statements themselves.
+``writer``: what the server that takes writes has alone.
 """
 
 EFFECTS: Final[tuple[Effect, ...]] = get_args(Effect)

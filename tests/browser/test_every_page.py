@@ -32,6 +32,7 @@ PATHS = (
     "/ask?text=which+mugs+are+there", "/terms", "/terms?term=rt:Mug",
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
     "/admin/proposals", "/openapi",
+    "/plan", "/plan?goal=every+mug+into+the+box",
 )  # fmt: skip
 SOME_PATHS = ("/", "/sparql", f"/object?iri={OBJECT}", "/feedback", "/tools/grasp", "/admin/tokens")
 FEW_OR_ALL = pytest.mark.parametrize(

@@ -20,6 +20,7 @@ import pytest
 from openapi_spec_validator import validate
 
 from tests.clients.test_closed_loop import ROBOT, SIGHT, seen_from_above
+from tests.rtask.tasks.conftest import BASE, LAB
 from tests.servers import RunningServer
 
 pytestmark = pytest.mark.slow
@@ -102,6 +103,9 @@ class Caller:
 def test_every_operation_of_the_engine_is_called(
     server: RunningServer, document: dict[str, Any], generated: tuple[ModuleType, str]
 ) -> None:
+    httpx.post(
+        f"{server.url}/update", data={"update": LAB.replace(BASE, "urn:lab/")}, timeout=60
+    ).raise_for_status()
     with generated[0].Client(base_url=server.url, timeout=httpx.Timeout(60)) as connected:
         _call_all(Caller(connected), document)
 
@@ -136,6 +140,14 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     call("curate_object", {"operation": "forget", "object": thing})
     assert call("compare_contributors", {"contributor": "generated-1"}).to_dict()["contributors"]
     call("withdraw_contributor", {"contributor": "generated-1"})
+    goal = {"goal": "every cup into the left box"}
+    plan = call("plan_goal", goal).to_dict()
+    stored = call("store_plan", {**goal, "digest": plan["digest"]}).to_dict()["task"]
+    step = call("claim_step", {"robot": "urn:lab/robot/panda-1"}).to_dict()
+    call("state_place", {"thing": "urn:lab/thing/1", "place": "urn:lab/robot/panda-1/hand"})
+    call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
+    assert [one["state"] for one in call("list_plans", {}).to_dict()["plans"]] == ["running"]
+    call("cancel_plan", {"plan": stored, "reason": "enough"})
     assert call.called == {
         path.removeprefix("/engine/") for path in document["paths"] if "/engine/" in path
     }

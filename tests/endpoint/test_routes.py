@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
 
@@ -14,9 +15,11 @@ from endpoint.access.tokens import TokenStore
 from endpoint.api.openapi import document
 from endpoint.http.agent_calls import AgentCall
 from endpoint.http.messages import Request
-from endpoint.routes import ROUTES, find
+from endpoint.routes import ROUTES, Match, find
+from endpoint.routes.messages import Messages
 from endpoint.settings import Config
 from rtask.engine import Engine
+from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.services import Service, ServiceHost
 from rtask.services import method as service_method
@@ -91,16 +94,100 @@ def test_options_and_405_list_the_methods_of_the_table(site, pattern):
 
 
 def test_every_handler_in_the_table_is_one_of_the_router(site):
-    named = {one.handler for one in ROUTES if one.lane != "stream"}
+    named = {one.handler for one in ROUTES if one.lane != "stream" and one.right != "public"}
     assert named == set(site.router._made_handlers())
 
 
-def test_every_described_address_is_in_the_table_and_states_its_effect(site):
+def test_the_description_holds_what_the_table_says_and_nothing_else(site):
     context = site.application.context
     described = document(context.engine, context.services.registry)
-    for path, methods in described["paths"].items():
-        for method, one in methods.items():
-            assert one["x-effect"] in ("reads", "records", "writes"), (method, path)
+    left = {(path, method) for path, methods in described["paths"].items() for method in methods}
+    for path, method in left:
+        effect = described["paths"][path][method]["x-effect"]
+        route = find(path).by(method.upper())
+        assert route is not None, (method, path)
+        assert effect == route.effect or route.effect == "declared", (method, path)
+    for route in ROUTES:
+        path = re.sub(r"<(?:path:)?(\w+)>", r"{\1}", route.pattern)
+        if isinstance(route.messages, Messages):
+            left.remove((path, route.methods[0].lower()))
+    assert {path.split("/")[1] for path, _ in left} == {"engine", "services", "api"}
+
+
+ROBOT, READER = ("robot", "nao-1", ()), ("reader", None, ())
+ENOUGH = {
+    "write": ROBOT,
+    "rules": ("robot", "nao-1", ("rules",)),
+    "schema": ("robot", "nao-1", ("schema",)),
+    "replicate": ("reader", None, ("replicate",)),
+    "token": READER,
+    "admin": ("admin", None, ()),
+    "monitor": ("admin", None, ()),
+}
+TOO_LITTLE = {"write": READER, "token": None, "monitor": READER}
+
+
+@pytest.fixture(scope="module")
+def bearers(site):
+    """Return the header of a caller with a role, a name and rights; one for each."""
+    tokens, made = site.application.context.tokens, {None: {}}
+
+    def header(who):
+        if who not in made:
+            role, agent, rights = who
+            secret, _ = tokens.create(role, agent=agent, rights=rights)
+            made[who] = {"authorization": f"Bearer {secret}"}
+        return made[who]
+
+    return header
+
+
+def _admits(site, route, method, who):
+    """Return whether a request has what its line of the table asks for."""
+    context = site.application.context
+    headers = {"host": "localhost", **who}
+    request = Request(method, example(route.pattern), "", headers, b"", _SITE)
+    try:
+        context.rights.require(route.right, request, context.auth.identify(request))
+    except (AuthenticationError, ForbiddenError):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("right", list(ENOUGH))
+def test_an_address_admits_who_has_the_right_and_refuses_who_has_not(site, bearers, right):
+    routes = [route for route in ROUTES if route.right == right]
+    assert routes
+    for route in routes:
+        for method in route.methods:
+            assert _admits(site, route, method, bearers(ENOUGH[right])), (method, route.pattern)
+            too_little = bearers(TOO_LITTLE.get(right, ROBOT))
+            assert not _admits(site, route, method, too_little), (method, route.pattern)
+
+
+def test_the_right_in_the_table_is_the_one_that_is_checked(site, bearers):
+    robot = bearers(ROBOT)
+    request = Request("GET", "/terms", "words=cup", {"host": "localhost", **robot}, b"", _SITE)
+    assert site.application.handle(request).status == 200
+    stricter = Match(tuple(replace(one, right="admin") for one in find("/terms").routes))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("endpoint.router.find", lambda address: stricter)
+        refused = site.application.handle(request)
+    assert (refused.status, b"scope admin" in refused.body) == (403, True)
+
+
+_GUARDED = [one for one in ROUTES if one.right in ENOUGH and one.lane != "stream"]
+
+
+@pytest.mark.parametrize("route", _GUARDED)
+def test_no_handler_is_reached_without_the_right(site, bearers, route):
+    who = bearers(TOO_LITTLE.get(route.right, ROBOT))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(site.router._handlers, route.handler, pytest.fail)
+        for method in route.methods:
+            headers = {"host": "localhost", **who}
+            request = Request(method, example(route.pattern), "", headers, b"", _SITE)
+            assert site.application.handle(request).status in (401, 403), (method, route.pattern)
 
 
 @pytest.mark.parametrize("route", [one for one in ROUTES if one.effect == "reads"])
@@ -241,6 +328,29 @@ def test_a_follower_carries_out_what_it_has_and_passes_the_rest_on(site):
         assert _is_for_writer(site, "/mcp/services", _called(*tools)) == is_passed_on, tools
     listed = b'{"id": 1, "method": "tools/list"}'
     assert not _is_for_writer(site, "/mcp/services", listed)
+
+
+def test_a_follower_that_derives_nothing_passes_on_what_the_reasoner_answers(site):
+    asks = [
+        ("GET", "/reasoner/rules", b"", {}),
+        ("POST", "/reasoner/entails", b"{}", _JSON),
+        ("POST", "/mcp", _called("explain"), _JSON),
+        ("POST", "/mcp", _called("search", "explain"), _JSON),
+    ]
+
+    def passed_on():
+        return [
+            site.router.is_for_writer(Request(method, path, "", headers, body), _ADMIN, path)
+            for method, path, body, headers in asks
+        ]
+
+    assert passed_on() == [False] * 4
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(site.kb), "reasons", False)
+        assert passed_on() == [True] * 4
+        assert not _is_for_writer(site, "/mcp", _called("search"))
+    for path in ("/proposals", "/proposals/1"):  # nobody but the writer has them
+        assert site.router.is_for_writer(Request("GET", path), _ADMIN, path)
 
 
 @pytest.mark.parametrize("path", ["/mcp", "/mcp/services"])

@@ -8,7 +8,8 @@ import flask
 
 from endpoint.pages.graph.workbench import samples
 from endpoint.pages.render import Model, context, knowledge_base, page
-from endpoint.sparql.questions import ADDRESS, select_within
+from endpoint.routes.addresses import ASK
+from endpoint.sparql.questions import select_within
 from rtask.asking.questions import Answer, answer
 from rtask.errors import UsageError
 from rtask.rdf.terms import NamedNode, Term, python_value
@@ -16,7 +17,7 @@ from rtask.rdf.terms import NamedNode, Term, python_value
 __all__ = ["ask"]
 
 
-@page(ADDRESS, "ask.html")
+@page(ASK, "ask.html")
 def ask() -> Model:
     """Return the answer to the question in the address, or the questions that can be asked."""
     text = flask.request.args.get("text", "").strip()

@@ -9,11 +9,11 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.api.reasoner import BUDGET, MAX_BUDGET
 from endpoint.http.messages import RefusedError
 from endpoint.pages.graph.naming import names_of
 from endpoint.pages.render import Model, blueprint, context, current_request, embedded_graph, page
 from endpoint.pages.signin import require_form
+from endpoint.routes.reasoning import BUDGET, MAX_BUDGET
 from reasoner import Proof, Refutation, Undecided
 from rtask.asking.decisions import Explanation
 from rtask.asking.decisions import explain as explained

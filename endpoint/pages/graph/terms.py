@@ -10,8 +10,9 @@ import flask
 import ontology
 from endpoint.http.messages import RefusedError
 from endpoint.pages.render import Model, context, knowledge_base, page
+from endpoint.routes.addresses import TERMS
 from endpoint.sparql.questions import select_within
-from endpoint.sparql.terms import ADDRESS, card_at
+from endpoint.sparql.terms import card_at
 from rtask.asking.cards import Card, list_terms
 from rtask.errors import UsageError
 from rtask.rdf.terms import prologue
@@ -21,7 +22,7 @@ __all__ = ["terms"]
 SHOWN = 100
 
 
-@page(ADDRESS, "terms.html", twin="/terms/card.json")  # the editor reads /terms.json
+@page(TERMS, "terms.html", twin="/terms/card.json")  # the editor reads /terms.json
 def terms() -> Model:
     """Return the card of the term in the address, or the terms that have its words."""
     name = flask.request.args.get("term", "").strip()

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from endpoint.access.auth import Caller
-from endpoint.api.services import JOBS
 from endpoint.pages.render import Model, context
 from endpoint.pages.services.composing import INPUT, Find, Json, is_reference, method_of
 from endpoint.pages.services.results import shown_answer
+from endpoint.routes.addresses import JOBS
 from rtask.errors import UnknownTermError
 from rtask.services.call import Invocation
 from rtask.services.definition import Definition

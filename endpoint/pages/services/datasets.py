@@ -11,11 +11,11 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import Caller
-from endpoint.api.datasets import ADDRESS
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.render import Model, application, blueprint, context, current_request, to_flask
 from endpoint.pages.signin import require_form
+from endpoint.routes.addresses import DATASETS
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import ConflictError, RtaskError, UnknownTermError, UsageError
 from rtask.services.datasets.store import Datasets
@@ -32,7 +32,7 @@ def readable_datasets() -> list[str]:
     return _datasets().names(_caller().access)
 
 
-@blueprint.route(ADDRESS, methods=["GET"])
+@blueprint.route(DATASETS, methods=["GET"])
 def datasets() -> str | WerkzeugResponse:
     """Show the datasets that the person may read; programs get their names as JSON."""
     if not prefers_html(current_request().header("accept")):
@@ -40,7 +40,7 @@ def datasets() -> str | WerkzeugResponse:
     return _listed({})
 
 
-@blueprint.route(ADDRESS, methods=["POST"])
+@blueprint.route(DATASETS, methods=["POST"])
 def datasets_sent() -> _Page:
     """Create a dataset, and show it."""
     form, caller = flask.request.form, require_form("write")
@@ -51,10 +51,10 @@ def datasets_sent() -> _Page:
     except RtaskError as error:
         return _listed(details_of(error)), details_of(error)["status"]
     context().audit.event("create dataset", by=caller.name, dataset=name)
-    return flask.redirect(f"{ADDRESS}/{name}", 303)
+    return flask.redirect(f"{DATASETS}/{name}", 303)
 
 
-@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["GET"])
+@blueprint.route(f"{DATASETS}/<namespace>/<name>", methods=["GET"])
 def dataset(namespace: str, name: str) -> str | WerkzeugResponse:
     """Show a version of a dataset; programs get it as JSON."""
     if not prefers_html(current_request().header("accept")):
@@ -62,7 +62,7 @@ def dataset(namespace: str, name: str) -> str | WerkzeugResponse:
     return _shown(f"{namespace}/{name}", {})
 
 
-@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["POST"])
+@blueprint.route(f"{DATASETS}/<namespace>/<name>", methods=["POST"])
 def dataset_sent(namespace: str, name: str) -> _Page:
     """Do with a dataset what a form asks for, and show what came of it or what was wrong."""
     form, caller = flask.request.form, require_form("write")
@@ -80,7 +80,7 @@ def dataset_sent(namespace: str, name: str) -> _Page:
             details["source"] = form.get("source", "")
         return _shown(plain, details), details["status"]
     context().audit.event(f"{action} dataset", by=caller.name, dataset=plain)
-    return flask.redirect(f"{ADDRESS}/{there}", 303)
+    return flask.redirect(f"{DATASETS}/{there}", 303)
 
 
 def _upload(name: str, caller: Caller) -> str:
@@ -153,7 +153,7 @@ def _shown(name: str, problem: Model) -> str:
     try:
         version = store.find(name, access)
     except UnknownTermError as error:
-        raise RefusedError(404, "not-found", f"{error}; see {ADDRESS}") from None
+        raise RefusedError(404, "not-found", f"{error}; see {DATASETS}") from None
     numbers = store.numbers(version.dataset)
     versions = [
         _facts(store.find(f"{version.dataset}@{number}", access).facts()) for number in numbers
@@ -181,7 +181,7 @@ def _shown(name: str, problem: Model) -> str:
 
 def _facts(dataset: Model) -> Model:
     """Return what a page shows of a version: its time in words, and where its files are."""
-    address = f"{ADDRESS}/{dataset['name']}"
+    address = f"{DATASETS}/{dataset['name']}"
     made = datetime.fromtimestamp(dataset["time"], UTC).isoformat() if dataset["time"] else ""
     files = {
         path: {"sha256": sha256, "bytes": size, "href": f"{address}/files/{quote(path)}"}

@@ -10,7 +10,7 @@ from werkzeug.datastructures import MultiDict
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import require_scope
-from endpoint.api.services import ADDRESS, DATA, JOBS
+from endpoint.api.services import DATA
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.operations import read_request
@@ -19,6 +19,7 @@ from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.services.results import shown_answer
 from endpoint.pages.services.snippets import snippets
 from endpoint.pages.signin import require_form
+from endpoint.routes.addresses import JOBS, SERVICES
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError, UnknownTermError
 from rtask.services.call import Invocation
@@ -39,7 +40,7 @@ _TOOLS = {
 _OWN = ("secret", "more", "job", _METHOD)
 
 
-@blueprint.route(ADDRESS, methods=["GET"])
+@blueprint.route(SERVICES, methods=["GET"])
 def services() -> str | WerkzeugResponse:
     """Show the services that are offered; programs get the list as JSON."""
     if not prefers_html(current_request().header("accept")):
@@ -47,7 +48,7 @@ def services() -> str | WerkzeugResponse:
     return flask.render_template("services.html", services=context().services.listing())
 
 
-@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["GET"])
+@blueprint.route(f"{SERVICES}/<namespace>/<name>", methods=["GET"])
 def service(namespace: str, name: str) -> str | WerkzeugResponse:
     """Show the forms of a service; programs get its description as JSON."""
     if not prefers_html(current_request().header("accept")):
@@ -60,7 +61,7 @@ def service(namespace: str, name: str) -> str | WerkzeugResponse:
     return _shown(definition, chosen or next(iter(definition.methods)), given)
 
 
-@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["POST"])
+@blueprint.route(f"{SERVICES}/<namespace>/<name>", methods=["POST"])
 def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugResponse:
     """Call the method that a form names, and show the answer or what was wrong at its field.
 
@@ -106,7 +107,7 @@ def _definition(name: str) -> Definition:
     try:
         return context().services.registry.find(name)
     except UnknownTermError as error:
-        raise RefusedError(404, "not-found", f"{error}; see {ADDRESS}") from None
+        raise RefusedError(404, "not-found", f"{error}; see {SERVICES}") from None
 
 
 def _datasets(form: Mapping[str, str]) -> dict[str, str]:

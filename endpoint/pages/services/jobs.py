@@ -7,12 +7,12 @@ from typing import Any
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.api.services import JOBS
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.render import application, blueprint, context, current_request, to_flask
 from endpoint.pages.services.results import shown_answer
 from endpoint.pages.signin import require_form
+from endpoint.routes.addresses import JOBS
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import UnknownTermError
 from rtask.services.jobs import ENDED, Job

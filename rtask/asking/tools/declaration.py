@@ -19,14 +19,14 @@ from rtask.asking.terms import Reader, reader_of
 from rtask.asking.tools.values import Terms
 from rtask.errors import UnsupportedError, UsageError
 from rtask.rdf.terms import RDF_TYPE, XSD, Literal, NamedNode, TripleKey, iri, stored
-from rtask.wire.effect import Effect
+from rtask.wire.effect import Effect, Source
 from rtask.wire.message import Answer, Message
 
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
 
-__all__ = ["Asked", "Engine", "Operation", "Paged", "PagedAnswer", "Tool", "Work", "tool"]
+__all__ = ["Asked", "Engine", "Operation", "Paged", "PagedAnswer", "Tool", "Work", "rest", "tool"]
 
 _PLAIN_NUMBERS = {XSD + "integer", XSD + "decimal"}
 _KEPT = ("type", "required", "minimum", "maximum", "maxItems")
@@ -174,6 +174,7 @@ class More(Answer):
 
     offset: int
     left: int
+    """at least so many"""
 
 
 class PagedAnswer(Answer):
@@ -181,6 +182,15 @@ class PagedAnswer(Answer):
 
     commit: int
     more: More = More(offset=0, left=0)
+
+
+def rest(offset: int, left: int) -> dict[str, Any]:
+    """Return the member that tells how to get ``left`` or more entries, which were left out.
+
+    >>> rest(50, 3), rest(50, 0)
+    ({'more': {'offset': 50, 'left': 3}}, {})
+    """
+    return {"more": {"offset": offset, "left": left}} if left > 0 else {}
 
 
 @dataclass(frozen=True)
@@ -205,6 +215,8 @@ class Tool(Generic[Q, A]):
         What a caller needs, and what a call does to the graph.
     operation
         Name of the operation that it carries out, whose scope and effect it has.
+    source
+        What its answer is made from.
     """
 
     name: str
@@ -217,6 +229,7 @@ class Tool(Generic[Q, A]):
     scope: str = "read"
     effect: Effect = "reads"
     operation: str = ""
+    source: Source = "graph"
 
     def description(self) -> str:
         """Return the sentence and the examples."""
@@ -241,6 +254,7 @@ def tool(
     scope: str = "read",
     effect: Effect = "reads",
     operation: str = "",
+    source: Source = "graph",
 ) -> Callable[[Callable[[Asked, Q], A]], Tool[Q, A]]:
     """Declare a handler ``(asked, request) -> answer`` as a tool of its name."""
 
@@ -249,8 +263,9 @@ def tool(
         request, answer = (hints[name] for name in ("request", "return"))
         name = getattr(handler, "__name__", "")
         return Tool(
-            name, sentence, examples, request, answer, handler, entries, scope, effect, operation
-        )
+            name, sentence, examples, request, answer, handler, entries, scope, effect, operation,
+            source,
+        )  # fmt: skip
 
     return declare
 

@@ -15,7 +15,7 @@ from rtask.asking.tools.proofs import explain, history
 from rtask.asking.tools.query import ask_sparql, check_sparql
 from rtask.asking.tools.questions import ask
 from rtask.errors import CancelledError, ForbiddenError, RtaskError, UnknownTermError
-from rtask.wire.effect import Effect
+from rtask.wire.effect import Effect, Source
 from rtask.wire.message import read
 
 if TYPE_CHECKING:
@@ -119,6 +119,11 @@ class Toolbox:
         """Return what a call by a name does to the graph; one that is refused does nothing."""
         tool = TOOLS.get(name) if isinstance(name, str) else None
         return "reads" if tool is None else self.effect(tool)
+
+    def source_of(self, name: object) -> Source:
+        """Return what the answer to a call by a name is made from."""
+        tool = TOOLS.get(name) if isinstance(name, str) else None
+        return "graph" if tool is None else tool.source
 
     def call(
         self, name: str, args: Mapping[str, Any], access: Access, site: str, work: Work

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
-from rtask.cli.connection import base_of, open_graph, open_to_change
+from rtask.cli.connection import connection, open_to_change, open_to_read
 from rtask.cli.options import (
     agent_option,
     announce_undo,
@@ -17,9 +17,8 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.errors import UsageError
-
-if TYPE_CHECKING:
-    from rtask.tasks import TaskPlan
+from rtask.rdf.terms import moment
+from rtask.tasks.storing import Order
 
 __all__ = ["plan"]
 
@@ -35,6 +34,11 @@ __all__ = ["plan"]
 )  # fmt: skip
 @click.option("--because", is_flag=True, help="Print why each precondition of each step holds.")
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
+@click.option(
+    "--priority", type=click.IntRange(-100, 100), default=0, show_default=True,
+    help="With --store: plans with a greater one are begun first.",
+)  # fmt: skip
+@click.option("--deadline", metavar="TIME", help="With --store: no step is begun later, ISO 8601.")
 @click.option("--pddl", is_flag=True, help="Print domain and problem for other planners.")
 @click.option("--behaviour-tree", is_flag=True, help="Print the XML of BehaviorTree.CPP 4.")
 @json_option
@@ -46,6 +50,8 @@ def plan(
     assume_reach: bool,
     because: bool,
     store: bool,
+    priority: int,
+    deadline: str | None,
     pddl: bool,
     behaviour_tree: bool,
     as_json: bool,
@@ -55,7 +61,6 @@ def plan(
     A goal is a sentence, a graph pattern "?x rt:locatedOn IRI WHERE { ... }", or JSON. Exit code 1
     if it cannot be reached; the answer then says what each robot lacks.
     """
-    goal = " ".join(words)
     forms = [
         name
         for name, chosen in (("json", as_json), ("pddl", pddl), ("tree", behaviour_tree))
@@ -64,50 +69,78 @@ def plan(
     if len(forms) > 1:
         raise UsageError("give one of --json, --pddl and --behaviour-tree")
     form = forms[0] if forms else "words"
-    if store and server:
-        raise UsageError("--store writes to a folder, not to a server")
-    if store:
-        with open_to_change(data) as kb:
-            result = kb.tasks.plan(goal, assume_reach=assume_reach)
-            _show(result, form, because)
-            if result.steps:
-                click.echo(f"stored as {kb.tasks.store(result, agent)}", err=True)
-                announce_undo("undo", str(kb.seq))
+    goal = {"goal": " ".join(words), "assume_reach": assume_reach}
+    if (priority or deadline) and not store:
+        raise UsageError("--priority and --deadline are for --store")
+    due = None if deadline is None else moment(deadline)
+    order = Order(priority, due) if store else None
+    if server:
+        result = _plan_there(goal, server, agent, order, form)
     else:
-        from rtask.tasks.tasks import plan_on
-
-        with open_graph(data, server) as graph:
-            result = plan_on(graph, base_of(graph), goal, assume_reach=assume_reach)
-        _show(result, form, because)
-    if not result.is_complete:
+        result = _plan_here(goal, data, agent, order, form)
+    _show(result, form, because)
+    if "task" in result:
+        click.echo(f"stored as {result['task']}", err=True)
+        announce_undo("undo", result["commit"])
+    if not result["complete"]:
         raise SystemExit(1)
 
 
-def _show(result: TaskPlan, form: str, because: bool) -> None:
-    if form == "json":
-        print_json(result.to_dict())
-    elif form == "pddl":
-        click.echo(result.domain + result.problem, nl=False)
-    elif form == "tree":
-        from rtask.tasks.behaviour_tree import behaviour_tree
+def _plan_here(
+    goal: dict[str, Any], data: Path, agent: str | None, order: Order | None, form: str
+) -> dict[str, Any]:
+    """Return the plan of a folder as the operation answers it; with an order, store its steps."""
+    from rtask.engine.operations.tasks.plan import answer_of
 
-        click.echo(behaviour_tree(result), nl=False)
+    with open_to_change(data) if order else open_to_read(data) as kb:
+        plan = kb.tasks.plan(goal["goal"], assume_reach=goal["assume_reach"])
+        answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
+        if order and plan.steps:
+            task = kb.tasks.store(plan, agent, order)
+            answer |= {"task": task, "commit": str(kb.seq)}
+    return answer
+
+
+def _plan_there(
+    goal: dict[str, Any], server: str, agent: str | None, order: Order | None, form: str
+) -> dict[str, Any]:
+    """Return the plan of a server; with an order, store that very plan."""
+    with connection(Path(), server) as client:
+        wanted = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
+        answer = dict(client.call("plan_goal", **goal, **wanted))
+        if order and answer["steps"]:
+            due = None if order.deadline is None else order.deadline.timestamp()
+            stored = client.call(
+                "store_plan", **goal, digest=answer["digest"], agent=agent,
+                priority=order.priority, deadline=due,
+            )  # fmt: skip
+            answer |= {"task": stored["task"], "commit": stored["commit"]}
+    return answer
+
+
+def _show(result: dict[str, Any], form: str, because: bool) -> None:
+    if form == "json":
+        print_json(result)
+    elif form == "pddl":
+        click.echo(result["domain"] + result["problem"], nl=False)
+    elif form == "tree":
+        click.echo(result["behaviour_tree"], nl=False)
     else:
-        click.echo(result.text)
+        click.echo(result["text"])
         if because:
             _show_supports(result)
 
 
-def _show_supports(result: TaskPlan) -> None:
-    for step in result.steps:
-        click.echo(f"\n{step.number}. {step.text}, because")
-        for item in step.supports:
-            if item.step is not None:
-                why = f"after step {item.step}"
-            elif item.is_assumed:
+def _show_supports(result: dict[str, Any]) -> None:
+    for step in result["steps"]:
+        click.echo(f"\n{step['step']}. {step['text']}, because")
+        for item in step["because"]:
+            if item["step"] is not None:
+                why = f"after step {item['step']}"
+            elif item["assumed"]:
                 why = "assumed"
-            elif item.statement is not None:
-                why = "rtask explain " + " ".join(f"'<{part}>'" for part in item.statement)
+            elif item["statement"] is not None:
+                why = "rtask explain " + " ".join(f"'<{part}>'" for part in item["statement"])
             else:
                 why = "as nothing says otherwise"
-            click.echo(f"   {item.text}  ({why})")
+            click.echo(f"   {item['text']}  ({why})")

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
+from rtask.errors import TooLargeError
 from rtask.tasks.planning.problem import Action, Atom, Problem, Step
 
-__all__ = ["bindings", "ground", "instantiate", "unchanging_facts"]
+__all__ = ["MAX_STEPS", "bindings", "ground", "instantiate", "unchanging_facts"]
+
+MAX_STEPS = 500_000
+"""Most steps of one action that are possible at all."""
 
 
 def ground(problem: Problem) -> tuple[Step, ...]:
@@ -50,19 +54,32 @@ def bindings(
     objects: Mapping[str, Sequence[str]], action: Action, conditions: Sequence[Atom],
     facts: Mapping[str, Sequence[Atom]],
 ) -> Iterator[dict[str, str]]:  # fmt: skip
-    """Yield the arguments of an action under which conditions hold, objects of the right types."""
+    """Yield the arguments of an action under which conditions hold, objects of the right types.
+
+    Raises
+    ------
+    TooLargeError
+        There are more than :data:`MAX_STEPS`.
+    """
     types = {parameter.name: set(objects.get(parameter.type, ()))
              for parameter in action.parameters}  # fmt: skip
     rows: list[dict[str, str]] = [{}]
     for condition in conditions:
         rows = _join(rows, condition, facts.get(condition[0], ()), types)
+        _require_few(action, rows)
     for parameter in action.parameters:
         rows = [
             row if parameter.name in row else {**row, parameter.name: value}
             for row in rows
             for value in (("",) if parameter.name in row else objects.get(parameter.type, ()))
         ]
+        _require_few(action, rows)
     yield from rows
+
+
+def _require_few(action: Action, rows: Sequence[dict[str, str]]) -> None:
+    if len(rows) > MAX_STEPS:
+        raise TooLargeError(f"more than {MAX_STEPS} steps of {action.name} are possible")
 
 
 def _join(

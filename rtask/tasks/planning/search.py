@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rtask.errors import SearchLimit
@@ -67,28 +67,38 @@ class _Numbering(dict[Atom, int]):
         return bits
 
 
-def find_plan(problem: Problem, *, max_states: int = 200_000) -> Plan | None:
+def find_plan(
+    problem: Problem,
+    *,
+    max_states: int = 200_000,
+    require_time: Callable[[], None] = lambda: None,
+) -> Plan | None:
     """Return a plan, or None if none exists.
+
+    Parameters
+    ----------
+    require_time
+        Called at each state; raises once the time is up.
 
     Raises
     ------
     SearchLimit
         More than ``max_states`` states were looked at.
     """
-    return _Search(problem, max_states).run()
+    return _Search(problem, max_states, require_time).run()
 
 
 def goal_costs(problem: Problem) -> list[float | None]:
     """Return the cost of each goal by itself if no step undid anything; None if out of reach."""
-    search = _Search(problem, 0)
+    search = _Search(problem, 0, lambda: None)
     return search.costs()
 
 
 class _Search:
     """One search: its operators, and how many states it may still look at."""
 
-    def __init__(self, problem: Problem, max_states: int) -> None:
-        self.left = max_states
+    def __init__(self, problem: Problem, max_states: int, require_time: Callable[[], None]) -> None:
+        self.left, self.require_time = max_states, require_time
         fluents, self.numbers = problem.fluents, _Numbering()
         self.goals = [
             tuple(self.numbers[atom] for atom in dict.fromkeys(goal))
@@ -181,6 +191,7 @@ class _Search:
             self.left -= 1
             if self.left < 0:
                 raise SearchLimit("the search looked at as many states as it may")
+            self.require_time()
             for operator in operators:
                 if state & operator.needs != operator.needs:
                     continue

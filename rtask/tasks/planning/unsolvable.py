@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rtask.tasks.planning.grounding import bindings, ground, instantiate, unchanging_facts
@@ -29,7 +29,11 @@ class Obstacle:
     """Steps that would become possible, of which each lacks a missing fact."""
 
 
-def explain_unsolvable(problem: Problem, mendable: Mapping[str, float]) -> tuple[Obstacle, ...]:
+def explain_unsolvable(
+    problem: Problem,
+    mendable: Mapping[str, float],
+    require_time: Callable[[], None] = lambda: None,
+) -> tuple[Obstacle, ...]:
     """Return the goals that are out of reach even if nothing were ever deleted.
 
     Parameters
@@ -37,11 +41,15 @@ def explain_unsolvable(problem: Problem, mendable: Mapping[str, float]) -> tuple
     mendable
         Predicates whose facts could be made true, and how dear one such fact is: a capability, a
         reach, an opening. Facts that steps change are never assumed.
+    require_time
+        Called before each goal; raises once the time is up.
     """
-    reachable = _reachable(problem)
-    return tuple(
-        _obstacle(problem, goal, mendable) for goal in problem.goals if reachable.isdisjoint(goal)
-    )
+    reachable, obstacles = _reachable(problem), []
+    for goal in problem.goals:
+        require_time()
+        if reachable.isdisjoint(goal):
+            obstacles.append(_obstacle(problem, goal, mendable))
+    return tuple(obstacles)
 
 
 def _reachable(problem: Problem) -> set[Atom]:

@@ -7,7 +7,9 @@ from contextlib import closing
 
 import pytest
 
+import rtask
 from endpoint.access.auth import Authenticator, plan_ticket
+from endpoint.access.rights import Rights
 from endpoint.access.sessions import Tickets
 from endpoint.access.tokens import TokenStore
 from endpoint.http.messages import Request
@@ -51,15 +53,20 @@ def test_a_ticket_is_worth_what_its_token_is(tokens: TokenStore) -> None:
 
 
 def test_a_page_from_elsewhere_gets_none_by_a_cookie(tokens: TokenStore) -> None:
-    auth = Authenticator(tokens, Config(host="0.0.0.0"))
+    config = Config(host="0.0.0.0")
+    auth = Authenticator(tokens, config)
     _, token = tokens.create("teacher", agent="ann")
     cookie = {"host": "lab:1", "cookie": f"rtask_session={auth.sessions.begin(token.id)}"}
 
     def ask(origin: str) -> int:
         headers = {**cookie, "origin": origin}
         request = Request("POST", "/tokens/ticket", "", headers, b"", "http://lab:1", "x")
-        return plan_ticket(auth, request, auth.identify(request)).run().status
+        caller = auth.identify(request)
+        rights.require("token", request, caller)
+        return plan_ticket(auth, caller).run().status
 
-    assert ask("http://lab:1") == 201
-    with pytest.raises(ForbiddenError):
-        ask("https://evil.example")
+    with rtask.open(":memory:", ontologies=False) as kb:
+        rights = Rights(auth, kb, config)
+        assert ask("http://lab:1") == 201
+        with pytest.raises(ForbiddenError):
+            ask("https://evil.example")

@@ -9,17 +9,14 @@ import httpx
 import pytest
 
 import rtask
-from endpoint.access.auth import Caller
 from endpoint.access.tokens import TokenStore
 from endpoint.follow.asked_records import plan_asked_records, store_waiting
 from endpoint.follow.record_spool import FILE, RecordSpool
 from endpoint.http.messages import Request
 from rtask.engine import Engine
-from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 
 NAO = Access("nao-1", "robot")
-FOLLOWER = Caller(Access(None, "reader", frozenset({"replicate"})))
 
 
 def decision(number):
@@ -77,11 +74,11 @@ def engine():
         yield made
 
 
-def post(engine, tokens, records, caller=FOLLOWER):
+def post(engine, tokens, records):
     body = json.dumps({"records": records}).encode()
     headers = {"content-type": "application/json"}
     request = Request("POST", "/replicate/asked", "", headers, body, "", "")
-    return json.loads(plan_asked_records(engine, tokens, request, caller).run().body)
+    return json.loads(plan_asked_records(engine, tokens, request).run().body)
 
 
 def entry(number, agent="nao-1", role="robot"):
@@ -99,11 +96,6 @@ def test_a_writer_takes_records_and_names_those_that_it_refuses(engine):
     assert [one["id"] for one in answer["refused"]] == ["2", "3", "4"]
     assert engine.context.decisions.get("t-1").seed == 1
     assert engine.context.decisions.get("t-2") is None, "its robot's token was revoked"
-
-
-def test_only_a_follower_passes_records_on(engine):
-    with pytest.raises(ForbiddenError, match="replicate"):
-        post(engine, TokenStore(None), [], Caller(NAO))
 
 
 def test_what_waits_in_the_folder_of_a_promoted_follower_is_stored_once(tmp_path):

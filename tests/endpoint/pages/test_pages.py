@@ -114,6 +114,7 @@ PAGES = [
     "/ask?text=which+mugs+are+there",
     "/terms",
     "/terms?term=Mug",
+    "/plan",
     "/terms?term=rt:mass",
     "/resource?iri=urn:lab/object/1",
     "/resource?iri=urn:lab/robot/nao-1",

@@ -9,8 +9,17 @@ import pytest
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.table import OPERATIONS
 from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PREFIXES
 
 TEACHER = Access("ada", "teacher")
+REACHED = f"""{PREFIXES}
+INSERT DATA {{
+  <urn:arm> a cora:Robot ; rt:name "arm" ; rt:hasEndEffector <urn:hand> ; rt:reaches <urn:shelf> ;
+    rt:canGrasp <urn:cup> .
+  <urn:hand> a rt:EndEffector ; rt:providesCapability rt:grasping .
+  <urn:cup> a rt:Exemplar ; rt:locatedOn <urn:shelf> . <urn:shelf> a sumo:Object .
+}}"""
+"""What a reasoner would derive of a cup on a shelf is stated here, for the store has none."""
 
 
 @pytest.fixture
@@ -31,7 +40,7 @@ def spied(kb, engine):
     return call, calls, commits
 
 
-def test_what_reads_commits_nothing_and_what_records_or_writes_commits(spied, bench):
+def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied, bench):
     call, calls, commits = spied
     nao, pepper = Access("nao-1", "robot"), Access("pepper", "robot")
     for robot in (nao, pepper):
@@ -69,6 +78,16 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(spied, be
     call("curate_object", TEACHER, operation="forget", object=thing)
     call("compare_contributors", TEACHER)
     call("withdraw_contributor", TEACHER, contributor="nao-1")
+    kb.update(REACHED)
+    goal = {"goal": "<urn:cup> rt:locatedOn <urn:hand>"}
+    plan = call("store_plan", TEACHER, **goal, digest=call("plan_goal", nao, **goal)["digest"])
+    owner = {"robot": "urn:arm"}
+    step = call("claim_step", Access(), **owner)
+    call("end_step", Access(), task=step["task"], result="released", **owner)
+    assert call("list_plans", nao)["plans"][0]["state"] == "waiting"
+    call("state_place", TEACHER, thing="urn:cup", lost=True)
+    call("state_place", TEACHER, thing="urn:cup", place="urn:shelf")
+    call("cancel_plan", TEACHER, plan=plan["task"], reason="enough")
     assert set(calls) == set(OPERATIONS), "an operation is not watched; call it here"
     for name, one in OPERATIONS.items():
         assert bool(commits[name]) == (one.effect != "reads"), f"{name} declares {one.effect}"

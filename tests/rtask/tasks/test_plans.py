@@ -39,6 +39,14 @@ def test_a_thing_goes_by_the_table_that_both_robots_reach(kb):
     assert "panda-1 picks red cup up from right box" in plan.text
 
 
+def test_hands_that_meet_give_a_thing_on_without_a_place():
+    with kb_of(f"<{NAO}> rt:meets <{PANDA}>") as graph:
+        plan = graph.tasks.plan("every cup into the left box")
+    assert [local_name(step.action) for step in plan.steps] == ["Grasp", "HandOver", "Place"]
+    assert plan.steps[1].robots == (NAO, PANDA)
+    assert plan.steps[2].start_s == plan.steps[1].start_s + plan.steps[1].duration_s
+
+
 @pytest.mark.parametrize(
     ("goal", "things"),
     [

@@ -1,0 +1,1 @@
+"""Operations about what robots are to do."""

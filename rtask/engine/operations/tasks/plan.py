@@ -1,0 +1,271 @@
+"""Plans for goals: what robots would do, why it is possible, and storing it for them."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Le, MaxLen, MinLen
+
+from rtask.engine.operations.operation import operation
+from rtask.errors import BusyError, ConflictError, ForbiddenError, UnknownTermError
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import iri
+from rtask.tasks import Tasks, storing
+from rtask.tasks.behaviour_tree import behaviour_tree
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Iri, Json, Stamp, Text, Whole
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+    from rtask.tasks import PlannedStep, TaskPlan
+
+__all__ = [
+    "GoalPlan",
+    "PlanGoal",
+    "StorePlan",
+    "StoredPlan",
+    "answer_of",
+    "plan_goal",
+    "store_plan",
+]
+
+_MAX_CHARS = 20_000
+_LATEST_S = 253_402_300_799
+"""End of the year 9999, s since the epoch."""
+_PATIENCE_S = 10.0
+"""How long a plan waits until the ones before it are made."""
+Goal = Annotated[Text, MinLen(1), MaxLen(_MAX_CHARS)]
+
+
+class PlanGoal(Message):
+    """A goal that a plan is sought for."""
+
+    goal: Goal
+    """words such as "every cup into the left box", PATTERN WHERE { SPARQL }, or JSON"""
+    assume_reach: Flag = False
+    """plan as if robots reached places of which that is not known, and say so"""
+    pddl: Flag = False
+    """also answer domain and problem for other planners"""
+    behaviour_tree: Flag = False
+    """also answer XML of BehaviorTree.CPP 4"""
+
+
+class StorePlan(Message):
+    """A goal whose plan is to be stored."""
+
+    goal: Goal
+    """the goal, as for plan_goal"""
+    assume_reach: Flag = False
+    """as for plan_goal"""
+    digest: Text | None = None
+    """digest of the plan that was agreed to: another one is not stored; default: any"""
+    agent: Text | None = None
+    """in whose name; default: the caller"""
+    priority: Annotated[Whole, Ge(-100), Le(100)] = 0
+    """plans with a greater one are begun first"""
+    deadline: Stamp | None = None
+    """no step is begun later; default: none"""
+    replaces: Iri | None = None
+    """IRI of an earlier plan for the goal, of which nothing more is begun; default: none"""
+
+
+class PlanReason(Answer):
+    """Why a precondition of a step holds when its turn comes."""
+
+    text: str
+    """the precondition"""
+    step: int | None
+    """number of the step that makes it true; null if it holds before the plan"""
+    assumed: bool
+    """whether nobody has stated it"""
+    statement: list[str] | None
+    """subject, predicate, object: IRIs to be explained; null for what is no single statement"""
+
+
+class PlanStep(Answer):
+    """One task of a plan."""
+
+    step: int
+    """from 1"""
+    action: str
+    """IRI of its class"""
+    arguments: Json
+    """IRIs by parameter"""
+    robots: list[str]
+    """IRIs of those who do it"""
+    text: str
+    duration_s: float
+    """as expected"""
+    start_s: float
+    """when it can begin if robots work at the same time"""
+    chance: float
+    """expected chance of success"""
+    successes: int
+    """of outcomes of this kind of hand with this product"""
+    attempts: int
+    after: list[int]
+    """steps that must have ended before"""
+    because: list[PlanReason]
+
+
+class PlanRefusal(Answer):
+    """Why one goal is out of reach."""
+
+    goal: str
+    text: str
+    missing: list[list[str]]
+    """statements under which it could be reached: the cheapest; may be empty"""
+    by_robot: Json
+    """what each robot alone would need, by its IRI"""
+
+
+class GoalPlan(Answer):
+    """A plan, or the reasons why there is none."""
+
+    goal: str
+    understood: list[str]
+    """the goals that were read in it"""
+    sparql: list[str]
+    """for each, the query for what it is about"""
+    complete: bool
+    """whether the plan reaches the goal; without steps: it holds already"""
+    steps: list[PlanStep]
+    refusals: list[PlanRefusal]
+    assumptions: list[str]
+    names: Json
+    """names of the IRIs"""
+    duration_s: float
+    chance: float
+    """that all steps succeed at once"""
+    digest: str
+    """of the steps, for store_plan"""
+    text: str
+    """all of it in words"""
+    domain: str = ""
+    """PDDL"""
+    problem: str = ""
+    """PDDL"""
+    behaviour_tree: str = ""
+    """XML"""
+
+
+class StoredPlan(GoalPlan):
+    """A plan, and where it is stored."""
+
+    task: str
+    """IRI of the task whose sub-tasks are the steps"""
+    commit: str
+    """which can be undone"""
+
+
+@operation("read", "reads", "plan what robots do for a goal, or say why none can reach it")
+def plan_goal(context: Context, request: PlanGoal, access: Access) -> GoalPlan:
+    """Return a plan from what the caller may read; nothing is stored."""
+    plan = _plan(context, request.goal, access, request.assume_reach)
+    return answer_of(plan, pddl=request.pddl, tree=request.behaviour_tree)
+
+
+@operation("write", "writes", "store the plan for a goal, so that robots can carry it out")
+def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPlan:
+    """Plan again and store that, so that nothing is stored that the graph does not support.
+
+    Raises
+    ------
+    ConflictError
+        What robots can do or where things are has changed since the digest was answered.
+    ForbiddenError
+        A robot plans what another one is to do.
+    """
+    author = context.author(access, request.agent, "teacher")
+    plan = _plan(context, request.goal, access, request.assume_reach)
+    if request.digest is not None and request.digest != plan.digest:
+        raise ConflictError("the graph has changed since, and the plan with it: plan again")
+    if author.role == "robot":
+        _require_own(context, plan, author)
+    with context.writing:
+        task, commit = storing.store_plan(
+            context.kb, plan, access=author, order=_order(context, request, author)
+        )
+    return StoredPlan(
+        **_fields(plan, pddl=False, tree=False), task=task, commit=context.commit_id(commit)
+    )
+
+
+def _order(context: Context, request: StorePlan, author: Access) -> storing.Order:
+    """Return how urgent the plan is, and what it replaces.
+
+    Raises
+    ------
+    UnknownTermError
+        There is no plan to be replaced.
+    ForbiddenError
+        A robot replaces the plan of somebody else.
+    """
+    earlier = "" if request.replaces is None else str(request.replaces)
+    if earlier:
+        if not context.kb.match(iri(earlier), RDF.type, RT.TaskPlan):
+            raise UnknownTermError(f"replaces: there is no plan {earlier}", field="replaces")
+        home = context.home_graph(author)
+        if author.role == "robot" and not context.kb.match(
+            iri(earlier), RDF.type, RT.TaskPlan, home
+        ):
+            raise ForbiddenError(f"{author.agent} may replace plans of its own alone")
+    deadline = None
+    if request.deadline is not None:
+        latest_s = min(max(request.deadline, 0.0), _LATEST_S)
+        deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
+    return storing.Order(request.priority, deadline, earlier)
+
+
+def _plan(context: Context, goal: str, access: Access, assume_reach: bool) -> TaskPlan:
+    """Plan, one at a time: a search takes a processor for itself.
+
+    Raises
+    ------
+    BusyError
+        Others plan.
+    """
+    if not context.planning.acquire(timeout=_PATIENCE_S):
+        raise BusyError("other plans are being made; try again", retry_after_s=_PATIENCE_S)
+    try:
+        return Tasks(context.kb).plan(goal, assume_reach=assume_reach, access=access)
+    finally:
+        context.planning.release()
+
+
+def _require_own(context: Context, plan: TaskPlan, author: Access) -> None:
+    own = context.agent_iri(author).value
+    others = {robot for step in plan.steps for robot in step.robots} - {own}
+    if others:
+        names = ", ".join(sorted(plan.names.get(robot, robot) for robot in others))
+        raise ForbiddenError(
+            f"{author.agent} plans for itself alone, and the plan needs {names}: a person may "
+            "store it"
+        )
+
+
+def answer_of(plan: TaskPlan, *, pddl: bool = False, tree: bool = False) -> GoalPlan:
+    """Return a plan as the operation answers it."""
+    return GoalPlan(**_fields(plan, pddl=pddl, tree=tree))
+
+
+def _fields(plan: TaskPlan, *, pddl: bool, tree: bool) -> dict[str, Any]:
+    fields = {
+        **plan.to_dict(),
+        "steps": [_step(step) for step in plan.steps],
+        "refusals": [PlanRefusal(**item.to_dict()) for item in plan.refusals],
+        "digest": plan.digest,
+        "text": plan.text,
+    }
+    if pddl:
+        fields |= {"domain": plan.domain, "problem": plan.problem}
+    if tree:
+        fields["behaviour_tree"] = behaviour_tree(plan)
+    return fields
+
+
+def _step(step: PlannedStep) -> PlanStep:
+    fields = step.to_dict()
+    return PlanStep(**{**fields, "because": [PlanReason(**item) for item in fields["because"]]})
