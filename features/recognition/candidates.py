@@ -21,7 +21,7 @@ from features.recognition.rigid import fit_rigid
 from features.recognition.verify import VerifyParams, count_places, fit_affine
 from features.recognition.views.view import ViewFeatures
 
-__all__ = ["RecogniserParams", "VerifiedView", "verified_views"]
+__all__ = ["RecogniserParams", "VerifiedView", "untried_views", "verified_views"]
 
 _CLEAR_LEAD = 2.0
 """So many times the places of the next object leave no doubt."""
@@ -133,6 +133,28 @@ def verified_views(
     return _best_of_each(fits + search.twins(matches))
 
 
+def untried_views(
+    features: ViewFeatures,
+    snapshot: Snapshot,
+    similarity: NDArray[np.float32],
+    params: RecogniserParams,
+    matches: Matches,
+    fits: list[VerifiedView],
+) -> int:
+    """Return how many views had votes enough and were not verified, for want of a settled answer.
+
+    Parameters are those of :func:`verified_views`, and what it returned.
+    """
+    search = _Search(features, snapshot, similarity, params)
+    if search.is_settled(fits):
+        return 0
+    votes = search.votes(matches)
+    order = np.argsort(-votes, kind="stable")[params.max_views :]
+    voted = order[votes[order] >= params.min_votes]
+    alike = np.argsort(-similarity, kind="stable")[: params.appearance_views]
+    return int(np.count_nonzero(~np.isin(voted, alike)))
+
+
 def _best_of_each(fits: list[VerifiedView]) -> list[VerifiedView]:
     """Return one fit of each view; that as a twin only where it explains far more."""
     best: dict[int, VerifiedView] = {}
@@ -161,10 +183,15 @@ class _Search:
         best, next_best = sorted([*places.values(), 0, 0], reverse=True)[:2]
         return best >= self.params.enough_inliers and best >= _CLEAR_LEAD * next_best
 
+    def votes(self, matches: Matches) -> NDArray[np.intp]:
+        """Return the votes of descriptors for each view."""
+        good = self._is_good(matches.nearest, matches.rival)
+        return np.bincount(matches.view[good], minlength=len(self.snapshot.alive))
+
     def by_votes(self, matches: Matches) -> list[VerifiedView]:
         """Verify the views that got most votes."""
         good = self._is_good(matches.nearest, matches.rival)
-        votes = np.bincount(matches.view[good], minlength=len(self.snapshot.alive))
+        votes = self.votes(matches)
         order = np.argsort(-votes, kind="stable")[: self.params.max_views]
         fits = []
         for view in order[votes[order] >= self.params.min_votes].tolist():

@@ -103,8 +103,9 @@ def fuse(
         fused.append(replace(shown, confidence=_share(mean)))
     fused.sort(key=lambda match: (-match.confidence, match.object_iri))
     constants = confidence or ConfidenceParams()
+    untried = min(look.views_untried for look in looks)
     if len(fused) == 0:
-        return Recognition("null", False)
+        return Recognition("null", False, views_untried=untried)
     first = fused[0].object_iri
     votes = sum(look.accepts(first) for look in looks)
     least = params.min_confidence if min_confidence is None else min_confidence
@@ -119,6 +120,7 @@ def fuse(
         tuple(fused),
         family="" if accepted else family,
         ask_again=not accepted and fused[0].confidence >= constants.undecided_from,
+        views_untried=0 if accepted else untried,
     )
 
 

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
-from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
+from features.recognition.candidates import (
+    RecogniserParams,
+    VerifiedView,
+    untried_views,
+    verified_views,
+)
 from features.recognition.comparison.all_views import agreement_of_views, odds_of_views
 from features.recognition.comparison.confidence import within_requirements
 from features.recognition.comparison.evidence import Difference
@@ -105,6 +110,9 @@ class Recognition:
         none. The first match's ``difference`` says where.
     ask_again
         Another view may decide: nothing is accepted, and the first match is not unlikely.
+    views_untried
+        Stored views that share some print with this one and were not compared, because others share
+        more: where nothing is accepted, that it is none of theirs is not decided.
     """
 
     outcome: Literal["null", "single", "multiple"]
@@ -112,6 +120,7 @@ class Recognition:
     matches: tuple[Match, ...] = ()
     family: str = ""
     ask_again: bool = False
+    views_untried: int = 0
 
     def accepts(self, object_iri: str) -> bool:
         """Tell whether the answer is that object."""
@@ -167,7 +176,7 @@ class Recogniser:
         constants = self.params.confidence
         least = constants.threshold if min_confidence is None else min_confidence
         snapshot = self.index.snapshot()
-        candidates = self.gather(features, snapshot)
+        candidates, untried = self._gathered(features, snapshot)
         evidence = [c.evidence for c in candidates]
         confidence = confidences(evidence, constants)
         order = np.argsort(-confidence, kind="stable")
@@ -188,6 +197,7 @@ class Recogniser:
         return Recognition(
             outcome, accepted, tuple(matches), family,
             ask_again=not accepted and first >= constants.undecided_from,
+            views_untried=0 if accepted else untried,
         )  # fmt: skip
 
     def prepare(self, view_iris: Collection[str]) -> None:
@@ -256,11 +266,16 @@ class Recogniser:
 
     def gather(self, features: ViewFeatures, snapshot: Snapshot) -> list[Candidate]:
         """Return the three objects of most inliers and the three of most similar look."""
+        return self._gathered(features, snapshot)[0]
+
+    def _gathered(self, features: ViewFeatures, snapshot: Snapshot) -> tuple[list[Candidate], int]:
+        """Return the candidates, and how many views with votes enough were not compared."""
         if not snapshot.alive.any():
-            return []
+            return [], 0
         similarity = snapshot.appearance(features.appearance)
         matches = snapshot.match(features.descriptors)
         fits = verified_views(features, snapshot, similarity, self.params, matches)
+        untried = untried_views(features, snapshot, similarity, self.params, matches, fits)
         ranking = Ranking(features, snapshot, similarity, fits, self.params)
         first = ranking.first()
         printed = self._printed(features, snapshot, matches, fits, first)
@@ -268,8 +283,8 @@ class Recogniser:
             ranking.candidate(number, printed.get(number)) for number in chosen(first, printed)
         ]
         if features.is_mask_guessed:
-            return [self._by_all_views(features, snapshot, number) for number in objects]
-        return objects
+            objects = [self._by_all_views(features, snapshot, number) for number in objects]
+        return objects, untried
 
     def _by_all_views(
         self, features: ViewFeatures, snapshot: Snapshot, candidate: Candidate

@@ -21,6 +21,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.cli.progress import Working
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -33,8 +34,9 @@ _TRIPLES = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
 @click.command()
 @data_option
 @server_option
+@listing_option
 @json_option
-def stats(data: Path, server: str | None, as_json: bool) -> None:
+def stats(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Count triples, graphs and commits."""
     with Working("counting"):
         if server:
@@ -42,6 +44,8 @@ def stats(data: Path, server: str | None, as_json: bool) -> None:
         else:
             with open_to_read(data) as kb:
                 statistics = kb.stats()
+    sizes = shown_rows(list(statistics["graphs"].items()), limit, as_json, what="graphs")
+    statistics["graphs"] = dict(sizes)
     if as_json:
         print_json(statistics)
         return
@@ -102,6 +106,10 @@ def history(
         entries = kb.history(
             about, graph=within, agent=agent, since=since, upto=upto, start=start, end=end
         )
+        kept_from = kb.feed.oldest_retained()
+    if since + 1 < kept_from:
+        gone = f"commits {since + 1} to {kept_from - 1} are no longer kept"
+        click.echo(f"{gone}: what they changed is not known", err=True)
     entries = shown_rows(entries, limit, as_json, newest=True)
     if as_json:
         print_json([_entry_row(entry, statements) for entry in entries])
@@ -169,6 +177,7 @@ def export(
     if original and (len(graphs) != 1 or target == "-"):
         raise UsageError("--original needs one --graph and a TARGET file")
     form = form or ("trig" if target == "-" else None)
+    graphs = tuple(name_or_iri(graph, data, server) for graph in graphs)
     with Working("exporting"):
         if server:
             if original or inferred:

@@ -14,10 +14,13 @@ __all__ = [
     "REQUEST_IDS",
     "Calls",
     "Camera",
+    "CancelledPlan",
+    "ClaimedStep",
     "ComparedContributors",
     "Contributor",
     "Curated",
     "EndEffector",
+    "EndedStep",
     "Feedback",
     "GivenVerdict",
     "GoalPlan",
@@ -26,6 +29,9 @@ __all__ = [
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
+    "ListedPlan",
+    "ListedPlans",
+    "ListedStep",
     "Located",
     "LocatedThing",
     "Look",
@@ -54,9 +60,11 @@ __all__ = [
     "SceneSegment",
     "SimilarObject",
     "SimilarObjects",
+    "StatedPlace",
     "StepTimes",
     "StoredPlan",
     "Taught",
+    "WaitingStep",
     "WithdrawnContributor",
 ]
 
@@ -72,7 +80,12 @@ REPEATABLE = frozenset(
         "search_object",
         "resolve_request",
         "where_is",
+        "state_place",
         "plan_goal",
+        "list_plans",
+        "claim_step",
+        "end_step",
+        "cancel_plan",
         "insert_object",
         "report_outcome",
         "report_refusal",
@@ -516,6 +529,7 @@ class RecalledGrasps(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
 
 
 class PlannedGrasps(TypedDict):
@@ -595,6 +609,7 @@ class SimilarObjects(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
 
 
 class OfferedObject(TypedDict):
@@ -639,6 +654,7 @@ class ResolvedRequest(TypedDict):
     understood: dict[str, Any]
     explanation: dict[str, Any]
     suggestions: list[str]
+    objects_untried: int
 
 
 class OtherThing(TypedDict):
@@ -677,6 +693,13 @@ class Located(TypedDict):
     text: str
     time: float
     things: list[LocatedThing]
+    things_untried: int
+
+
+class StatedPlace(TypedDict):
+    """The commit, which can be undone."""
+
+    commit: str
 
 
 class PlanReason(TypedDict):
@@ -701,6 +724,7 @@ class PlanStep(TypedDict):
     chance: float
     successes: int
     attempts: int
+    after: list[int]
     because: list[PlanReason]
 
 
@@ -752,6 +776,75 @@ class StoredPlan(TypedDict):
     problem: NotRequired[str]
     behaviour_tree: NotRequired[str]
     task: str
+    commit: str
+
+
+class ListedStep(TypedDict):
+    """A step of a stored plan."""
+
+    task: str
+    step: int
+    text: str
+    state: str
+    robots: list[str]
+    claimed_by: str
+    why: str
+    comment: str
+
+
+class ListedPlan(TypedDict):
+    """A stored plan."""
+
+    task: str
+    goal: str
+    state: str
+    priority: int
+    deadline: float | None
+    cancelled: str
+    steps: list[ListedStep]
+
+
+class ListedPlans(TypedDict):
+    """Stored plans in the order in which they were stored."""
+
+    plans: list[ListedPlan]
+
+
+class WaitingStep(TypedDict):
+    """A step of the robot that cannot be begun now."""
+
+    plan: str
+    task: str
+    text: str
+    why: str
+    stuck: bool
+
+
+class ClaimedStep(TypedDict):
+    """The step that is the robot's now, or why there is none."""
+
+    claimed: bool
+    plan: NotRequired[str]
+    goal: NotRequired[str]
+    task: NotRequired[str]
+    action: NotRequired[str]
+    arguments: NotRequired[dict[str, Any]]
+    text: NotRequired[str]
+    until: NotRequired[float]
+    resumed: NotRequired[bool]
+    reason: NotRequired[str]
+    waiting: list[WaitingStep]
+
+
+class EndedStep(TypedDict):
+    """The commit; empty if it ended in that way before."""
+
+    commit: str
+
+
+class CancelledPlan(TypedDict):
+    """The commit, which can be undone; empty if it was cancelled before."""
+
     commit: str
 
 
@@ -850,6 +943,7 @@ class Taught(TypedDict):
     differs: NotRequired[str]
     ask_again: NotRequired[bool]
     in_other_light: NotRequired[bool]
+    views_untried: NotRequired[int]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -1254,6 +1348,7 @@ class Calls(ABC):
         frame: str | None = None,
         near: str | None = None,
         radius: float | None = None,
+        max_things: int | None = None,
     ) -> Located:
         """Tell where something is or was, since when, and how sure that is.
 
@@ -1270,8 +1365,34 @@ class Calls(ABC):
         radius
             how near that is; with a robot and the reach of its arm: what it can reach (m); default:
             0.5
+        max_things
+            how many things of that name are looked at; default: 200
         """
         answer: Located = self._operate("where_is", locals())
+        return answer
+
+    def state_place(
+        self,
+        *,
+        thing: str,
+        place: str | None = None,
+        lost: bool | None = None,
+        agent: str | None = None,
+    ) -> StatedPlace:
+        """State where a thing is from now on.
+
+        Parameters
+        ----------
+        thing
+            IRI of the thing
+        place
+            IRI of the place or end effector; required unless it is lost
+        lost
+            whether it is no longer where it was, and nobody knows where; default: False
+        agent
+            in whose name; default: the caller
+        """
+        answer: StatedPlace = self._operate("state_place", locals())
         return answer
 
     def plan_goal(
@@ -1305,6 +1426,9 @@ class Calls(ABC):
         assume_reach: bool | None = None,
         digest: str | None = None,
         agent: str | None = None,
+        priority: int | None = None,
+        deadline: float | Mapping[str, int] | None = None,
+        replaces: str | None = None,
     ) -> StoredPlan:
         """Store the plan for a goal, so that robots can carry it out.
 
@@ -1318,8 +1442,101 @@ class Calls(ABC):
             digest of the plan that was agreed to: another one is not stored; default: any
         agent
             in whose name; default: the caller
+        priority
+            plans with a greater one are begun first; default: 0
+        deadline
+            no step is begun later; default: none (s)
+        replaces
+            IRI of an earlier plan for the goal, of which nothing more is begun; default: none
         """
         answer: StoredPlan = self._operate("store_plan", locals())
+        return answer
+
+    def list_plans(
+        self,
+        *,
+        state: Literal["open", "all"] | None = None,
+    ) -> ListedPlans:
+        """List stored plans with their steps, and who does what and why.
+
+        Parameters
+        ----------
+        state
+            open: those that are not done, cancelled or replaced; default: open
+        """
+        answer: ListedPlans = self._operate("list_plans", locals())
+        return answer
+
+    def claim_step(
+        self,
+        *,
+        robot: str | None = None,
+        lease: float | None = None,
+    ) -> ClaimedStep:
+        """Claim the next step that a robot can begin.
+
+        Parameters
+        ----------
+        robot
+            name or IRI of the robot; default: the caller
+        lease
+            how long the step is the robot's unless it asks again (s); default: 300.0
+        """
+        answer: ClaimedStep = self._operate("claim_step", locals())
+        return answer
+
+    def end_step(
+        self,
+        *,
+        task: str,
+        result: Literal["done", "failed", "declined", "released"],
+        robot: str | None = None,
+        outcome: str | None = None,
+        place: str | None = None,
+        lost: bool | None = None,
+        comment: str | None = None,
+    ) -> EndedStep:
+        """Say how a claimed step ended.
+
+        Parameters
+        ----------
+        task
+            IRI of the step
+        result
+            declined: by a person; released: untouched, so that it may be claimed again
+        robot
+            name or IRI of the robot; default: the caller
+        outcome
+            task_id of the report_outcome about it, whose attempt is linked to it; default: none
+        place
+            IRI of the place or end effector where the thing is now; default: as the graph has it
+        lost
+            whether nobody knows where the thing is now; default: False
+        comment
+            what happened
+        """
+        answer: EndedStep = self._operate("end_step", locals())
+        return answer
+
+    def cancel_plan(
+        self,
+        *,
+        plan: str,
+        reason: str,
+        operator: str | None = None,
+    ) -> CancelledPlan:
+        """Cancel a stored plan.
+
+        Parameters
+        ----------
+        plan
+            IRI of the plan
+        reason
+            why
+        operator
+            name of the person; default: the caller
+        """
+        answer: CancelledPlan = self._operate("cancel_plan", locals())
         return answer
 
     def insert_object(

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from rtask.engine.decisions import Decision
+from rtask.engine.decision_log import FILE, DecisionLog
 from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.honesty import HonestyCatalogue
@@ -80,8 +80,8 @@ class Context:
     observations
         Recent observations by digest; a robot sends a view twice, to ask and to report.
     decisions
-        Recent decisions by task, so that an outcome can be stored with its reasons. Kept in memory
-        only: after a restart an outcome is stored without them.
+        Recent decisions by task, so that an outcome can be stored with its reasons. In the folder
+        of the knowledge base they outlast the process, but for the recognition they rest on.
     pass_on
         Takes what is recorded on the way, with its author, where the graph is the copy of another
         server's; None = it is stored here.
@@ -109,7 +109,7 @@ class Context:
         self.models = Models(kb)
         self.world = world_of(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
-        self.decisions: Recent[Decision] = Recent(_DECISIONS)
+        self.decisions = DecisionLog(_file_of_decisions(kb), _DECISIONS)
         self.pass_on: Callable[[dict[str, Any], Access], None] | None = None
         self.refusals: Recent[tuple[NamedNode, dt.datetime]] = Recent(_DECISIONS)
         embeddings = None if embedder is None else Embeddings(kb, embedder, self.writing)
@@ -184,6 +184,7 @@ class Context:
         if self._learning is not None:
             self._learning.close()
         self.views.close()
+        self.decisions.close()
 
     def _on_commit(self, change: Change) -> None:
         self.grippers.forget_if_changed(change)
@@ -202,3 +203,8 @@ class Context:
             if quad.predicate == RDF.type and self.kb.match(quad.subject, RT.hasView):
                 return True
         return False
+
+
+def _file_of_decisions(kb: GraphCore) -> Path | None:
+    """Return where decisions outlast the process, or None where nothing may be written."""
+    return None if kb.folder is None or kb.refuses_writes else kb.folder / FILE

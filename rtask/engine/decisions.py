@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
+
+import numpy as np
 
 from grasp.learning.bandit import Choice
 from grasp.spatial.candidate import Contacts, GraspCandidate
@@ -18,7 +20,7 @@ from rtask.rdf.terms import iri
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["MIN_EVIDENCE", "Decision", "Option", "graph_against_geometry"]
+__all__ = ["MIN_EVIDENCE", "Decision", "Offer", "Option", "graph_against_geometry"]
 
 MIN_EVIDENCE = 0.05
 """Evidence on a grasp, in outcomes, below which the graph is taken to know nothing of it."""
@@ -86,6 +88,91 @@ class Option:
 
 
 @dataclass(frozen=True)
+class Offer:
+    """What the report of an offered grasp may leave out, since it was part of the answer.
+
+    Parameters
+    ----------
+    in_object
+        (x, y, z, theta) in the object's frame.
+    width, opening
+        Between the contacts, and between the jaws before closing, m.
+    quality
+        By geometry, 0..1.
+    belief
+        alpha and beta before the attempt.
+    quaternion
+        Orientation (x, y, z, w) of a grasp in space in the object's frame, else None.
+    contacts
+        Of a cup or of three fingers in the gripper frame; None for jaws.
+    """
+
+    in_object: tuple[float, float, float, float]
+    width: float
+    opening: float
+    quality: float
+    belief: tuple[float, float]
+    quaternion: tuple[float, float, float, float] | None = None
+    contacts: Contacts | None = None
+
+    @classmethod
+    def of(cls, option: Option, choice: Choice) -> Offer:
+        """Return what is remembered of an option that was chosen."""
+        return cls(
+            option.in_object, option.grasp.width, option.opening, option.quality,
+            (choice.alpha, choice.beta), option.quaternion, option.contacts,
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the offer as JSON."""
+        made: dict[str, Any] = {
+            "in_object": list(self.in_object), "width": self.width, "opening": self.opening,
+            "quality": self.quality, "belief": list(self.belief),
+        }  # fmt: skip
+        if self.quaternion is not None:
+            made["quaternion"] = list(self.quaternion)
+        if self.contacts is not None:
+            made["contacts"] = {
+                "kind": self.contacts.kind, "points": self.contacts.points.tolist(),
+                "normals": self.contacts.normals.tolist(),
+                "seal_radius": self.contacts.seal_radius,
+            }  # fmt: skip
+        return made
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any]) -> Offer:
+        """Return the offer that JSON holds.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError
+            It is none.
+        """
+        x, y, z, theta = _numbers(given["in_object"])
+        alpha, beta = _numbers(given["belief"])
+        width, opening, quality = _numbers(given[name] for name in ("width", "opening", "quality"))
+        quaternion = contacts = None
+        if given.get("quaternion") is not None:
+            qx, qy, qz, qw = _numbers(given["quaternion"])
+            quaternion = qx, qy, qz, qw
+        if given.get("contacts") is not None:
+            at = given["contacts"]
+            contacts = Contacts(
+                at["kind"], np.array(at["points"], np.float64), np.array(at["normals"], np.float64),
+                at["seal_radius"],
+            )  # fmt: skip
+        place = (x, y, z, theta)
+        return cls(place, width, opening, quality, (alpha, beta), quaternion, contacts)
+
+
+def _numbers(given: Iterable[Any]) -> list[float]:
+    values = [float(value) for value in given]
+    if not all(math.isfinite(value) for value in values):
+        raise ValueError(f"expected finite numbers: {values}")
+    return values
+
+
+@dataclass(frozen=True)
 class Decision:
     """The engine's answer to one task.
 
@@ -95,7 +182,9 @@ class Decision:
         IRI of the object, empty if unknown.
     exemplar
         IRI of the single thing, empty if unknown.
-    options
+    recognition
+        What it rests on; None where it was made before the server started, or at another one.
+    offers
         Offered grasps by id.
     times
         Durations of the steps, s.
@@ -105,11 +194,37 @@ class Decision:
 
     object: str
     recognition: Recognition | None
-    options: Mapping[str, Option] = field(default_factory=dict)
+    offers: Mapping[str, Offer] = field(default_factory=dict)
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     asked_by: str = ""
     exemplar: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return as JSON what outlasts the server's process: all but what it rests on, and whose
+        it is.
+        """
+        return {
+            "object": self.object, "seed": self.seed, "times": dict(self.times),
+            "exemplar": self.exemplar,
+            "offers": {name: offer.to_json() for name, offer in self.offers.items()},
+        }  # fmt: skip
+
+    @classmethod
+    def from_json(cls, given: Mapping[str, Any], asked_by: str) -> Decision:
+        """Return the decision that JSON holds.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError, AttributeError
+            It is none.
+        """
+        times = {str(name): float(seconds) for name, seconds in given["times"].items()}
+        offers = {str(name): Offer.from_json(offer) for name, offer in given["offers"].items()}
+        return cls(
+            str(given["object"]), None, offers, times, int(given["seed"]), asked_by,
+            str(given["exemplar"]),
+        )  # fmt: skip
 
 
 def graph_against_geometry(first: Option, alone: Option) -> str:

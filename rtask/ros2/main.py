@@ -19,7 +19,7 @@ from rtask.ros2.node import GraphNode, NodeOptions
 __all__ = ["main", "run"]
 
 _THREADS = 16
-_DISCOVERY_S = 1.0
+_DISCOVERY_S, _WATCH_S = 2.0, 5.0
 _NEEDED = (
     "websockets.sync.client",
     "rclpy",
@@ -109,8 +109,8 @@ def _spin(node: GraphNode, given: argparse.Namespace, ended: threading.Event) ->
         else:
             _start(node)
             _say(f"ready {node.full_name} for {node.url}")
-        while not ended.wait(0.5):
-            pass
+        while not ended.wait(_WATCH_S):
+            node.watch_for_rival()
     finally:
         executor.shutdown(timeout_sec=5.0)
         thread.join(5.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,7 @@ class GraphNode:
         self._parts: _Parts | None = None
         self.is_active = False
         self.trouble = ""
+        self._rival = ""
         self.node = _managed_node(options.name, self)
         for name, (default, words) in PARAMETERS.items():
             self.node.declare_parameter(name, default, ParameterDescriptor(description=words))
@@ -111,29 +112,46 @@ class GraphNode:
         UsageError
             Some are offered; callers would reach either node.
         """
-        mine = self.node.resolve_service_name("rtask/where_is")
         pause = threading.Event()
         # The graph has no event in rclpy for the arrival of a service.
         for _ in range(max(1, round(wait_s / 0.1))):
-            owner = self._server_of(mine)
-            if owner:
-                raise UsageError(
-                    f"service {mine} is offered by another node, {owner}; end it, or start this "
-                    "one in a namespace: --ros-args -r __ns:=/robot"
-                )
+            self._refuse_rival(self.node.get_node_names_and_namespaces())
             pause.wait(0.1)
 
-    def _server_of(self, service: str) -> str:
-        """Return a node that offers a service; empty if there is none."""
-        for name, namespace in self.node.get_node_names_and_namespaces():
+    def watch_for_rival(self) -> None:
+        """Say once in the log that another node offers these services as well.
+
+        It came later, or discovery was slow. Neither is ended: which of the two the robot's
+        programs mean is for a person to say.
+        """
+        others = list(self.node.get_node_names_and_namespaces())
+        # One of this name is this node; a further one was started with the same name.
+        me = (self.node.get_name(), self.node.get_namespace())
+        if me in others:
+            others.remove(me)
+        try:
+            self._refuse_rival(others)
+        except UsageError as error:
+            if str(error) != self._rival:
+                self._rival = str(error)
+                self.node.get_logger().error(f"{error}; calls reach either")
+        else:
+            self._rival = ""
+
+    def _refuse_rival(self, others: Iterable[tuple[str, str]]) -> None:
+        service = self.node.resolve_service_name("rtask/where_is")
+        for name, namespace in others:
             try:
                 # The list of all services has those that somebody only wants to call, too.
                 offered = self.node.get_service_names_and_types_by_node(name, namespace)
             except RuntimeError:  # it has just left
                 continue
             if service in (found for found, _ in offered):
-                return f"{namespace.rstrip('/')}/{name}"
-        return ""
+                owner = f"{namespace.rstrip('/')}/{name}"
+                raise UsageError(
+                    f"service {service} is offered by another node, {owner}; end it, or start this "
+                    "one in a namespace: --ros-args -r __ns:=/robot"
+                )
 
     def wait_for_clock(self, wait_s: float) -> None:
         """Wait for the first time on ``/clock``, if time is simulated.

@@ -40,15 +40,17 @@ def answer(world: WorldState, question: Question) -> Whereis:
     time_s = time.time() if question.at is None else question.at
     frame = None if question.frame is None else find_frame(world, question.frame)
     asked = _Asked(world, time_s, frame)
-    places = [
-        asked.where(exemplar, product) for exemplar, product in find_exemplars(world, question.name)
-    ]
-    is_called = bool(places)
+    pairs, untried = find_exemplars(world, question.name, question.max_things)
+    places = [asked.where(exemplar, product) for exemplar, product in pairs]
+    is_called, unresolved = bool(places), 0
     if question.near is not None:
         marks = find_marks(world, question.near)
-        places = [p for p in places if asked.is_near(p, marks, question.radius_m)]
+        near = [asked.is_near(place, marks, question.radius_m) for place in places]
+        unresolved = near.count(None)
+        places = [place for place, is_near in zip(places, near, strict=True) if is_near]
     places.sort(key=lambda p: (not p.is_known, -p.still_there, -(p.seen_s or 0.0), p.exemplar))
-    return Whereis(time_s, tuple(places), answer_text(question, places, is_called))
+    text = answer_text(question, places, is_called, untried, unresolved)
+    return Whereis(time_s, tuple(places), text, untried + unresolved)
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,29 @@ class _Asked:
             whereabouts = self._placed(whereabouts, last)
         return replace(whereabouts, text=sentence(whereabouts, time_s))
 
-    def is_near(self, place: Whereabouts, marks: Sequence[str], radius_m: float) -> bool:
-        """Whether a thing is in, on or near one of the places, robots, frames and things."""
+    def is_near(self, place: Whereabouts, marks: Sequence[str], radius_m: float) -> bool | None:
+        """Whether a thing is in, on or near one of the places, robots, frames and things.
+
+        None where frames on the way are too many to tell.
+        """
         if place.place in marks:
             return True
         if place.frame_from_exemplar is None:
             return False
-        return any(
-            np.linalg.norm(spot - place.frame_from_exemplar[:3, 3]) <= radius_m
-            for mark in marks
-            for spot in self._spots(mark, place.frame)
-        )
+        is_open = False
+        for mark in marks:
+            spots = self._spots(mark, place.frame)
+            away = [np.linalg.norm(spot - place.frame_from_exemplar[:3, 3]) for spot in spots]
+            if min(away, default=np.inf) <= radius_m:
+                return True
+            is_open |= not spots and (self._is_cut(mark) or self._is_cut(place.frame))
+        return None if is_open else False
+
+    def _is_cut(self, node: str) -> bool:
+        """Whether the frame of something is deeper in its tree than what is followed."""
+        placement = self.world.placement_at(node, self.time_s)
+        frames = [node, *self._body_frames(node), *([placement.frame] if placement else [])]
+        return any(self.world.frames.rooted(frame, self.time_s).is_cut for frame in frames if frame)
 
     def _last(self, exemplar: str, product: str) -> Placement | None:
         if exemplar:
@@ -115,13 +129,8 @@ class _Asked:
 
     def _spots(self, mark: str, frame: str) -> list[NDArray[np.float64]]:
         """Return where a robot, frame or thing is in a frame, (3,), m."""
-        frames = [
-            quad.object.value
-            for quad in self.world.kb.match(iri(mark), RT.bodyFrame)
-            if isinstance(quad.object, NamedNode)
-        ]
         spots = []
-        for source in (*frames, mark):
+        for source in (*self._body_frames(mark), mark):
             way = self.world.frames.target_from_source(frame, source, self.time_s, self.time_s)
             if way is not None:
                 spots.append(way[0][:3, 3])
@@ -132,3 +141,7 @@ class _Asked:
             if there is not None:
                 spots.append(there[0][:3, 3])
         return spots
+
+    def _body_frames(self, robot: str) -> list[str]:
+        quads = self.world.kb.match(iri(robot), RT.bodyFrame)
+        return [quad.object.value for quad in quads if isinstance(quad.object, NamedNode)]

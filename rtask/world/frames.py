@@ -22,9 +22,10 @@ from rtask.world.placement import Placement, pose_of
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
-__all__ = ["FrameTree", "Rooted"]
+__all__ = ["MAX_DEPTH", "FrameTree", "Rooted"]
 
-_MAX_DEPTH = 64
+MAX_DEPTH = 64
+"""Frames that are followed from one to its root."""
 PlacementAt = Callable[[str, float], Placement | None]
 
 
@@ -39,11 +40,14 @@ class Rooted:
     root_from_frame : (4, 4) float64, m
     variance_m2
         Variance of the position per axis that the frames on the way add.
+    is_cut
+        The way to the root is longer than what is followed; ``root`` is where that ended.
     """
 
     root: str
     root_from_frame: NDArray[np.float64]
     variance_m2: float = 0.0
+    is_cut: bool = False
 
 
 class FrameTree:
@@ -65,13 +69,14 @@ class FrameTree:
         A ring of frames ends where it closes.
         """
         pose, variance, seen = np.eye(4), 0.0, {frame}
-        for _ in range(_MAX_DEPTH):
+        while True:
             parent, parent_from_frame, added = self._parent(frame, time_s)
             if not parent or parent in seen:
-                break
+                return Rooted(frame, pose, variance)
+            if len(seen) > MAX_DEPTH:
+                return Rooted(frame, pose, variance, is_cut=True)
             pose, variance, frame = parent_from_frame @ pose, variance + added, parent
             seen.add(parent)
-        return Rooted(frame, pose, variance)
 
     def target_from_source(
         self, target: str, source: str, asked_s: float, measured_s: float
@@ -85,7 +90,8 @@ class FrameTree:
 
         Returns
         -------
-        None if the frames are in different trees.
+        None if the frames are in different trees, or that is not decided because one of them is
+        deeper in its tree than what is followed.
         """
         if target == source:
             return np.eye(4), 0.0

@@ -23,13 +23,19 @@ __all__ = [
 ]
 
 MAX_EXEMPLARS = 200
-"""Most things that one answer is about."""
+"""Things that one answer is about, unless more are asked for."""
 
 
-def find_exemplars(world: WorldState, name: str) -> list[tuple[str, str]]:
+def find_exemplars(
+    world: WorldState, name: str, most: int = MAX_EXEMPLARS
+) -> tuple[list[tuple[str, str]], int]:
     """Return the (thing, product) pairs of an IRI, a name, an objectId or a kind.
 
     The thing is "" for a product that has none.
+
+    Returns
+    -------
+    At most so many pairs, and how many there are beside them.
     """
     pairs: dict[tuple[str, str], None] = {}
     for node in _nodes(world, name):
@@ -42,7 +48,7 @@ def find_exemplars(world: WorldState, name: str) -> list[tuple[str, str]]:
         pairs.update(dict.fromkeys((exemplar, node) for exemplar in exemplars))
         if not exemplars:
             pairs["", node] = None
-    return list(pairs)[:MAX_EXEMPLARS]
+    return list(pairs)[:most], max(len(pairs) - most, 0)
 
 
 def find_frame(world: WorldState, name: str) -> str:
@@ -86,7 +92,7 @@ def find_marks(world: WorldState, name: str) -> list[str]:
     if not marks:
         names = {str(python_value(quad.object)) for quad in world.kb.match(None, RT.name)}
         raise UnknownTermError(f"near: nothing is called {name!r}{nearest(name, sorted(names))}")
-    return marks[:MAX_EXEMPLARS]
+    return marks
 
 
 def is_exemplar(world: WorldState, node: str) -> bool:
@@ -132,8 +138,7 @@ def _of_kind(kind: str) -> str:
 
 
 def _select(world: WorldState, pattern: str) -> list[str]:
-    most = f"ORDER BY ?node LIMIT {MAX_EXEMPLARS}"
-    text = f"{PREFIXES}SELECT DISTINCT ?node WHERE {{{pattern} }} {most}"
+    text = f"{PREFIXES}SELECT DISTINCT ?node WHERE {{{pattern} }} ORDER BY ?node"
     nodes = (present(world, str(row.value("node"))) for row in world.kb.select(text))
     return list(dict.fromkeys(nodes))
 

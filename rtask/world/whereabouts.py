@@ -30,6 +30,8 @@ class Question:
         ``radius_m`` of it. With a robot and the reach of its arm: what is in its reach.
     radius_m
         How near that is, m.
+    max_things
+        Things of that name that are looked at.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Question:
     frame: str | None = None
     near: str | None = None
     radius_m: float = 0.5
+    max_things: int = 200
 
     def __post_init__(self) -> None:
         if not self.name.strip():
@@ -44,6 +47,9 @@ class Question:
         if not (np.isfinite(self.radius_m) and self.radius_m > 0):
             raise UsageError(f"radius_m: expected more than 0 m, got {self.radius_m}",
                              field="radius_m")  # fmt: skip
+        if self.max_things < 1:
+            raise UsageError(f"max_things: expected at least 1, got {self.max_things}",
+                             field="max_things")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +116,15 @@ class Whereis:
         Unix time that it is about.
     text
         The answer in words.
+    things_untried
+        Further things of that name that were not looked at, or whose frames lead too far to tell
+        whether they are near: what the answer does not name is then not decided.
     """
 
     time_s: float
     exemplars: tuple[Whereabouts, ...]
     text: str
+    things_untried: int = 0
 
     @property
     def is_known(self) -> bool:

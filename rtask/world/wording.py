@@ -7,16 +7,52 @@ from collections.abc import Sequence
 
 from rtask.world.whereabouts import Question, Whereabouts
 
-__all__ = ["answer_text", "sentence"]
+__all__ = ["answer_text", "sentence", "untried_text"]
 
 _MOST = 5
 _UNITS = ((86_400.0, "day"), (3600.0, "hour"), (60.0, "minute"))
 
 
-def answer_text(question: Question, places: Sequence[Whereabouts], is_called: bool) -> str:
-    """Return the answer to a question: a sentence for each thing, at most five."""
+def answer_text(
+    question: Question,
+    places: Sequence[Whereabouts],
+    is_called: bool,
+    untried: int = 0,
+    unresolved: int = 0,
+) -> str:
+    """Return the answer to a question: a sentence for each thing, at most five.
+
+    Parameters
+    ----------
+    untried, unresolved
+        Things of the name that were not looked at, and those whose frames lead too far to tell
+        whether they are near: an answer without them is open.
+    """
+    answer = [_of_places(question, places, is_called, untried + unresolved > 0)]
+    if untried:
+        answer.append(untried_text(question, untried))
+    if unresolved:
+        answer.append(f"too many frames are between it and {unresolved} of them to tell")
+    return "; ".join(answer)
+
+
+def untried_text(question: Question, untried: int) -> str:
+    """Return how many things were not looked at, and how to ask for them.
+
+    >>> untried_text(Question("cup", max_things=2), 3)
+    '3 more of "cup" were not looked at: ask with max_things 5, or by a name of their own'
+    """
+    more = f'{untried} more of "{question.name}" were not looked at'
+    return f"{more}: ask with max_things {question.max_things + untried}, or by a name of their own"
+
+
+def _of_places(
+    question: Question, places: Sequence[Whereabouts], is_called: bool, is_open: bool
+) -> str:
     if not is_called:
         return f'not known: nothing is called "{question.name}"'
+    if not places and is_open:
+        return f'not decided: none of the "{question.name}" looked at is near "{question.near}"'
     if not places:
         return f'not known: no "{question.name}" near "{question.near}"'
     lines = [place.text for place in places[:_MOST]]

@@ -35,7 +35,7 @@ class World(WorldState):
         name
             IRI or name of a thing or product, an objectId, or a kind such as ``cup``.
         **question
-            ``at``, ``frame``, ``near`` and ``radius_m`` of a
+            ``at``, ``frame``, ``near``, ``radius_m`` and ``max_things`` of a
             :class:`~rtask.world.whereabouts.Question`.
 
         Raises

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
 
-__all__ = ["Asked", "Engine", "Operation", "Paged", "PagedAnswer", "Tool", "Work", "tool"]
+__all__ = ["Asked", "Engine", "Operation", "Paged", "PagedAnswer", "Tool", "Work", "rest", "tool"]
 
 _PLAIN_NUMBERS = {XSD + "integer", XSD + "decimal"}
 _KEPT = ("type", "required", "minimum", "maximum", "maxItems")
@@ -174,6 +174,7 @@ class More(Answer):
 
     offset: int
     left: int
+    """at least so many"""
 
 
 class PagedAnswer(Answer):
@@ -181,6 +182,15 @@ class PagedAnswer(Answer):
 
     commit: int
     more: More = More(offset=0, left=0)
+
+
+def rest(offset: int, left: int) -> dict[str, Any]:
+    """Return the member that tells how to get ``left`` or more entries, which were left out.
+
+    >>> rest(50, 3), rest(50, 0)
+    ({'more': {'offset': 50, 'left': 3}}, {})
+    """
+    return {"more": {"offset": offset, "left": left}} if left > 0 else {}
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from annotated_types import Ge, Le
 from pydantic import Field
 
-from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
-from rtask.asking.tools.places import Place, places_of
+from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
+from rtask.asking.tools.places import MAX_PLACES, Place, places_of
 from rtask.asking.tools.values import Value
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
@@ -17,7 +17,7 @@ from rtask.wire.types import Number, Text, Texts
 
 __all__ = ["find_object", "recall_grasps", "where_is"]
 
-MAX_GRASPS = 50
+PAGE, MAX_GRASPS = 50, 1000
 _ENGINE = ["the engine, quoting the graph"]
 
 
@@ -112,6 +112,8 @@ class Offers(PagedAnswer):
     met: bool
     offers: list[Offer] = Field(default_factory=list)
     understood: list[str]
+    objects_untried: int
+    """seen and not looked at: not met is then not decided"""
 
 
 @tool(
@@ -124,10 +126,11 @@ def where_is(asked: Asked, request: WhereIs) -> Places:
     """Return the present places of a thing; no place is no proof that it is nowhere."""
     subject = asked.resource(request.object)
     commit = asked.kb.seq
-    places = places_of(asked.kb, subject)
+    places, is_cut = places_of(asked.kb, subject, request.offset + MAX_PLACES)
     spots = [_spot(asked, place) for place in places[request.offset :]]
     name = asked.terms.short(subject)
-    return Places(commit=commit, object=name, stated=bool(places), places=spots)
+    more = rest(len(places), int(is_cut))
+    return Places(commit=commit, object=name, stated=bool(places), places=spots, **more)
 
 
 def _spot(asked: Asked, place: Place) -> Spot:
@@ -160,7 +163,8 @@ def recall_grasps(asked: Asked, request: RecallGrasps) -> GraspEntries:
     """Return what the engine recalls, with the facts that decide between grasps."""
     commit = asked.kb.seq
     subject = asked.resource(request.object)
-    args: dict[str, Any] = {"object": subject.value, "max_grasps": MAX_GRASPS}
+    most = min(request.offset + PAGE, MAX_GRASPS)
+    args: dict[str, Any] = {"object": subject.value, "max_grasps": most}
     if request.gripper is not None:
         args["gripper_id"] = request.gripper
     answer = asked.operate("recall_grasps", **args)
@@ -170,6 +174,7 @@ def recall_grasps(asked: Asked, request: RecallGrasps) -> GraspEntries:
         object=asked.terms.short(iri(answer.object)),
         label=asked.terms.text(answer.label, _ENGINE),
         grasps=grasps,
+        **rest(most, answer.grasps_left_out),
     )
 
 
@@ -216,6 +221,7 @@ def find_object(asked: Asked, request: FindObject) -> Offers:
         met=answer.task_response == "object",
         offers=offers[request.offset :],
         understood=[asked.terms.short(iri(name)) for name in understood],
+        objects_untried=answer.objects_untried,
     )
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import islice
-from typing import Any
+from itertools import chain, islice
 
 from pydantic import Field
 from pyoxigraph import DefaultGraph, Quad
 
 import ontology
 from rtask.asking.cards import card_of
-from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
+from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
 from rtask.asking.tools.values import Fact, Value
 from rtask.rdf.terms import RDF_TYPE, Literal, NamedNode, TripleKey, triple_key
 from rtask.wire.message import Answer
@@ -20,7 +19,8 @@ from rtask.wire.types import Text
 __all__ = ["describe", "search"]
 
 MAX_HITS = 100
-MAX_FACTS = 400
+MAX_FACTS = 100
+MAX_OWN = 10_000
 _RDFS = ontology.PREFIXES["rdfs"]
 _OWL = ontology.PREFIXES["owl"]
 _CLASSES = {NamedNode(_OWL + "Class"), NamedNode(_RDFS + "Class")}
@@ -82,15 +82,16 @@ def search(asked: Asked, request: Search) -> Hits:
     kb, terms = asked.kb, asked.terms
     kind = None if request.kind is None else asked.resource(request.kind)
     commit = kb.seq
-    matches = kb.search(request.words, cls=kind, limit=request.offset + MAX_HITS)
+    end = request.offset + MAX_HITS
+    matches = kb.search(request.words, cls=kind, limit=end + 1)
     hits = []
-    for hit in matches[request.offset :]:
+    for hit in matches[request.offset : end]:
         text = Literal(hit.text, language=hit.language)
         quads = kb.match(hit.subject, hit.predicate, text)
         by = terms.authors(quad.graph_name for quad in quads)
         value = terms.value(text, by)
         hits.append(Hit(iri=terms.short(hit.subject), text=value))
-    return Hits(commit=commit, hits=hits)
+    return Hits(commit=commit, hits=hits, **rest(end, len(matches) - end))
 
 
 @tool(
@@ -103,7 +104,8 @@ def describe(asked: Asked, request: Describe) -> Description:
     """Return the statements about a term, then those that have it as their object."""
     kb, term = asked.kb, asked.resource(request.term)
     commit = kb.seq
-    triples = list(islice(_statements(asked, term), request.offset + MAX_FACTS))
+    end = request.offset + MAX_FACTS
+    triples = list(islice(_statements(asked, term, end + 1), end + 1))
     kind = _kind(asked, term, bool(triples))
     return Description(
         commit=commit,
@@ -111,26 +113,25 @@ def describe(asked: Asked, request: Describe) -> Description:
         kind=kind,
         count=_count(asked, term, kind),
         example=card_of(kb.select, term).example if kind in ("class", "property") else "",
-        facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset :][:100]],
-        **_rest(len(triples) - request.offset - 100, request.offset + 100),
+        facts=[asked.terms.fact(triple, about=term) for triple in triples[request.offset : end]],
+        **rest(end, len(triples) - end),
     )
 
 
-def _rest(left: int, offset: int) -> dict[str, Any]:
-    return {"more": {"offset": offset, "left": left}} if left > 0 else {}
+def _statements(asked: Asked, term: NamedNode, most: int) -> Iterator[TripleKey]:
+    """Yield each statement once: what was asserted about a term, what follows, what names it.
 
-
-def _statements(asked: Asked, term: NamedNode) -> Iterator[TripleKey]:
-    """Yield each statement once: what was asserted about a term, what follows, what names it."""
+    Of what is stated about it, at least ``most`` are read, which are sorted by their property.
+    """
     kb = asked.kb
     quads = kb.store.quads_for_pattern
     own = sorted(
-        islice(quads(term, None, None, None), MAX_FACTS),
+        islice(quads(term, None, None, None), max(MAX_OWN, most)),
         key=lambda quad: (quad.graph_name == kb.graphs.inferred, str(quad.predicate)),
     )
-    around = islice(quads(None, None, term, None), MAX_FACTS)
+    around = quads(None, None, term, None)
     seen: set[TripleKey] = set()
-    for quad in _readable(asked, [*own, *around]):
+    for quad in _readable(asked, chain(own, around)):
         triple = triple_key(quad)
         if triple not in seen:
             seen.add(triple)

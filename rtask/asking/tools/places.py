@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row
 
-__all__ = ["Place", "places_of"]
+__all__ = ["MAX_PLACES", "Place", "places_of"]
+
+MAX_PLACES = 1000
 
 _QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
   {
@@ -43,7 +45,7 @@ _QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confide
   }
   UNION { %(things)s GRAPH ?graph { ?thing sumo:located ?place } BIND("in" AS ?relation) }
 }
-ORDER BY DESC(?time) ?place LIMIT 1000"""
+ORDER BY DESC(?time) ?place ?thing DESC(?relation) ?graph ?x ?y ?z LIMIT %(most)d"""
 
 
 @dataclass(frozen=True)
@@ -80,21 +82,28 @@ class Place:
     graph: NamedNode
 
 
-def places_of(kb: GraphCore, subject: NamedNode) -> list[Place]:
+def places_of(
+    kb: GraphCore, subject: NamedNode, most: int = MAX_PLACES
+) -> tuple[list[Place], bool]:
     """Return where a thing, or each thing of a product, is as far as the graph states it.
 
     The latest place comes first; there may be none.
+
+    Returns
+    -------
+    At most so many places, and whether the graph states more.
     """
     names = {name: ontology.PREFIXES[name] for name in ("rt", "prov", "sumo")}
     things = " ".join(map(str, [subject, *_exemplars(kb, subject)]))
-    rows = kb.select(prologue(names) + _QUERY % {"things": f"VALUES ?thing {{ {things} }}"})
+    query = _QUERY % {"things": f"VALUES ?thing {{ {things} }}", "most": most + 1}
+    rows = list(kb.select(prologue(names) + query))
     places = {
         (row["thing"], row["relation"], row["place"], row["x"], row["time"], row["graph"]): _place(
             row
         )
-        for row in rows
+        for row in rows[:most]
     }
-    return list(places.values())
+    return list(places.values()), len(rows) > most
 
 
 def _exemplars(kb: GraphCore, product: NamedNode) -> list[NamedNode]:

@@ -8,9 +8,9 @@ from annotated_types import Ge, Le
 from pydantic import Field
 
 from rtask.asking.decisions import explain as decide
-from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
+from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
 from rtask.asking.tools.values import Fact, Value
-from rtask.errors import GoneError, UsageError
+from rtask.errors import UsageError
 from rtask.rdf.terms import NamedNode, TripleKey, triple_key
 from rtask.wire.message import Answer
 from rtask.wire.types import Text, Whole
@@ -93,6 +93,8 @@ class Past(PagedAnswer):
     """Commits about a term, newest first; or the statements about it after one."""
 
     term: str
+    kept_from: int
+    """commits before this one are not kept: what they changed is not known"""
     commits: list[CommitEntry] = Field(default_factory=list)
     facts: list[Fact] = Field(default_factory=list)
 
@@ -149,16 +151,17 @@ def history(asked: Asked, request: History) -> Past:
     """Return who stated or withdrew what about a term, and when."""
     kb, term = asked.kb, asked.resource(request.term)
     commit = kb.seq
-    name = asked.terms.short(term)
+    end = request.offset + MAX_COMMITS
+    name, kept_from = asked.terms.short(term), kb.feed.oldest_retained()
     if request.at is not None:
-        triples = _stated_at(asked, term, request.at, commit)[request.offset :]
-        facts = [asked.terms.fact(item, about=term) for item in triples[:MAX_COMMITS]]
-        return Past(commit=commit, term=name, facts=facts)
-    entries = kb.history(term)[::-1][request.offset :]
-    left = max(len(entries) - MAX_COMMITS, 0)
-    more: dict[str, Any] = {"more": {"offset": request.offset + MAX_COMMITS, "left": left}}
-    commits = [_entry(asked, term, entry) for entry in entries[:MAX_COMMITS]]
-    return Past(commit=commit, term=name, commits=commits, **(more if left else {}))
+        triples = _stated_at(asked, term, request.at, commit)
+        facts = [asked.terms.fact(item, about=term) for item in triples[request.offset : end]]
+        more = rest(end, len(triples) - end)
+        return Past(commit=commit, term=name, kept_from=kept_from, facts=facts, **more)
+    entries = kb.history(term)[::-1]
+    commits = [_entry(asked, term, entry) for entry in entries[request.offset : end]]
+    more = rest(end, len(entries) - end)
+    return Past(commit=commit, term=name, kept_from=kept_from, commits=commits, **more)
 
 
 def _entry(asked: Asked, term: NamedNode, entry: HistoryEntry) -> CommitEntry:
@@ -191,8 +194,7 @@ def _stated_at(asked: Asked, term: NamedNode, at: int, now: int) -> list[TripleK
     kb = asked.kb
     if not 0 < at <= now:
         raise UsageError(f"at: expected the number of a commit from 1 to {now}, got {at}")
-    if kb.folder is None and at < now and not list(kb.feed.changes(at, at + 1)):
-        raise GoneError(f"commit {at + 1} is not kept any more")
+    kb.feed.require_retained(at)
     graphs = kb.graphs
     left_out = (graphs.inferred, graphs.meta, graphs.provenance, graphs.quarantine)
     quads = {quad for quad in kb.match(term) if quad.graph_name not in left_out}

@@ -10,7 +10,7 @@ import click
 
 from rtask.cli.grasping.executors import executor_options, open_named
 from rtask.cli.grasping.spatial import pose_noise, pose_options
-from rtask.cli.options import json_option, limit_option, print_json
+from rtask.cli.options import announce_more, json_option, limit_option, print_json
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import RtaskError, UsageError
 
@@ -145,6 +145,7 @@ def _as_json(
     from grasp.messages import spatial_grasp_message
 
     objects = []
+    not_shown = 0
     for mesh in task.meshes:
         plan = planned.get(mesh.name)
         if plan is None:
@@ -158,6 +159,8 @@ def _as_json(
             }
             for candidate in plan.found.candidates[: options["limit"]]
         ]
+        not_shown += max(0, len(plan.found) - options["limit"])
         reason = plan.error or plan.found.reason
         objects.append({"mesh": mesh.name, "planned": True, "grasps": grasps, "reason": reason})
+    announce_more(not_shown, what="grasps")
     return {"gripper": task.gripper.name, "seconds": seconds, "objects": objects}

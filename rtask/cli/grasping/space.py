@@ -231,11 +231,12 @@ def _object(source: str, data: Path) -> ObjectShape:
             raise UsageError(f"{source} is a folder; give a file in it")
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
+    from rtask.cli.things import name_or_iri
     from rtask.engine.engine import Engine
     from rtask.engine.records.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        return object_shape(engine.context, source)
+        return object_shape(engine.context, name_or_iri(source, data))
 
 
 def _store(

@@ -8,7 +8,15 @@ from typing import Any
 import click
 
 from rtask.cli.connection import connection, open_to_read
-from rtask.cli.options import data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    data_option,
+    json_option,
+    listing_option,
+    print_json,
+    server_option,
+    shown_rows,
+)
+from rtask.cli.things import name_or_iri
 
 __all__ = ["where"]
 
@@ -24,8 +32,13 @@ __all__ = ["where"]
     "--radius", type=click.FloatRange(min=0.001, max=1000.0), default=0.5, show_default=True,
     help="How near that is, m.",
 )  # fmt: skip
+@click.option(
+    "--max-things", type=click.IntRange(1, 10_000), default=200, show_default=True,
+    help="How many things of that name are looked at.",
+)  # fmt: skip
 @data_option
 @server_option
+@listing_option
 @json_option
 def where(
     name: str,
@@ -33,26 +46,40 @@ def where(
     frame: str | None,
     near: str | None,
     radius: float,
+    max_things: int,
     data: Path,
     server: str | None,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Tell where NAME is or was: a thing, a product or a kind, by name or IRI.
 
-    Exit code 1 if its place is not known; the answer then says where it was last.
+    Exit code 1 if its place is not known; the answer then says where it was last. What was not
+    looked at, because more things than --max-things have the name, is said and not denied.
     """
-    question: dict[str, Any] = {"name": name, "frame": frame, "near": near, "radius": radius}
+    named = {
+        role: name_or_iri(text, data, server)
+        for role, text in (("name", name), ("frame", frame), ("near", near))
+        if text is not None
+    }
+    question: dict[str, Any] = {**named, "radius": radius, "max_things": max_things}
     if at is not None:
         from rtask.rdf.terms import moment
 
         question["stamp"] = moment(at).timestamp()
-    question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
+    answer["things"] = shown_rows(answer["things"], limit, as_json)
     if as_json:
         print_json(answer)
     else:
         for line in [thing["text"] for thing in answer["things"]] or [answer["text"]]:
             click.echo(line)
+        untried = answer["things_untried"]
+        if untried and answer["things"]:
+            click.echo(
+                f"{untried} more were not looked at; --max-things {max_things + untried} does so",
+                err=True,
+            )
     if not answer["known"]:
         raise SystemExit(1)
 

@@ -32,7 +32,6 @@ _FILLERS = frozenset(
 _MODAL = re.compile(r"\b(?:i|you|we|one|he|she|they|that|which|people|robot)\s+can\b")
 _A_CAN = re.compile(r"\b(?:a|the|some|any|this|that|my|your|of)\s+(?:\w+\s+)?cans?\b|^cans?\b")
 _WORD = re.compile(r"[^\W_]+")
-MAX_HITS = 20
 
 
 @dataclass(frozen=True)
@@ -173,7 +172,7 @@ def _searched(
         return []
     text, phrase = " ".join(f"{word}*" for word in words), " ".join(words)
     for kind, classes_searched in (("function", functions), ("class", classes)):
-        hits = context.kb.search(text, among=classes_searched, limit=MAX_HITS)
+        hits = context.kb.search(text, among=classes_searched, limit=len(classes_searched))
         terms = tuple(hit.subject.value for hit in hits)
         if terms:
             return [Sense("class" if kind == "class" else "function", terms, phrase)]

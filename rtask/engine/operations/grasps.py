@@ -54,7 +54,7 @@ class RecallGrasps(Message):
     """IRI, objectId or name of the object"""
     gripper_id: Text | None = None
     """restricts the answer to its type; default: all types"""
-    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    max_grasps: Annotated[Whole, Ge(1), Le(1000)] = 10
     """maximum number of grasps"""
     in_space: Flag = True
     """include grasps from any direction, not only from above"""
@@ -139,6 +139,8 @@ class RecalledGrasps(Answer):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+    grasps_left_out: int
+    """how many more are known; max_grasps asks for them"""
 
 
 @operation("read", "reads", "list the known grasps of a known object")
@@ -157,6 +159,7 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
         class_iri=remembered.class_iri,
         label=remembered.label,
         grasps=recalled(context, grasps, request.max_grasps),
+        grasps_left_out=max(len(grasps) - request.max_grasps, 0),
     )
 
 

@@ -26,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 from rtask.engine.context import SCOPES
-from rtask.engine.decisions import MIN_EVIDENCE, Decision, Option
+from rtask.engine.decisions import MIN_EVIDENCE, Decision, Offer, Option
 from rtask.engine.memory.calibration import score_maps
 from rtask.engine.memory.choice import Scene, choose, options, unaided
 from rtask.engine.memory.question import question_for
@@ -179,9 +179,13 @@ def recognise_for_grasp(
     exemplar = _remember_place(context, situation, request, access)
     clock.times["total_s"] = clock.total()
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
-    offered = {option.id: option for option in situation.chosen}
+    offers = {
+        option.id: Offer.of(option, option.choice)
+        for option in situation.chosen
+        if option.choice is not None
+    }
     made = Decision(
-        recognised.iri if recognised else "", recognition, offered, dict(clock.times),
+        recognised.iri if recognised else "", recognition, offers, dict(clock.times),
         request.seed, exemplar,
     )  # fmt: skip
     _remember_decision(context, task, made, gripper, access)
@@ -355,9 +359,7 @@ def _remember_decision(
     asked_by = context.author(access, gripper.robot_name).agent or ""
     context.decisions.put(task, replace(decision, asked_by=asked_by))
     if context.pass_on is not None and "write" in SCOPES[access.role]:
-        record = DecisionRecord(
-            task, decision.object, decision.seed, decision.times, decision.exemplar
-        )
+        record = DecisionRecord(task, **decision.to_json())
         keep(context, record, context.author(access, gripper.robot_name))
 
 

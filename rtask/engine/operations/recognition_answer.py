@@ -149,6 +149,7 @@ def fields_of(situation: Situation, max_grasps: int) -> dict[str, Any]:
             "accepted": bool(situation.recognition.accepted),
             "family": situation.recognition.family,
             "ask_again": situation.recognition.ask_again,
+            "views_untried": situation.recognition.views_untried,
             "message": verdict(situation.recognition, situation.memory),
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches

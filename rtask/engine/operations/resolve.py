@@ -27,7 +27,7 @@ from rtask.engine.operations.operation import operation
 from rtask.engine.records.objects import no_object
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
-from rtask.rdf.terms import NamedNode, Value, iri
+from rtask.rdf.terms import NamedNode, Value, iri, literal
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Json, Number, Text, Texts, Unit, Whole
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OfferedObject", "Reason", "ResolveRequest", "ResolvedRequest", "resolve_request"]
 
-_MAX_CANDIDATES = 200
+_MAX_CANDIDATES = 300
 _MAX_ELSEWHERE = 3
 _MAX_SEEN = 100
 _EVER_S = 1e10
@@ -107,6 +107,9 @@ class ResolvedRequest(Answer):
     understood: Json
     explanation: Json
     suggestions: list[str]
+    objects_untried: int
+    """further objects of the kind seen within seen_within_s, beyond the most that one answer looks
+    at: an unmet request is then not decided"""
 
 
 @dataclass(frozen=True)
@@ -160,9 +163,9 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     gripper = context.grippers.find(request.gripper_id, access)
     meant = meaning(context, request.wanted)
     candidates: list[ObjectCandidate] = []
-    memory = Memory()
+    memory, untried = Memory(), 0
     if meant.senses:
-        candidates = _find_candidates(context, meant, gripper, request)
+        candidates, untried = _find_candidates(context, meant, gripper, request)
         is_jaws = gripper.gripper.contact_kind == "jaws"
         iris = tuple(sorted(candidate.iri for candidate in candidates))
         memory = recall(context.kb, Question(objects=iris, in_space=not is_jaws))
@@ -183,6 +186,8 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
         memory.objects.get(best.iri, RememberedObject(best.iri)) if best else RememberedObject("")
     )
     reasons = _reasons(context, request.wanted, meant, candidates, excluded)
+    if untried:
+        reasons.append(_undecided(context, meant, len(candidates), untried))
     return ResolvedRequest(
         task_response="object" if best else "unmet",
         object=best.iri if best else "",
@@ -201,6 +206,7 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
             "proof": _proof(context, meant, best, gripper) if best and request.prove else [],
         },
         suggestions=list(meant.suggestions),
+        objects_untried=untried,
     )
 
 
@@ -209,8 +215,12 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
 
 def _find_candidates(
     context: Context, meant: Meaning, gripper: StoredGripper, request: ResolveRequest
-) -> list[ObjectCandidate]:
-    """Return the objects that fit the words, visible ones first; one query."""
+) -> tuple[list[ObjectCandidate], int]:
+    """Return the objects that fit the words, and how many more may be in view.
+
+    Those that the robot names come first, then those seen last, so that one query finds all that
+    matter unless more than its limit were seen within the time.
+    """
     given = request.objects
     now = dt.datetime.now(dt.UTC)
     fresh = now - dt.timedelta(seconds=min(request.seen_within_s, _EVER_S))
@@ -235,24 +245,40 @@ def _find_candidates(
     for name in given or ():
         if iri(name).value not in seen_names:
             raise no_object(context, name, "objects")
-    return candidates
+    is_cut = given is None and len(seen_names) >= _MAX_CANDIDATES
+    if not (is_cut and all(candidate.is_seen for candidate in candidates)):
+        return candidates, 0
+    count = context.kb.select(_count(meant.senses, fresh))[0].value("n")
+    return candidates, max(int(str(count)) - len(candidates), 0)
+
+
+def _count(senses: Sequence[Sense], fresh: dt.datetime) -> str:
+    """Return the query for the number of objects that fit and were seen since a time."""
+    return f"""{PREFIXES}
+SELECT (COUNT(DISTINCT ?object) AS ?n) WHERE {{
+  {_fitting(senses)}
+  ?event sosa:hasFeatureOfInterest ?object ; sosa:resultTime ?time
+  FILTER(?time >= {literal(fresh)})
+}}"""
 
 
 def _query(senses: Sequence[Sense], gripper: StoredGripper, given: Sequence[str] | None) -> str:
     """Return the query for the objects that fit, and for those that the robot names."""
     named = f"VALUES ?object {{ {values(given or ())} }}"
     return f"""{PREFIXES}
-SELECT ?object (MAX(?fit) AS ?fits) (MAX(?can) AS ?able) (MIN(?w) AS ?width) (MAX(?m) AS ?mass)
+SELECT ?object (MAX(?fit) AS ?fits) (MAX(?named) AS ?is_named) (MAX(?can) AS ?able)
+  (MIN(?w) AS ?width) (MAX(?m) AS ?mass)
   (MIN(?b) AS ?bound) (MAX(?look) AS ?last) (MAX(?at) AS ?pose)
 WHERE {{
   {{
-    SELECT ?object (MAX(?f) AS ?fit) WHERE {{
+    SELECT ?object (MAX(?f) AS ?fit) (MIN(?f) AS ?only_fit) WHERE {{
       {{ {_fitting(senses)} BIND(true AS ?f) }}
       UNION
       {{ {named} ?object a rt:ManipulableObject BIND(false AS ?f) }}
     }}
     GROUP BY ?object
   }}
+  BIND(!?only_fit AS ?named)
   BIND(EXISTS {{ {gripper.robot} rt:canGrasp ?object }} AS ?can)
   OPTIONAL {{ ?object rt:graspWidth|rt:effectiveGraspWidth ?w }}
   OPTIONAL {{ ?object rt:mass|rt:effectiveMass ?m }}
@@ -268,7 +294,7 @@ WHERE {{
     BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
   }}
 }}
-GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MAX_CANDIDATES + _MAX_SEEN}"""
+GROUP BY ?object ORDER BY DESC(?is_named) DESC(?last) ?object LIMIT {_MAX_CANDIDATES}"""
 
 
 def _fitting(senses: Sequence[Sense]) -> str:
@@ -378,6 +404,14 @@ def _reasons(
     if not candidates:
         reasons.append(_reason("none_known", f"{_asked(context, meant)}: the graph knows none"))
     return reasons
+
+
+def _undecided(context: Context, meant: Meaning, tried: int, untried: int) -> Reason:
+    text = (
+        f"{_asked(context, meant)}: of {tried + untried} seen, only the {tried} seen last were "
+        "looked at; name those in view in objects, or give a shorter seen_within_s"
+    )
+    return _reason("not_decided", text)
 
 
 def _last_seen(candidate: ObjectCandidate) -> str:

@@ -39,12 +39,15 @@ __all__ = [
 ]
 
 
+_MAX_RESULTS = 50
+
+
 class SearchObject(Looks):
     """A request for known objects that look like this one."""
 
     class_description: Text | None = None
     """restricts the answer to kinds of objects, in words; default: all kinds"""
-    max_results: Annotated[Whole, Ge(1), Le(50)] = 10
+    max_results: Annotated[Whole, Ge(1), Le(_MAX_RESULTS)] = 10
     """maximum number of objects"""
     min_confidence: Probability | None = None
     """least confidence of an entry; default: by the policy"""
@@ -82,6 +85,9 @@ class SimilarObjects(Answer):
     """whether a look from another side may decide"""
     in_other_light: bool = False
     """whether a doubt remains because the first was stored in another light than this one"""
+    views_untried: int = 0
+    """stored views that share some print and were not compared: without an accepted object, it is
+    not decided that it is none of theirs"""
 
 
 @operation("read", "reads", "list known objects that look like this one")
@@ -95,7 +101,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         context.views.recogniser,
         seen,
         context.policy,
-        request.max_results,
+        _MAX_RESULTS,
         request.min_confidence,
         context.views.embeddings,
         looks,
@@ -111,7 +117,9 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
     least = request.min_confidence or 0.0
     similar = similar_objects(seen, recognition, memory)
     return SimilarObjects(
-        similar_objects=[entry for entry in similar if entry.confidence >= least],
+        similar_objects=[entry for entry in similar if entry.confidence >= least][
+            : request.max_results
+        ],
         suggestions=[],
         outcome=recognition.outcome,
         accepted=bool(recognition.accepted),
@@ -119,6 +127,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         differs=recognition.differs,
         ask_again=bool(recognition.ask_again),
         in_other_light=recognition.is_in_other_light,
+        views_untried=recognition.views_untried,
     )
 
 

@@ -109,6 +109,11 @@ def settle(
 def verdict(recognition: Recognition, memory: Memory) -> str:
     """Return in a sentence what was recognised, or why nothing was accepted."""
     if not recognition.matches:
+        untried = recognition.views_untried
+        if untried:
+            views = "1 view that shares" if untried == 1 else f"{untried} views that share"
+            was = "was" if untried == 1 else "were"
+            return f"resembles no object compared; not decided: {views} its print {was} left out"
         return "resembles no stored object"
     first = recognition.matches[0]
     remembered = memory.objects.get(first.object_iri)

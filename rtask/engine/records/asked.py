@@ -145,7 +145,17 @@ class RefusalRecord:
 
 @dataclass(frozen=True)
 class DecisionRecord:
-    """What was decided for a task, for the report of its outcome; kept in memory only."""
+    """What was decided for a task, for the report of its outcome.
+
+    Parameters
+    ----------
+    times
+        Durations of the steps, s.
+    exemplar
+        IRI of the single thing, empty if unknown.
+    offers
+        Offered grasps by id, as JSON; see :class:`rtask.engine.decisions.Offer`.
+    """
 
     kind: ClassVar[str] = "decision"
     task: str
@@ -153,15 +163,22 @@ class DecisionRecord:
     seed: int
     times: Mapping[str, float] = field(default_factory=dict)
     exemplar: str = ""
+    offers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def store(self, context: Context, author: Access) -> None:
         """Remember it, unless the decision itself was made here."""
         if context.decisions.get(self.task) is None:
-            made = Decision(
-                self.object, None, times=dict(self.times), seed=self.seed,
-                asked_by=author.agent or "", exemplar=self.exemplar,
-            )  # fmt: skip
-            context.decisions.put(self.task, made)
+            context.decisions.put(self.task, self.decided_for(author.agent or ""))
+
+    def decided_for(self, robot: str) -> Decision:
+        """Return the decision in the engine's terms.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError, AttributeError
+            It is none.
+        """
+        return Decision.from_json(asdict(self), robot)
 
 
 AskedRecord: TypeAlias = PlaceRecord | RefusalRecord | DecisionRecord
@@ -204,6 +221,8 @@ def record_of(given: Mapping[str, Any]) -> AskedRecord:
             dt.datetime.fromisoformat(record.seen_at)
         elif isinstance(record, RefusalRecord):
             _ = record.refusal
-    except (TypeError, ValueError, KeyError) as error:
+        else:
+            _ = record.decided_for("")
+    except (TypeError, ValueError, KeyError, AttributeError) as error:
         raise UsageError(f"{kind.kind}: {error}") from None
     return record

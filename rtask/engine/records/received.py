@@ -135,18 +135,18 @@ class Received:
 
     def completed(self, decision: Decision | None) -> Received:
         """Return the grasp completed from the decision in which it was offered."""
-        option = decision.options.get(self.id) if decision is not None else None
-        if option is None or option.choice is None:
+        offer = decision.offers.get(self.id) if decision is not None else None
+        if offer is None:
             return self
         return replace(
             self,
-            in_object=self.in_object or option.in_object,
-            orientation=self.orientation or option.quaternion,
-            width=option.grasp.width if self.width is None else self.width,
-            opening=option.opening if self.opening is None else self.opening,
-            quality=option.quality if self.quality is None else self.quality,
-            belief=self.belief or (option.choice.alpha, option.choice.beta),
-            contacts=self.contacts or option.contacts,
+            in_object=self.in_object or offer.in_object,
+            orientation=self.orientation or offer.quaternion,
+            width=offer.width if self.width is None else self.width,
+            opening=offer.opening if self.opening is None else self.opening,
+            quality=offer.quality if self.quality is None else self.quality,
+            belief=self.belief or offer.belief,
+            contacts=self.contacts or offer.contacts,
         )
 
     def placed(self, placement: Placement | None) -> Received:

@@ -93,6 +93,18 @@ def test_an_empty_index_answers_null(card_views) -> None:
     assert (answer.outcome, answer.accepted, answer.matches) == ("null", False, ())
 
 
+def test_views_that_share_print_and_were_left_out_are_counted(stocked, photo) -> None:
+    """Beyond the views with most votes, an object that is stored may go unseen."""
+    unknown = photo(15, yaw=0.3, seed=5).describe()
+    assert Recogniser(stocked).recognise(unknown).views_untried == 0
+    params = RecogniserParams(min_votes=1, max_views=1, appearance_views=1)
+    answer = Recogniser(stocked, params).recognise(unknown)
+    assert not answer.accepted
+    assert answer.views_untried > 0
+    known = photo(4, yaw=0.3, seed=5).describe()
+    assert Recogniser(stocked, params).recognise(known).views_untried == 0
+
+
 def test_a_single_stored_object_needs_no_rival(card_views, photo) -> None:
     index = RecognitionIndex()
     index.add("view:a", "object:0", "class:card", card_views(0, 1)[0])

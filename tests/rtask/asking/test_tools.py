@@ -190,12 +190,15 @@ def test_a_place_has_its_frame_time_and_author(toolbox: Toolbox) -> None:
     assert not call(toolbox, "where_is", object="kb:object/9")["stated"]
 
 
-def test_the_places_of_a_product_are_those_of_its_things() -> None:
+def test_the_places_of_a_product_are_those_of_its_things(monkeypatch: pytest.MonkeyPatch) -> None:
     with rtask.open(":memory:", base="urn:lab/") as kb, Engine(kb) as engine:
         kb.update(
             prologue(ontology.PREFIXES)
             + """INSERT DATA { <urn:lab/cup> a rt:Cup ; rt:objectId "lab/1" ; rt:name "red cup" .
             <urn:lab/thing/1> a rt:Exemplar ; rt:exemplarOf <urn:lab/cup> .
+            <urn:lab/thing/2> a rt:Exemplar ; rt:exemplarOf <urn:lab/cup> .
+            <urn:lab/q> a rt:Placement ; rt:placementOf <urn:lab/thing/2> ;
+                rt:placedOn <urn:lab/shelf> ; time:hasBeginning <urn:lab/begin> .
             <urn:lab/p> a rt:Placement ; rt:placementOf <urn:lab/thing/1> ;
                 rt:placedOn <urn:lab/shelf> ; time:hasBeginning <urn:lab/begin> .
             <urn:lab/begin> a time:Instant ;
@@ -205,13 +208,27 @@ def test_the_places_of_a_product_are_those_of_its_things() -> None:
         tools = Toolbox(kb, engine, lambda access: SCOPES[access.role])
         places = call(tools, "where_is", object="red cup")["places"]
         assert "on" in {place["relation"] for place in places}
-        assert {place["thing"] for place in places} == {"kb:thing/1"}
+        assert {place["thing"] for place in places} == {"kb:thing/1", "kb:thing/2"}
+        monkeypatch.setattr("rtask.asking.tools.grasping.MAX_PLACES", 1)
+        first = call(tools, "where_is", object="red cup")
+        assert (len(first["places"]), first["more"]["left"]) == (1, 1)
+        second = call(tools, "where_is", object="red cup", offset=first["more"]["offset"])
+        assert first["places"] + second["places"] == places[:2]
 
 
-def test_grasps_are_recalled_with_their_proofs(toolbox: Toolbox) -> None:
+def test_grasps_are_recalled_with_their_proofs_page_by_page(
+    toolbox: Toolbox, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recalled = call(toolbox, "recall_grasps", object="mug")
     assert [grasp["gripper_type"] for grasp in recalled["grasps"]] == ["parallel_jaw_90"] * 2
     assert all("rt:hasGrasp" in grasp["proof"] for grasp in recalled["grasps"])
+    assert "more" not in recalled
+    monkeypatch.setattr("rtask.asking.tools.grasping.PAGE", 1)
+    first = call(toolbox, "recall_grasps", object="mug")
+    assert (first["grasps"], first["more"]) == (recalled["grasps"][:1], {"offset": 1, "left": 1})
+    assert (
+        call(toolbox, "recall_grasps", object="mug", offset=1)["grasps"] == recalled["grasps"][1:]
+    )
 
 
 def test_a_change_is_tried_proposed_and_not_made(toolbox: Toolbox, kb: KnowledgeBase) -> None:
@@ -356,3 +373,36 @@ def test_what_is_no_request_is_an_error_of_the_protocol(toolbox: Toolbox) -> Non
     assert request(toolbox, "prompts/list")["error"]["code"] == -32601
     odd = answer(toolbox, {"id": [1], "method": "ping"}, ROBOT, SITE, Waiting())
     assert (odd["id"], odd["error"]["code"]) == (None, -32600)
+
+
+def test_what_lies_beyond_a_limit_is_said_and_can_be_asked_for(
+    toolbox: Toolbox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A list that ends at its limit reads as all there is."""
+    tries: list[tuple[str, str, dict[str, Any]]] = [
+        ("rtask.asking.tools.lookup.MAX_HITS", "hits", {"words": "grasp*"}),
+        ("rtask.asking.tools.lookup.MAX_FACTS", "facts", {"term": "rt:Mug"}),
+        ("rtask.asking.tools.proofs.MAX_COMMITS", "commits", {"term": "kb:object/7"}),
+    ]
+    for (limit, entries, arguments), name in zip(
+        tries, ("search", "describe", "history"), strict=True
+    ):
+        whole = call(toolbox, name, **arguments)[entries]
+        with monkeypatch.context() as lowered:
+            lowered.setattr(limit, 1)
+            first = call(toolbox, name, **arguments)
+            assert first[entries] == whole[:1], name
+            if len(whole) > 1:
+                assert first["more"]["offset"] == 1
+                assert first["more"]["left"] >= 1
+                second = call(toolbox, name, **arguments, offset=1)
+                assert second[entries] == whole[1:2], name
+
+
+def test_the_past_says_from_which_commit_on_it_is_kept(
+    toolbox: Toolbox, kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert call(toolbox, "history", term="kb:object/7")["kept_from"] == kb.feed.oldest_retained()
+    monkeypatch.setattr(kb.feed, "oldest_retained", lambda: kb.seq)
+    assert call(toolbox, "history", term="kb:object/7")["kept_from"] == kb.seq
+    assert failure(toolbox, "history", term="kb:object/7", at=1)["error"] == "changes-gone"

@@ -161,3 +161,31 @@ def test_the_index_follows_commits_and_can_be_rebuilt(lab, monkeypatch):
     for time_s in np.arange(-25.0, 900.0, 25.0):
         assert followed.at(cup, lab.noon + time_s) == rebuilt.at(cup, lab.noon + time_s)
     rebuilt.close()
+
+
+def test_things_beyond_those_looked_at_are_not_denied(lab):
+    """The one near the place may be among those that were left out."""
+    for k in range(3):
+        lab.see(lab.cup, 0.3 + 0.4 * k, 0.1, k)
+    whole = lab.ask("blue cup", 20)
+    assert (len(whole.exemplars), whole.things_untried) == (3, 0)
+    part = lab.ask("blue cup", 20, max_things=2)
+    assert (len(part.exemplars), part.things_untried) == (2, 1)
+    assert part.text.endswith("ask with max_things 3, or by a name of their own")
+    far = lab.ask("blue cup", 20, max_things=2, near="tea box")
+    assert (far.exemplars, far.things_untried) == ((), 1)
+    assert far.text.startswith('not decided: none of the "blue cup" looked at is near "tea box"')
+
+
+def test_frames_deeper_than_what_is_followed_leave_nearness_undecided(lab, monkeypatch):
+    from rtask.world import frames
+
+    lab.stand(lab.table, lab.map, 1.0, 0.0, 0)
+    lab.stand(lab.frame(), lab.table, 0.5, 0.0, 0)
+    cup = lab.see(lab.cup, 0.3, 0.1, 1)
+    (near,) = lab.ask("blue cup", 5, near="map", radius_m=3.0).exemplars
+    assert near.exemplar == cup
+    monkeypatch.setattr(frames, "MAX_DEPTH", 1)
+    answer = lab.ask("blue cup", 5, near="map", radius_m=3.0)
+    assert (answer.exemplars, answer.things_untried) == ((), 1)
+    assert answer.text.endswith("too many frames are between it and 1 of them to tell")

@@ -8,7 +8,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 
 from rtask.engine.operations.operation import operation
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Json, Number, Stamp, Text, Unit
+from rtask.wire.types import Json, Number, Stamp, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -31,6 +31,8 @@ class WhereIs(Message):
     """only what is in, on or near this place, robot, frame or thing; default: anywhere"""
     radius: Annotated[Number, Unit("m"), Ge(0.001), Le(1000)] = 0.5
     """how near that is; with a robot and the reach of its arm: what it can reach"""
+    max_things: Annotated[Whole, Ge(1), Le(10_000)] = 200
+    """how many things of that name are looked at"""
 
 
 class OtherThing(Answer):
@@ -85,6 +87,9 @@ class Located(Answer):
     time: float
     """time that the answer is about, Unix time, s"""
     things: list[LocatedThing]
+    things_untried: int
+    """how many things of that name were not looked at; with any, what is not among the things is
+    not decided"""
 
 
 @operation("read", "reads", "tell where something is or was, since when, and how sure that is")
@@ -97,13 +102,14 @@ def answer_of(world: World, request: WhereIs) -> Located:
     """Return the answer to a request from a world, as the operation gives it."""
     answer = world.where_is(
         request.name, at=request.stamp, frame=request.frame, near=request.near,
-        radius_m=request.radius,
+        radius_m=request.radius, max_things=request.max_things,
     )  # fmt: skip
     return Located(
         known=answer.is_known,
         text=answer.text,
         time=answer.time_s,
         things=[_located(whereabouts) for whereabouts in answer.exemplars],
+        things_untried=answer.things_untried,
     )
 
 

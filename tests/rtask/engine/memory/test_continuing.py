@@ -19,7 +19,9 @@ from grasp.learning.environments.discretise import Bins
 from rtask.client.outbox import Outbox
 from rtask.engine import Engine, Policy
 from rtask.engine.memory.learners import experience, keep_learner, resume_learner
+from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PREFIXES
 
 pytestmark = pytest.mark.slow
 
@@ -271,3 +273,26 @@ class Older:
 
 
 Older.__name__ = "QLearning"
+
+
+def test_a_grasp_named_by_its_id_alone_is_stored_also_by_a_server_that_was_restarted(bench, folder):
+    """The robot goes on; the server that offered the grasp was stopped in between."""
+    with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
+        answer = engine.call("recognise_for_grasp", request(bench), Access("nao-2", "robot"))
+    offered = next(g for g in answer["grasps"] if g["id"].startswith("candidate:"))
+    report = {"grasp": offered["id"], "gripper_id": "left_hand", "success": True}
+    with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
+        named = {"object": answer["object"], **report}
+        with pytest.raises(UnknownTermError, match="its pose is missing"):
+            engine.call("report_outcome", named, Access("nao-2", "robot"))
+        named = {"task_id": answer["task_id"], **report}
+        stored = engine.call("report_outcome", named, Access("nao-2", "robot"))
+        rows = kb.query(f"""{PREFIXES} SELECT ?x ?y ?z ?width ?opening WHERE {{
+            <{stored["grasp"]}> rt:graspPose ?pose .
+            <{stored["grasp"]}> rt:contactWidth ?width ; rt:jawOpening ?opening .
+            ?pose rt:x ?x ; rt:y ?y ; rt:z ?z }}""")
+        [row] = [row.to_dict() for row in rows]
+    expected = {name: offered["in_object"][name] for name in "xyz"}
+    expected |= {name: offered[name] for name in ("width", "opening")}
+    assert stored["stored"] == 1
+    assert {name: float(value) for name, value in row.items()} == pytest.approx(expected, abs=1e-6)

@@ -8,6 +8,7 @@ import ontology
 import rtask
 from rtask.engine import Engine
 from rtask.engine.memory.meaning import meaning, stems
+from rtask.engine.operations import resolve
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 
@@ -200,3 +201,24 @@ def test_stems_do_not_mind_plural_and_gerund():
 def test_the_longest_name_wins(room):
     found = meaning(room.engine.context, "a drinking vessel")
     assert [(s.kind, s.terms) for s in found.senses] == [("class", (RT + "DrinkingVessel",))]
+
+
+def test_a_wish_that_more_fit_than_were_looked_at_is_not_decided(room, monkeypatch):
+    """The one left out may be the one that can be held."""
+    whole = room.ask("a container")
+    fitting = {one["object"] for one in (*whole["objects"], *whole["reasons"])}
+    assert whole["objects_untried"] == 0
+    monkeypatch.setattr(resolve, "_MAX_CANDIDATES", 2)
+    answer = room.ask("a container")
+    assert answer["objects_untried"] == len(fitting) - 2
+    assert answer["reasons"][-1]["code"] == "not_decided"
+    assert f"of {len(fitting)} seen, only the 2 seen last" in answer["reasons"][-1]["text"]
+    named = room.ask("a container", objects=[room.bottle, room.cola])
+    assert (named["object"], named["objects_untried"]) == (room.cola, 0)
+
+
+def test_objects_named_in_a_wish_are_found_behind_others_that_fit_it(room, monkeypatch):
+    monkeypatch.setattr(resolve, "_MAX_CANDIDATES", 1)
+    answer = room.ask("a container", objects=[room.pencil])
+    assert answer["objects_untried"] == 0
+    assert answer["reasons"][0]["code"] == "not_seen"

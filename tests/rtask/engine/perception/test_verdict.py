@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +30,15 @@ def _doubt(is_relit: bool, *, ask_again: bool = True) -> Recognition:
 )
 def test_a_doubt_names_what_may_decide(is_relit: bool, sentence: str) -> None:
     assert verdict(_doubt(is_relit), KNOWN) == sentence
+
+
+def test_an_object_is_not_called_unlike_views_that_were_left_out() -> None:
+    nothing = Recognition("null", False)
+    assert verdict(nothing, KNOWN) == "resembles no stored object"
+    left_out = (
+        "resembles no object compared; not decided: 2 views that share its print were left out"
+    )
+    assert verdict(replace(nothing, views_untried=2), KNOWN) == left_out
 
 
 def test_what_no_look_would_decide_says_nothing_of_the_light() -> None:

@@ -9,9 +9,9 @@ import pytest
 from pydantic import BaseModel
 
 import ontology
+from rtask.engine.decision_log import DecisionLog
 from rtask.engine.operations.outcome import ReportOutcome
 from rtask.engine.operations.table import OPERATIONS
-from rtask.engine.stored import Recent
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.services.offered import open_host
@@ -100,7 +100,7 @@ def test_a_robot_cannot_report_on_the_task_of_another(engine, bench, robots, mon
     told = {"task_id": asked["task_id"], "grasp": asked["grasps"][0], "name": "tea box"}
     with pytest.raises(ForbiddenError, match=r"objects\[0\]\.task_id: .*is a task of nao-1"):
         stranger.insert(seen, outcome=bench.missed(), **told)
-    monkeypatch.setattr(engine.context, "decisions", Recent(8))  # as after a restart
+    monkeypatch.setattr(engine.context, "decisions", DecisionLog())  # as after a restart
     with pytest.raises(ForbiddenError, match=r"objects\[0\]\.task_id: .*given to another robot"):
         stranger.insert(seen, outcome=bench.missed(), **told)
     stored = asking.insert(seen, outcome=bench.held(), **told)
