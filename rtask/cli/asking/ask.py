@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["ask"]
 
 _MAX_WIDTH = 40
+_MAX_PAGES = 5
 
 
 @click.command()
@@ -75,7 +76,7 @@ def ask(
         with open_graph(data, server) as kb:
             from rtask.asking.questions import answer
 
-            _show_answer(answer(kb, " ".join(words)), limit, as_json)
+            _show_answer(answer(kb, " ".join(words)), limit, as_json, server)
         return
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
@@ -94,7 +95,7 @@ def ask(
         raise SystemExit(1)
 
 
-def _show_answer(result: Answer, limit: int, as_json: bool) -> None:
+def _show_answer(result: Answer, limit: int, as_json: bool, server: str | None) -> None:
     if as_json:
         print_json(result.to_dict())
         exit_if_empty(len(result.rows))
@@ -107,6 +108,7 @@ def _show_answer(result: Answer, limit: int, as_json: bool) -> None:
     if len(result.rows):
         click.echo()
         _print_rows(result, max(limit, 1))
+        _print_why(result, server)
     click.echo(f"\n{result.sparql.rstrip()}")
     exit_if_empty(len(result.rows))
 
@@ -125,6 +127,16 @@ def _print_rows(result: Answer, limit: int) -> None:
         click.echo("  ".join(padded).rstrip())
     if len(result.rows) > limit:
         click.echo(f"... {len(result.rows) - limit} more rows; --limit prints them", err=True)
+
+
+def _print_why(result: Answer, server: str | None) -> None:
+    """Print the pages of what the numbers rest on; the query is printed anyway."""
+    pages = dict.fromkeys(why for why in result.why if why and not why.startswith("/sparql"))
+    for address in list(pages)[:_MAX_PAGES]:
+        site = server.rstrip("/") if server else "a page of rtask serve: "
+        click.echo(f"Why? {site}{address}")
+    if len(pages) > _MAX_PAGES:
+        click.echo(f"... {len(pages) - _MAX_PAGES} more pages; --json lists them", err=True)
 
 
 def _show_resolved(answer: ResolvedRequest) -> None:
