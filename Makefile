@@ -7,6 +7,13 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
+# One process of tests more than two cores: while a test waits for a server, another one runs.
+WORKERS ?= 3
+IN_PARALLEL := -n $(WORKERS) --dist loadscope --no-loadscope-reorder
+# Compiled modules are kept even where the environment says otherwise: each of the some hundred
+# processes that tests start would compile what it imports, a third of its time.
+test test-quick test-deep check: export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help setup system pages demo test test-quick test-deep check conformance bench site dist clean
 
 help:  ## list the targets
@@ -56,20 +63,20 @@ demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes op
 	@$(BIN)/rtask demo $(ARGS)
 
 test: $(READY)  ## run the tests but for the deep ones; ARGS="-k name" passes options
-	@$(BIN)/python -m pytest -n 2 --dist loadscope $(ARGS)
+	@$(BIN)/python -m pytest $(IN_PARALLEL) $(ARGS)
 
 test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
-	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
+	@$(BIN)/python -m pytest -q $(IN_PARALLEL) -p no:schemathesis -m "not slow and not deep and not browser" $(ARGS)
 
 test-deep: $(READY)  ## run the tests of large sizes and many draws, which `make test` leaves out
-	@$(BIN)/python -m pytest -n 2 --dist loadscope -m deep tests $(ARGS)
+	@$(BIN)/python -m pytest $(IN_PARALLEL) -m deep tests $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/python -m pytest -q tests/docs
+	@$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m '' tests/docs
 	@$(MAKE) --no-print-directory site
 
 conformance: $(READY)  ## the standards' own test suites, one line each

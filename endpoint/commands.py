@@ -21,6 +21,7 @@ from rtask.cli.options import (
     exit_if_empty,
     json_option,
     listing_option,
+    print_json,
     shown_rows,
     yes_option,
 )
@@ -254,7 +255,7 @@ def list_tokens(data: Path, limit: int | None, as_json: bool) -> None:
     with closing(_tokens(data)) as tokens:
         listed = shown_rows(tokens.all(), limit, as_json)
     if as_json:
-        click.echo(json.dumps([_members(token) for token in listed]))
+        print_json([_members(token) for token in listed])
     for token in [] if as_json else listed:
         click.echo(_words(token))
     exit_if_empty(listed, "no tokens yet; `rtask token create` makes one")
@@ -309,7 +310,7 @@ def _tokens(folder: Path, *, make: bool = False, store: str = "") -> TokenStore:
 
     if not (folder / "kb.json").is_file():
         if not make:
-            raise UsageError(f"{folder} is not a knowledge base")
+            Settings.load(folder)  # says that this is none, as every other command does
         if store:
             token = os.environ.get("RTASK_STORE_TOKEN")
             rtask.open(store, token=token, folder=folder).close()

@@ -7,6 +7,7 @@ from reasoner.contradictions import Contradiction
 from reasoner.decisions import Refutation, Undecided
 from reasoner.dl.profile import ProfileViolation, check_profile
 from reasoner.entail import Entailment, entails
+from reasoner.following import Follower
 from reasoner.proofs import Decision, Proof
 from reasoner.rules.strata import StratificationError
 from reasoner.rules.user_rules import LabelledRule, RuleError
@@ -22,6 +23,7 @@ __all__ = [
     "Contradiction",
     "Decision",
     "Entailment",
+    "Follower",
     "InconsistentError",
     "LabelledRule",
     "NeedsRebuildError",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TypeGuard
 
 from pyoxigraph import BlankNode, Literal, NamedNode
@@ -16,10 +16,13 @@ from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction, describe
 from reasoner.decisions import DEFAULT_BUDGET, Refutation
 from reasoner.exports import Triples, difference, missing_and_surplus, small_difference
+from reasoner.facts.arrays import Keys
+from reasoner.facts.changes import FactChange
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.glosses import Name, local_name
+from reasoner.handover import Difference, Handover, Reporter
 from reasoner.proofs import Decision, GraphsOf, Proof
 from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
@@ -40,6 +43,12 @@ LISTED_TRIPLES = 5_000
 """More triples of a change are made only when somebody looks at them."""
 
 
+Rules = tuple[str | LabelledRule, ...]
+SomeFacts = set[Fact] | Mapping[int, Keys]
+Exported = tuple[set[Fact], set[Fact]] | FactChange
+"""What enters and what leaves the graph of inferred triples."""
+
+
 class Staged:
     """A change whose consequences are known but which is not yet in force.
 
@@ -48,27 +57,39 @@ class Staged:
     inferred_added, inferred_removed : collection of Triple
         Triples that enter and leave the graph of inferred triples; never an asserted triple. Large
         ones are made of ids at each pass.
-    inferred_kept : collection of Triple or None
+    remaining_inferred : collection of Triple or None
         Triples that stay in the graph of inferred triples; None where the change is small.
     contradictions : list of Contradiction
         Contradictions that the change introduces.
     """
 
     def __init__(
-        self, closure: Closure, draft: Draft, rules: tuple[str | LabelledRule, ...]
+        self,
+        closure: Closure,
+        draft: Draft,
+        rules: Rules,
+        counts: tuple[int, int],
+        exported: FactChange | None = None,
     ) -> None:
         self._closure = closure
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
-        self.remaining_inferred: Collection[Triple] | None
-        self.inferred_added, self.inferred_removed, self.remaining_inferred = closure._difference(
-            draft
+        self._counts = counts
+        self._exported, remaining = (
+            (exported, None) if exported is not None else closure._difference(draft)
         )
+        self.inferred_added, self.inferred_removed = map(closure._shown, self._parts())
+        self.remaining_inferred: Collection[Triple] | None = remaining
         draft.layer.work = None
         earlier = closure._state.clashes
+        self._counts_after = closure._terms.counts()
         self._news = [clash for key, clash in draft.clashes.items() if key not in earlier]
         self.contradictions = closure._describe(self._news, draft)
+
+    def _parts(self) -> tuple[SomeFacts, SomeFacts]:
+        both = self._exported
+        return (both.added, both.removed) if isinstance(both, FactChange) else both
 
     def causes(self, budget_ms: float = 1_000) -> list[Cause]:
         """Return the smallest sets of added statements that lead to the contradictions.
@@ -99,14 +120,26 @@ class Staged:
             raise RuntimeError("this change was already applied or discarded")
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
-        self._closure._changes += self._draft.size
-        self._draft.apply_to(self._closure._state)
-        self._closure._rules = self._rules
-        self._closure._version += 1
+        self._closure._take(self._draft, self._exported, self._rules)
         self._draft = None
 
+    def difference(self) -> Difference:
+        """Return how the closure will differ from what it is now.
+
+        Raises
+        ------
+        RuntimeError
+            If the change was applied or discarded before.
+        """
+        if self._draft is None:
+            raise RuntimeError("this change was already applied or discarded")
+        return self._closure._difference_made(self._draft, self._exported)
+
     def discard(self) -> None:
-        """Discard the change."""
+        """Discard the change, and forget the terms that it brought if nobody met others since."""
+        terms = self._closure._terms
+        if self._draft is not None and terms.counts() == self._counts_after:
+            terms.forget_since(self._counts)
         self._draft = None
 
 
@@ -139,6 +172,7 @@ class Closure:
         self._changes = 0
         self._reifiers: set[Term] = set()
         self._skipped = 0
+        self._handovers: list[Handover] = []
 
     @classmethod
     def build(
@@ -206,22 +240,69 @@ class Closure:
         InconsistentError
             If the change contradicts known statements and `Config.on_contradiction` is "reject".
         """
-        plus = set(self._encode(add))
-        minus = set(self._terms.encode_all(filter(_is_plain, remove)))
-        asserted = self._state.asserted
-        changed = Asserted(
-            asserted,
-            frozenset(plus - asserted.among(plus)),
-            frozenset(asserted.among(minus - plus)),
-        )
         former, now = self._rules, self._rules if rules is None else tuple(rules)
-        maintainer = self._maintainer(len(asserted) + len(plus), now, not accepted, budget)
-        draft = maintainer.draft(self._state, changed, former if now != former else None)
-        staged = Staged(self, draft, now)
+        counts = self._terms.counts()
+        try:
+            changed = self._changed(add, remove)
+            size = len(changed.facts) + len(changed.added)
+            maintainer = self._maintainer(size, now, not accepted, budget)
+            draft = maintainer.draft(self._state, changed, former if now != former else None)
+            staged = Staged(self, draft, now, counts)
+        except BaseException:
+            self._terms.forget_since(counts)
+            raise
         if staged.contradictions and self._config.on_contradiction == "reject":
             staged.discard()
             raise InconsistentError(staged.contradictions)
         return staged
+
+    def hand_over(self) -> Handover:
+        """Return what a copy made now needs to hand back later; see :meth:`adopt`."""
+        handover = Handover(self._terms, self._state.program)
+        self._handovers.append(handover)
+        return handover
+
+    def end_handover(self, handover: Handover) -> None:
+        """Record changes for a copy no longer."""
+        self._handovers.remove(handover)
+
+    def reporter(self) -> Reporter:
+        """Return what reports on this closure, the copy, from now on."""
+        return Reporter(self._terms, self._state)
+
+    def adopt(
+        self,
+        handover: Handover,
+        add: Iterable[GivenTriple],
+        remove: Iterable[GivenTriple],
+        rules: Iterable[str | LabelledRule] | None = None,
+        derived: int | None = None,
+    ) -> Staged | None:
+        """Return what a copy derived, as :meth:`stage` would.
+
+        Parameters
+        ----------
+        add, remove, rules
+            The change, as :meth:`stage` takes it.
+        derived : int, optional
+            Number of facts that may be derived.
+
+        Returns
+        -------
+        Staged or None
+            None if the copy does not hold this very change and all that the closure took
+            meanwhile, or if more follows than may.
+        """
+        now = self._rules if rules is None else tuple(rules)
+        counts = self._terms.counts()
+        changed = self._changed(add, remove)
+        adopted = handover.draft(self._state, changed)
+        if adopted is None:
+            return None
+        draft, exported = adopted
+        if derived is not None and draft.net > len(changed.added) + derived:
+            return None
+        return Staged(self, draft, now, counts, exported)
 
     @classmethod
     def from_image(
@@ -386,6 +467,16 @@ class Closure:
         )
         return Maintainer(self._terms, settings)
 
+    def _changed(self, add: Iterable[GivenTriple], remove: Iterable[GivenTriple]) -> Asserted:
+        plus = set(self._encode(add))
+        minus = set(self._terms.encode_all(filter(_is_plain, remove)))
+        asserted = self._state.asserted
+        return Asserted(
+            asserted,
+            frozenset(plus - asserted.among(plus)),
+            frozenset(asserted.among(minus - plus)),
+        )
+
     def _encode(self, triples: Iterable[GivenTriple]) -> list[Fact]:
         """Encode triples, without triple terms and statements about their reifiers."""
         reifiers, encoded, count = self._reifiers, len(self._reifiers), 0
@@ -420,17 +511,33 @@ class Closure:
         asserted = Asserted(state.asserted)
         return Reading(state.facts, state.equality, asserted, state.program, terms)
 
-    def _difference(
-        self, draft: Draft
-    ) -> tuple[Collection[Triple], Collection[Triple], Collection[Triple] | None]:
+    def _difference(self, draft: Draft) -> tuple[Exported, Collection[Triple] | None]:
         before, after = self._reading(), self._reading(draft)
-        if draft.is_rebuilt:
-            *parts, unchanged = difference(before, after)
-            added, removed = (p if len(p) > LISTED_TRIPLES else list(p) for p in parts)
-            return added, removed, unchanged
-        decode = self._terms.decode_fact
-        entered, gone = small_difference(before, after, draft.asserted)
-        return [*map(decode, entered)], [*map(decode, gone)], None
+        if not draft.is_rebuilt:
+            return small_difference(before, after, draft.asserted), None
+        change, unchanged = difference(before, after)
+        return change, Triples(unchanged, self._terms)
+
+    def _shown(self, facts: SomeFacts) -> Collection[Triple]:
+        if isinstance(facts, set):
+            return [*map(self._terms.decode_fact, facts)]
+        triples = Triples(facts, self._terms)
+        return triples if len(triples) > LISTED_TRIPLES else list(triples)
+
+    def _difference_made(self, draft: Draft, exported: Exported) -> Difference:
+        change = exported if isinstance(exported, FactChange) else FactChange.of(*exported)
+        return Difference.of(draft, self._state, change)
+
+    def _take(self, draft: Draft, exported: Exported, rules: Rules) -> None:
+        """Make a draft the state, and record it where that is asked for."""
+        if self._handovers:
+            step = self._difference_made(draft, exported)
+            for handover in self._handovers:
+                handover.record(draft, step, None if rules == self._rules else rules)
+        self._changes += draft.size
+        draft.apply_to(self._state)
+        self._rules = rules
+        self._version += 1
 
     def _causes(
         self,

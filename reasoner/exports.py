@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from reasoner.facts import arrays
-from reasoner.facts.arrays import NO_KEYS, Column, Keys
+from reasoner.facts.arrays import Column, Keys
+from reasoner.facts.changes import FactChange, without
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
@@ -65,12 +65,11 @@ class Triples(Collection[Triple]):
         return self._columns[p].has(s, o)
 
 
-def difference(before: Reading, after: Reading) -> tuple[Triples, Triples, Triples]:
-    """Return the triples that enter, leave and stay in the inferred graph between two states."""
+def difference(before: Reading, after: Reading) -> tuple[FactChange, dict[int, Keys]]:
+    """Return how the inferred graph changes from one state to another, and what stays in it."""
     was, now = before.exported(), after.exported()
-    entered, gone = _without(now, was), _without(was, now)
-    stay = _without(now, entered)
-    return Triples(entered, after.terms), Triples(gone, after.terms), Triples(stay, after.terms)
+    change = FactChange.between(was, now)
+    return change, without(now, change.added)
 
 
 def missing_and_surplus(
@@ -102,12 +101,8 @@ def missing_and_surplus(
     held = Facts()
     held.replace(encodable)
     stored = {p: column.keys for p, column in held.columns().items()}
-    surplus += Triples(_without(stored, exported), terms)
-    return Triples(_without(exported, stored), terms), surplus
-
-
-def _without(columns: Mapping[int, Keys], others: Mapping[int, Keys]) -> dict[int, Keys]:
-    return {p: keys[~arrays.is_in(keys, others.get(p, NO_KEYS))] for p, keys in columns.items()}
+    surplus += Triples(without(stored, exported), terms)
+    return Triples(without(exported, stored), terms), surplus
 
 
 def small_difference(

@@ -15,6 +15,7 @@ import pytest
 from tests import prewarmed
 
 _MAX_CPU_S = 5.0
+_SLOW_S, _QUICK_S = 2.0, 0.02
 _PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
 _FAILED = pytest.StashKey[Path]()
@@ -33,16 +34,32 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Shuffle tests if asked to; a module stays in one piece, so that it is set up once."""
-    seed = config.getoption("--shuffle")
-    if seed is None:
-        return
+    """Shuffle tests if asked to; among several processes, begin with the modules that take longest.
+
+    A module stays in one piece, so that it is set up once. A long one that began last would leave
+    the other processes idle.
+    """
     modules: dict[str, list[pytest.Item]] = {}
     for item in items:
         modules.setdefault(item.nodeid.partition("::")[0], []).append(item)
-    chance = random.Random(seed)
-    pieces = [chance.sample(piece, len(piece)) for piece in modules.values()]
-    items[:] = [item for piece in chance.sample(pieces, len(pieces)) for item in piece]
+    seed = config.getoption("--shuffle")
+    if seed is not None:
+        chance = random.Random(seed)
+        pieces = [chance.sample(piece, len(piece)) for piece in modules.values()]
+        items[:] = [item for piece in chance.sample(pieces, len(pieces)) for item in piece]
+    elif hasattr(config, "workerinput"):
+        by_length = sorted(modules.values(), key=_estimated_s, reverse=True)
+        items[:] = [item for piece in by_length for item in piece]
+
+
+def _estimated_s(piece: list[pytest.Item]) -> float:
+    """Estimate how many seconds the tests of a module take, from what is marked as slow."""
+    slow = {
+        getattr(item, "originalname", item.name)
+        for item in piece
+        if item.get_closest_marker("slow")
+    }
+    return _SLOW_S * len(slow) + _QUICK_S * len(piece)
 
 
 def pytest_configure(config: pytest.Config) -> None:

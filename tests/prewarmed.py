@@ -1,7 +1,7 @@
 """A process that has imported what ``rtask`` needs and forks for each command that is to be run.
 
-Importing takes most of a server's start. Run as a module, this file imports and waits; in a test's
-process, :class:`Prewarmed` asks it for processes.
+Importing takes most of a command's time. Run as a module, this file imports and waits; in a test's
+process, :class:`Prewarmed` asks it for processes. Tests call it through ``tests/commands.py``.
 """
 
 from __future__ import annotations
@@ -48,12 +48,19 @@ class ForkedProcess:
         The prewarmed process.
     pid
         Of the child.
-    stdout, stderr
-        What it prints.
+    stdin, stdout, stderr
+        What it reads and prints; none for those that are no pipes.
     """
 
-    def __init__(self, owner: Prewarmed, pid: int, stdout: IO[str], stderr: IO[str]) -> None:
-        self.pid, self.stdout, self.stderr = pid, stdout, stderr
+    def __init__(
+        self,
+        owner: Prewarmed,
+        pid: int,
+        stdin: IO[str] | None,
+        stdout: IO[str] | None,
+        stderr: IO[str] | None,
+    ) -> None:
+        self.pid, self.stdin, self.stdout, self.stderr = pid, stdin, stdout, stderr
         self.returncode: int | None = None
         self._owner = owner
         # The child stays a zombie until it is asked for, so that this cannot be another process.
@@ -112,20 +119,47 @@ class Prewarmed:
         """Whether this system has what is needed: descriptors of processes."""
         return hasattr(os, "pidfd_open") and hasattr(signal, "pidfd_send_signal")
 
-    def start(self, arguments: Sequence[str], environment: Mapping[str, str]) -> ForkedProcess:
-        """Run ``rtask`` with these arguments in a process of its own."""
+    def start(
+        self,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        *,
+        module: str = "rtask",
+        folder: Path | None = None,
+        stdin: int = subprocess.DEVNULL,
+        stdout: int = subprocess.PIPE,
+        stderr: int = subprocess.PIPE,
+    ) -> ForkedProcess:
+        """Run ``python -m module`` with these arguments in a process of its own.
+
+        Parameters
+        ----------
+        arguments
+            Of the command.
+        environment
+            Of the process.
+        module
+            What is run.
+        folder
+            Where it is run; none for the current folder.
+        stdin, stdout, stderr
+            As :class:`subprocess.Popen` takes them.
+        """
         order = {
             "arguments": list(arguments),
             "environment": dict(environment),
-            "in": str(Path.cwd()),
+            "module": module,
+            "in": str(folder or Path.cwd()),
         }
-        printed, said = os.pipe(), os.pipe()
-        try:
-            pid = self.ask(order, [printed[1], said[1]])["pid"]
-        finally:
-            os.close(printed[1])
-            os.close(said[1])
-        return ForkedProcess(self, pid, os.fdopen(printed[0]), os.fdopen(said[0]))
+        with contextlib.ExitStack() as opened:
+            child_in, ours_in = _end_of(stdin, opened, is_read=True)
+            child_out, ours_out = _end_of(stdout, opened, is_read=False)
+            if stderr == subprocess.STDOUT:
+                child_err, ours_err = child_out, None
+            else:
+                child_err, ours_err = _end_of(stderr, opened, is_read=False)
+            pid = self.ask(order, [child_in, child_out, child_err])["pid"]
+        return ForkedProcess(self, pid, ours_in, ours_out, ours_err)
 
     def ask(self, order: Mapping[str, Any], descriptors: Sequence[int] = ()) -> dict[str, Any]:
         """Send an order and return the answer to it."""
@@ -139,11 +173,36 @@ class Prewarmed:
         self.process.wait()
 
 
+def _end_of(
+    kind: int, opened: contextlib.ExitStack, *, is_read: bool
+) -> tuple[int, IO[str] | None]:
+    """Return the child's descriptor, which is closed with ``opened``, and our end if it is a pipe.
+
+    Parameters
+    ----------
+    kind
+        A descriptor, or a constant of :mod:`subprocess`.
+    opened
+        What closes the descriptor.
+    is_read
+        Whether the child reads from it.
+    """
+    if kind == subprocess.PIPE:
+        read, write = os.pipe()
+        child, ours = (read, write) if is_read else (write, read)
+        opened.callback(os.close, child)
+        return child, os.fdopen(ours, "w" if is_read else "r")
+    if kind == subprocess.DEVNULL:
+        kind = os.open(os.devnull, os.O_RDWR)
+        opened.callback(os.close, kind)
+    return kind, None
+
+
 def _serve(connection: socket.socket) -> dict[str, Any] | None:
     """Fork for each order; return the order in a child, and none here at the end of orders."""
     running: set[int] = set()
     while True:
-        data, descriptors, _, _ = socket.recv_fds(connection, _MESSAGE_BYTES, 2)
+        data, descriptors, _, _ = socket.recv_fds(connection, _MESSAGE_BYTES, 3)
         if not data:
             break
         order: dict[str, Any] = json.loads(data)
@@ -156,7 +215,7 @@ def _serve(connection: socket.socket) -> dict[str, Any] | None:
             pid = os.fork()
             if pid == 0:
                 connection.close()
-                for place, descriptor in enumerate(descriptors, 1):
+                for place, descriptor in enumerate(descriptors):
                     os.dup2(descriptor, place)
                     os.close(descriptor)
                 return order
@@ -192,8 +251,9 @@ def _main() -> None:
     os.environ.clear()
     os.environ.update(order["environment"], PYTHONUNBUFFERED="1")
     sys.argv[1:] = order["arguments"]
-    sys.orig_argv[:] = [sys.executable, "-m", "rtask", *order["arguments"]]  # to start over with
-    runpy.run_module("rtask", run_name="__main__", alter_sys=True)
+    command = ["-m", order["module"], *order["arguments"]]
+    sys.orig_argv[:] = [sys.executable, *command]  # to start over with
+    runpy.run_module(order["module"], run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

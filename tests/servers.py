@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import functools
 import os
 import queue
 import signal
@@ -22,7 +20,7 @@ from endpoint.context import ServerContext
 from endpoint.rosbridge.services import Engine
 from endpoint.settings import Config
 from rtask.knowledge_base import KnowledgeBase
-from tests.prewarmed import ForkedProcess, Prewarmed
+from tests.commands import CommandProcess, start_command
 
 RTASK = (sys.executable, "-m", "rtask")
 READY_S = 90.0
@@ -48,7 +46,7 @@ class RunningServer:
     """
 
     url: str
-    process: subprocess.Popen[str] | ForkedProcess
+    process: CommandProcess
     data: Path | None
 
     @property
@@ -66,14 +64,6 @@ class RunningServer:
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(STOP_S)
-
-
-@functools.cache
-def _prewarmed() -> Prewarmed:
-    """Return the process that forks servers; it is started with the first of them."""
-    made = Prewarmed()
-    atexit.register(made.close)
-    return made
 
 
 @contextlib.contextmanager
@@ -103,9 +93,9 @@ def running_server(
     """
     where = ["--data", str(data)] if data else ["--temp"]
     arguments = ["serve", *where, "-p", "0", *options]
-    process: subprocess.Popen[str] | ForkedProcess
-    if command == RTASK and Prewarmed.is_possible():
-        process = _prewarmed().start(arguments, environment)
+    process: CommandProcess
+    if command == RTASK:
+        process = start_command(*arguments, environment=environment)
     else:
         process = subprocess.Popen(
             [*command, *arguments],

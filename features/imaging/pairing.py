@@ -43,6 +43,7 @@ def has_space(topics: list[tuple[str, str]]) -> bool:
 
 class _Depth(NamedTuple):
     time_s: float
+    stamp_s: float
     topic: str
     depth_m: NDArray[np.float32]
     frame_id: str
@@ -102,7 +103,8 @@ class Pairing:
             return
         if kind.endswith("PointCloud2"):
             seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=_STORED_BYTES))
-            yield replace(seen, stamp_s=time_s) if isinstance(seen, Cloud) else seen
+            stamp_s = _stamp_s(message, time_s)
+            yield replace(seen, stamp_s=stamp_s) if isinstance(seen, Cloud) else seen
             return
         says_depth = "depth" in topic.lower()
         if not says_depth and is_infrared_topic(topic):
@@ -126,7 +128,8 @@ class Pairing:
         doubt = implausible_depth(depth_m)
         if doubt:
             self._warn_once(topic, doubt)
-        self._depth = _Depth(time_s, topic, depth_m, str(message["header"]["frame_id"]))
+        frame_id, stamp_s = str(message["header"]["frame_id"]), _stamp_s(message, time_s)
+        self._depth = _Depth(time_s, stamp_s, topic, depth_m, frame_id)
         if self._colour is not None and time_s - self._colour.time_s < PAIRED_S / 4:
             yield from self._join(self._colour)
 
@@ -145,7 +148,7 @@ class Pairing:
     def _join(self, colour: _Colour | None) -> Iterator[Frame]:
         """Yield the depth that waits, with a colour image if it is near in time."""
         assert self._depth is not None
-        time_s, topic, depth_m, frame_id = self._depth
+        time_s, stamp_s, topic, depth_m, frame_id = self._depth
         self._depth = None
         lens = self._lens(topic)
         if lens is None or depth_m.shape != (lens.intrinsics.height, lens.intrinsics.width):
@@ -161,7 +164,7 @@ class Pairing:
             assert colour is not None
             self._leave_out(colour.topic, str(error))
             seen = view_of_images(depth_m, lens, None)
-        yield replace(seen, frame_id=frame_id, stamp_s=time_s)
+        yield replace(seen, frame_id=frame_id, stamp_s=stamp_s)
 
     def _lens(self, topic: str) -> Lens | None:
         """Return the lens of an image's topic; None where none is described, or not usably."""
@@ -181,6 +184,12 @@ class Pairing:
         if topic not in self._warned:
             self._warned.add(topic)
             self.warn(f"{topic}: {reason}")
+
+
+def _stamp_s(message: Mapping[str, Any], recorded_s: float) -> float:
+    """Return when a message was measured: by its header, or as it was recorded if that is empty."""
+    stamp = message["header"]["stamp"]
+    return float(stamp.sec + stamp.nanosec * 1e-9) or recorded_s
 
 
 def sensor_of(topic: str) -> str:

@@ -1,9 +1,10 @@
 """Recordings of ROS: bags of ROS 1 and ROS 2, and MCAP (extra ``recordings``; needs no ROS).
 
 Depth is paired with the colour image nearest in time and with the CameraInfo beside its topic.
-Depth and colour of one name space are taken for registered; transforms between cameras (tf) are not
-followed. What a topic carries is read from its messages and its name, never assumed: infrared is no
-depth, and a topic that cannot be read is left out with a warning, not the whole recording.
+Depth and colour of one name space are taken for registered. Transforms (tf) say where the camera
+was in the robot's frame; between cameras they are not followed. What a topic carries is read from
+its messages and its name, never assumed: infrared is no depth, and a topic that cannot be read is
+left out with a warning, not the whole recording.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import logging
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +22,14 @@ from features.geometry import Frame
 from features.imaging.pairing import Pairing, has_space, sensor_of
 from features.imaging.photo import Photo
 
-__all__ = ["first_view", "message_mapping", "views_of"]
+__all__ = ["first_view", "message_mapping", "transforms_near", "views_of"]
 
 _log = logging.getLogger(__name__)
 
 _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
+_TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _UNIT = "/option/Depth_Units/value"
 """Topic of a RealSense recording (SDK, not its ROS node) with the size of a step of depth, m."""
 
@@ -78,21 +81,65 @@ def views_of(
 
     A colour image is a view of its own only where the recording holds no depth and no cloud.
     """
+    with _reading(path) as reader:
+        images = [each for each in reader.connections if each.msgtype in _TYPES]
+        if not images:
+            return  # none would mean all to the reader
+        pairing = Pairing(has_space([(c.topic, c.msgtype) for c in images]), warn)
+        _read_cameras(reader, pairing)
+        start = reader.start_time + int(from_s * 1e9)
+        for connection, time_ns, raw in reader.messages(connections=images):
+            message = message_mapping(reader.deserialize(raw, connection.msgtype))
+            views = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
+            yield from (seen for seen in views if time_ns >= start)
+        yield from pairing.finish()
+
+
+def transforms_near(
+    path: Path, stamp_s: float, within_s: float = 5.0
+) -> Iterator[tuple[Any, bool]]:
+    """Yield each tf2_msgs/TFMessage about a time, and whether it is static.
+
+    Parameters
+    ----------
+    path
+        See :func:`first_view`.
+    stamp_s
+        By the clock of the messages' headers, s; it need not be that of the recording.
+    within_s
+        Messages with no transform so near to the time are passed over, static ones never.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is no recording.
+    """
+    with _reading(path) as reader:
+        connections = [each for each in reader.connections if each.msgtype in _TF_TYPES]
+        if not connections:
+            return  # none would mean all to the reader
+        for connection, _, raw in reader.messages(connections=connections):
+            message = reader.deserialize(raw, connection.msgtype)
+            is_static = connection.topic.rstrip("/").endswith("tf_static")
+            if is_static or any(
+                abs(_seconds(stamped.header.stamp) - stamp_s) <= within_s
+                for stamped in message.transforms
+            ):
+                yield message, is_static
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[Any]:
+    """Open a recording, and say of any error in its bytes that it is none."""
     from rosbags.highlevel import AnyReader, AnyReaderError
 
     try:
         with AnyReader([path]) as reader:
-            images = [
-                connection for connection in reader.connections if connection.msgtype in _TYPES
-            ]
-            pairing = Pairing(has_space([(c.topic, c.msgtype) for c in images]), warn)
-            _read_cameras(reader, pairing)
-            start = reader.start_time + int(from_s * 1e9)
-            for connection, time_ns, raw in reader.messages(connections=images):
-                message = message_mapping(reader.deserialize(raw, connection.msgtype))
-                views = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
-                yield from (seen for seen in views if time_ns >= start)
-            yield from pairing.finish()
+            yield reader
     except (AnyReaderError, OSError) as error:
         raise CloudFormatError(f"no recording of ROS: {error}") from error
     except CloudFormatError:

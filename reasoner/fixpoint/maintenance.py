@@ -100,6 +100,11 @@ class Draft:
             len(facts) for facts in (asserted.added, asserted.removed, layer.added, layer.removed)
         )
 
+    @property
+    def net(self) -> int:
+        """How many facts more there are; of what was not derived from nothing."""
+        return len(self.layer.added) - len(self.layer.removed)
+
     def apply_to(self, state: State) -> None:
         """Make the draft the state."""
         self.asserted.apply()

@@ -26,8 +26,8 @@ from reasoner.saved.rules import (
     distinct_from_data,
     distinct_to_data,
     facts_from_data,
-    rule_from_data,
-    rule_to_data,
+    rules_from_data,
+    rules_to_data,
 )
 from reasoner.terms.dictionary import Dictionary, Term
 from reasoner.terms.table import Array, TermTable
@@ -80,7 +80,7 @@ class Image:
         pairs = [(m, representative) for representative, members in classes for m in members]
         arrays["same"] = np.array(pairs, np.uint64).reshape(-1)
         document = {
-            "rules": [rule_to_data(rule) for rule in state.program.rules],
+            "rules": rules_to_data(state.program.rules),
             "distinct": [distinct_to_data(each) for each in state.program.distinct],
             "problems": [[problem.node, problem.message] for problem in state.problems],
             "clashes": [
@@ -104,7 +104,7 @@ class Image:
         for representative, group in members.items():
             equality.adopt(representative, group)
         program = Program(
-            map(rule_from_data, document["rules"]),
+            rules_from_data(document["rules"]),
             map(distinct_from_data, document["distinct"]),
             terms,
         )

@@ -6,7 +6,7 @@ written with. A rule that is read back equals the one that was written.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from reasoner.rules.compile import Distinct
@@ -22,34 +22,81 @@ from reasoner.rules.rule import Absent, Atom, Clash, Condition, Differ, InDataty
 from reasoner.terms.dictionary import Fact
 
 Data = list[Any]
+Number = Callable[[int], int]
+"""Returns the id here of an id elsewhere; variables, which are negative, stay."""
 
 
-def rule_to_data(rule: Rule) -> Data:
-    """Return a rule as lists, numbers and strings.
+def _same(number: int) -> int:
+    return number
+
+
+def rules_to_data(rules: Iterable[Rule], places: Mapping[Rule, int] | None = None) -> Data:
+    """Return rules as lists, numbers and strings.
+
+    All rules of one axiom share the facts behind them, perhaps a list of thousands, which is
+    written once.
+
+    Parameters
+    ----------
+    places : mapping of Rule to int, optional
+        Rules of which the reader has a list; these are written as their places in it.
 
     >>> rule = Rule("cls-hv2", (Atom(-1, 300, 301),), Atom(-1, 0, 302), ((302, 7, 301),))
-    >>> rule_from_data(rule_to_data(rule)) == rule
+    >>> rules_from_data(rules_to_data([rule])) == [rule]
     True
     """
+    reasons: list[list[list[int]]] = []
+    held: list[tuple[Fact, ...]] = []  # alive, so that no other has the same id meanwhile
+    reason_at: dict[int, int] = {}
+    written: list[int | Data] = []
+    for rule in rules:
+        place = None if places is None else places.get(rule)
+        if place is not None:
+            written.append(place)
+            continue
+        key = id(rule.because)
+        if key not in reason_at:
+            reason_at[key] = len(reasons)
+            reasons.append([list(fact) for fact in rule.because])
+            held.append(rule.because)
+        written.append(_rule_to_data(rule, reason_at[key]))
+    return [reasons, written]
+
+
+def rules_from_data(data: Data, listed: Sequence[Rule] = (), number: Number = _same) -> list[Rule]:
+    """Return the rules that `rules_to_data` was given, with their terms numbered anew if asked to.
+
+    Parameters
+    ----------
+    listed : sequence of Rule
+        In the places that `rules_to_data` was given.
+    """
+    reasons = [facts_from_data(facts, number) for facts in data[0]]
+    return [
+        listed[rule] if isinstance(rule, int) else _rule_from_data(rule, reasons, number)
+        for rule in data[1]
+    ]
+
+
+def _rule_to_data(rule: Rule, because: int) -> Data:
     return [
         rule.name,
         [list(atom) for atom in rule.body],
         None if rule.head is None else list(rule.head),
-        [list(fact) for fact in rule.because],
+        because,
         [_condition_to_data(condition) for condition in rule.conditions],
         list(rule.names),
     ]
 
 
-def rule_from_data(data: Data) -> Rule:
-    """Return the rule that `rule_to_data` was given."""
+def _rule_from_data(data: Data, reasons: Sequence[tuple[Fact, ...]], number: Number) -> Rule:
     name, body, head, because, conditions, names = data
     return Rule(
         name,
-        _atoms(body),
-        None if head is None else Atom(*head),
-        facts_from_data(because),
-        tuple(map(_condition_from_data, conditions)),
+        _atoms(body, number),
+        None if head is None else Atom(*map(number, head)),
+        reasons[because],
+        tuple(_condition_from_data(condition, number) for condition in conditions),
         tuple(names),
     )
 
@@ -59,19 +106,19 @@ def distinct_to_data(distinct: Distinct) -> Data:
     return [distinct.name, [list(f) for f in distinct.items], [list(f) for f in distinct.because]]
 
 
-def distinct_from_data(data: Data) -> Distinct:
+def distinct_from_data(data: Data, number: Number = _same) -> Distinct:
     """Return what `distinct_to_data` was given."""
     name, items, because = data
-    return Distinct(name, facts_from_data(items), facts_from_data(because))
+    return Distinct(name, facts_from_data(items, number), facts_from_data(because, number))
 
 
-def facts_from_data(data: Iterable[Sequence[int]]) -> tuple[Fact, ...]:
+def facts_from_data(data: Iterable[Sequence[int]], number: Number = _same) -> tuple[Fact, ...]:
     """Return facts that were written as lists."""
-    return tuple((s, p, o) for s, p, o in data)
+    return tuple((number(s), number(p), number(o)) for s, p, o in data)
 
 
-def _atoms(data: Iterable[Sequence[int]]) -> tuple[Atom, ...]:
-    return tuple(Atom(*atom) for atom in data)
+def _atoms(data: Iterable[Sequence[int]], number: Number) -> tuple[Atom, ...]:
+    return tuple(Atom(*map(number, atom)) for atom in data)
 
 
 def _condition_to_data(condition: Condition) -> Data:
@@ -92,21 +139,23 @@ def _condition_to_data(condition: Condition) -> Data:
     raise TypeError(f"no form on disk for the condition {condition!r}")
 
 
-def _condition_from_data(data: Data) -> Condition:
+def _condition_from_data(data: Data, number: Number) -> Condition:
     kind, *rest = data
     if kind == "differ":
         return Differ(*rest)
     if kind == "clash":
         return Clash(*rest)
     if kind == "datatype":
-        return InDatatype(*rest)
+        variable, datatype, inside = rest
+        return InDatatype(variable, number(datatype), inside)
     if kind == "absent":
         atoms, inner, outer = rest
-        return Absent(_atoms(atoms), tuple(map(_condition_from_data, inner)), frozenset(outer))
+        conditions = tuple(_condition_from_data(each, number) for each in inner)
+        return Absent(_atoms(atoms, number), conditions, frozenset(outer))
     if kind == "test":
-        return Test(_expression_from_data(rest[0]))
+        return Test(_expression_from_data(rest[0], number))
     if kind == "assign":
-        return Assign(rest[0], _expression_from_data(rest[1]))
+        return Assign(rest[0], _expression_from_data(rest[1], number))
     raise ValueError(f"unknown condition {kind!r}")
 
 
@@ -118,10 +167,10 @@ def _expression_to_data(expression: Expression) -> Data:
     return ["operation", expression.operator, *map(_expression_to_data, expression.arguments)]
 
 
-def _expression_from_data(data: Data) -> Expression:
+def _expression_from_data(data: Data, number: Number) -> Expression:
     kind, first, *rest = data
     if kind == "variable":
         return Variable(first)
     if kind == "constant":
-        return Constant(first)
-    return Operation(first, tuple(map(_expression_from_data, rest)))
+        return Constant(number(first))
+    return Operation(first, tuple(_expression_from_data(each, number) for each in rest))

@@ -24,7 +24,7 @@ class Dictionary:
     """Map terms to dense ids and back.
 
     IRIs and blank nodes count from 0, literals from `LITERAL`; the vocabulary has fixed ids. Ids
-    are never reused.
+    are reused only after :meth:`forget_since`.
 
     Parameters
     ----------
@@ -239,6 +239,37 @@ class Dictionary:
             return None
         resources = (None if isinstance(r, BlankNode) else r for r in self._resources)
         return (*resources, *self._literals), len(self._resources)
+
+    def counts(self) -> tuple[int, int]:
+        """Return the lowest ids that a new resource and a new literal would have."""
+        return len(self._resources), LITERAL + len(self._literals)
+
+    def since(self, counts: tuple[int, int]) -> tuple[tuple[Term, ...], tuple[Term, ...]]:
+        """Return the resources and the literals that were new after `counts`, in order."""
+        resources, literals = counts
+        return (
+            tuple(map(self._resource, range(resources, len(self._resources)))),
+            tuple(map(self._literal, range(literals - LITERAL, len(self._literals)))),
+        )
+
+    def forget_since(self, counts: tuple[int, int]) -> None:
+        """Forget the terms that were new after `counts`; nobody may hold their ids any more."""
+        resources, literals = counts[0], counts[1] - LITERAL
+        for term in (*self._resources[resources:], *self._literals[literals:]):
+            if term is not None:
+                self._ids.pop(term, None)
+        for value in self._values[literals:]:
+            if value is not None and self._by_value.get(value.key, 0) >= counts[1]:
+                del self._by_value[value.key]
+        for number in range(counts[1], LITERAL + len(self._literals)):
+            group = self._variants.pop(number, ())
+            earlier = tuple(other for other in group if other < counts[1])
+            for other in earlier:
+                if len(earlier) > 1:
+                    self._variants[other] = earlier
+                else:
+                    self._variants.pop(other, None)
+        del self._resources[resources:], self._literals[literals:], self._values[literals:]
 
     @property
     def has_variants(self) -> bool:

@@ -59,6 +59,7 @@ _BUILT_IN = {
     "segment": "rtask.cli.perception.segment:segment",
     "service": "rtask.cli.services.calling:service",
     "stats": "rtask.cli.contents:stats",
+    "tasks": "rtask.cli.tasks.queue:tasks",
     "teach": "rtask.cli.perception.teach:teach",
     "undo": "rtask.cli.changing.undo:undo",
     "update": "rtask.cli.query:update",
@@ -71,7 +72,10 @@ _BUILT_IN = {
 
 _SECTIONS = {
     "Run": ("demo", "serve", "worker", "simulate", "study"),
-    "Ask": ("ask", "plan", "query", "search", "explain", "entails", "where", "history", "objects"),
+    "Ask": (
+        "ask", "plan", "tasks", "query", "search", "explain", "entails", "where", "history",
+        "objects",
+    ),
     "Load and change": ("load", "update", "undo", "export", "ontology", "rules", "model"),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),

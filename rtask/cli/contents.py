@@ -21,6 +21,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.cli.progress import Working
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -33,8 +34,9 @@ _TRIPLES = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
 @click.command()
 @data_option
 @server_option
+@listing_option
 @json_option
-def stats(data: Path, server: str | None, as_json: bool) -> None:
+def stats(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Count triples, graphs and commits."""
     with Working("counting"):
         if server:
@@ -42,6 +44,8 @@ def stats(data: Path, server: str | None, as_json: bool) -> None:
         else:
             with open_to_read(data) as kb:
                 statistics = kb.stats()
+    sizes = shown_rows(list(statistics["graphs"].items()), limit, as_json, what="graphs")
+    statistics["graphs"] = dict(sizes)
     if as_json:
         print_json(statistics)
         return
@@ -173,6 +177,7 @@ def export(
     if original and (len(graphs) != 1 or target == "-"):
         raise UsageError("--original needs one --graph and a TARGET file")
     form = form or ("trig" if target == "-" else None)
+    graphs = tuple(name_or_iri(graph, data, server) for graph in graphs)
     with Working("exporting"):
         if server:
             if original or inferred:

@@ -146,6 +146,9 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     is known already changes nothing.
     """
     import rtask
+
+    if not file.exists():  # before a knowledge base is made for what is not there
+        raise UsageError(f"{file}: there is no such file")
     from rtask.engine import Engine
     from rtask.extras import naming_extras
     from rtask.interop.episodes.recording import read_episodes
@@ -171,11 +174,15 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
 @click.argument("number", type=int, required=False)
 @data_option
 @server_option
+@listing_option
 @json_option
-def ask(number: int | None, data: Path, server: str | None, as_json: bool) -> None:
+def ask(
+    number: int | None, data: Path, server: str | None, limit: int | None, as_json: bool
+) -> None:
     """Answer a question about what robots did; without NUMBER list the questions.
 
     With --json, an answer is a list of objects, one a row. The queries are files to start from.
+    Exit code 1 if there is no answer.
     """
     import ontology
     from rtask.cli.connection import open_graph
@@ -188,6 +195,7 @@ def ask(number: int | None, data: Path, server: str | None, as_json: bool) -> No
             {"number": k, "question": question, "file": str(file)}
             for k, (question, file) in enumerate(zip(questions, files, strict=True), 1)
         ]
+        rows = shown_rows(rows, limit, as_json)
         if as_json:
             print_json(rows)
         for row in () if as_json else rows:
@@ -196,11 +204,11 @@ def ask(number: int | None, data: Path, server: str | None, as_json: bool) -> No
     if not 1 <= number <= len(files):
         raise UsageError(f"there are questions 1 to {len(files)}, not {number}")
     with open_graph(data, server) as kb:
-        answers = kb.select(texts[number - 1]).to_dicts()
+        answers = shown_rows(kb.select(texts[number - 1]).to_dicts(), limit, as_json)
     if as_json:
         print_json(answers)
-        return
-    click.echo(questions[number - 1], err=True)
-    for answer in answers:
+    else:
+        click.echo(questions[number - 1], err=True)
+    for answer in () if as_json else answers:
         click.echo("\t".join("" if value is None else str(value) for value in answer.values()))
     exit_if_empty(answers)

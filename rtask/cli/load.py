@@ -14,6 +14,7 @@ from rtask.cli.options import (
     data_option,
     json_option,
     print_json,
+    resource,
     shapes_option,
 )
 from rtask.cli.progress import LoadProgress
@@ -97,7 +98,8 @@ def load(
     if shapes and validate == "off":
         validate = "refuse"
     with rtask.open(data, reason=not no_reason, validate=validate, shapes=shapes) as kb:
-        before = {str(graph) for graph in kb.store.named_graphs()}
+        graph = None if graph is None else resource(graph, kb.base)
+        before = {str(name) for name in kb.store.named_graphs()}
         seq = kb.seq
         for source in sources:
             report = kb.load(

@@ -23,6 +23,7 @@ from rtask.cli.options import (
     yes_option,
 )
 from rtask.cli.progress import Working, announce_compilation
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -91,8 +92,9 @@ def promote(folder: Path, yes: bool, as_json: bool) -> None:
 @click.command()
 @data_option
 @click.option("--repair", is_flag=True, help="Rebuild derived data that are wrong.")
+@listing_option
 @json_option
-def verify(data: Path, repair: bool, as_json: bool) -> None:
+def verify(data: Path, repair: bool, limit: int | None, as_json: bool) -> None:
     """Check derived data against the graph, and blobs against their digests.
 
     Exit code 1 if there is an error; with --repair, if one remains.
@@ -105,10 +107,11 @@ def verify(data: Path, repair: bool, as_json: bool) -> None:
         else:
             with open_to_read(data) as kb:
                 left = findings = kb.verify()
+    shown = shown_rows(findings, limit, as_json)
     if as_json:
-        print_json([asdict(finding) for finding in findings])
+        print_json([asdict(finding) for finding in shown])
     else:
-        for finding in findings:
+        for finding in shown:
             click.echo(f"{finding.severity:6s} {finding.part:10s} {finding.detail}")
         if not findings:
             click.echo("all well")
@@ -119,8 +122,9 @@ def verify(data: Path, repair: bool, as_json: bool) -> None:
 @click.command()
 @data_option
 @shapes_option
+@listing_option
 @json_option
-def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
+def validate(data: Path, shapes: tuple[Path, ...], limit: int | None, as_json: bool) -> None:
     """Check all data against SHACL shapes, and for contradictions.
 
     The shapes are those that come with the ontology, those of loaded graphs, and those of
@@ -134,17 +138,20 @@ def validate(data: Path, shapes: tuple[Path, ...], as_json: bool) -> None:
         findings = [*report, *_contradictions(kb)]
     violates = any(finding.severity == "Violation" for finding in findings)
     conforms = False if violates else None if report.left_out else True
+    # What speaks most against the data comes first, for it must not be what --limit hides.
+    findings.sort(key=lambda finding: finding.severity != "Violation")
+    shown = shown_rows(findings, limit, as_json)
     if as_json:
         print_json(
             {
                 "conforms": conforms,
-                "results": [asdict(finding) for finding in findings],
+                "results": [asdict(finding) for finding in shown],
                 "shapes": report.shapes,
                 "left_out": report.left_out,
             }
         )
     else:
-        for finding in findings:
+        for finding in shown:
             where = f" (in {finding.graph})" if finding.graph else ""
             click.echo(f"{finding.severity:10s} {finding}{where}")
         for shape in report.left_out:
@@ -267,6 +274,7 @@ def quarantine(
     instead of refusing the commit. RECORDS are IRIs from the list; without any, all are meant.
     Putting back fails, and changes nothing, while a statement still contradicts the others.
     """
+    records = tuple(name_or_iri(record, data) for record in records)
     if action is not None:
         if action == "forget":
             confirm_final("`rtask history -s` shows the statements, to be asserted anew", yes)
@@ -285,8 +293,8 @@ def quarantine(
         quarantined = [
             entry for entry in kb.quarantined() if not records or entry.node.value in records
         ]
+    shown = shown_rows(quarantined, limit, as_json)
     if as_json:
-        quarantined = shown_rows(quarantined, limit, as_json)
         print_json(
             [
                 {
@@ -300,10 +308,10 @@ def quarantine(
                     "reason": entry.reason,
                     "activity": entry.activity.value,
                 }
-                for entry in quarantined
+                for entry in shown
             ]
         )
         return
-    for entry in shown_rows(quarantined, limit, as_json):
+    for entry in shown:
         click.echo(f"{entry.node.value}\n  {entry.quad}\n  {entry.reason}")
     click.echo(f"{len(quarantined)} in quarantine")

@@ -19,10 +19,11 @@ from rtask.cli.options import (
     listing_option,
     print_json,
     server_option,
+    shown_parts,
     shown_rows,
     yes_option,
 )
-from rtask.cli.things import resolve_object
+from rtask.cli.things import name_or_iri, resolve_object
 
 __all__ = ["objects"]
 
@@ -79,8 +80,9 @@ def list_(data: Path, server: str | None, limit: int | None, as_json: bool) -> N
 @click.argument("name")
 @data_option
 @server_option
+@listing_option
 @json_option
-def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
+def show(name: str, data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """Show what is stored about the object NAME; an IRI may be one that it had before a merge."""
     from rtask.engine.curation.merging import present_name
     from rtask.engine.stored import stored_models
@@ -107,6 +109,7 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
                 str(q.subject)[1:-1] for q in kb.match(None, RT.mergedInto, object_iri)
             ),
         }
+    shown = shown_parts(shown, limit, as_json)
     if as_json:
         print_json(shown)
         return
@@ -159,8 +162,11 @@ def merge(
 @click.option("--merge", "merges", is_flag=True, help="Merge them, each into the earlier object.")
 @data_option
 @_agent_option
+@listing_option
 @json_option
-def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool) -> None:
+def twins(
+    views: int, merges: bool, data: Path, agent: str | None, limit: int | None, as_json: bool
+) -> None:
     """Find products that are stored twice: each is recognised as the other. Exit code 1 if any.
 
     Look at both before merging: what looks alike may differ in what no camera sees.
@@ -180,16 +186,17 @@ def twins(views: int, merges: bool, data: Path, agent: str | None, as_json: bool
                 commits.append(
                     str(client.call("curate_object", operation="merge", **request)["commit"])
                 )
+    shown = shown_rows(pairs, limit, as_json)
     if as_json:
         print_json(
             {
-                "twins": [asdict(pair) for pair in pairs],
+                "twins": [asdict(pair) for pair in shown],
                 "commits": commits,
                 "views_untried": untried,
             }
         )
     else:
-        for pair in pairs:
+        for pair in shown:
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
         for commit in commits:
             click.echo(f"merged: {commit}")
@@ -282,6 +289,8 @@ def _carry_out(
     with connection(*where) as client:
         for role in given.keys() & {"object", "into"}:
             given[role] = resolve_object(client.query, given[role])
+        if "views" in given:
+            given["views"] = [name_or_iri(view, *where) for view in given["views"]]
         done = client.call(called, **given)
     if as_json:
         print_json(done)

@@ -14,9 +14,12 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
+    listing_option,
     print_json,
     resource,
     server_option,
+    shown_parts,
+    shown_rows,
 )
 from rtask.cli.progress import Working, announce_compilation
 
@@ -30,7 +33,6 @@ SELECT ?ontology ?version ?statements {
   OPTIONAL { ?ontology owl:versionInfo ?version }
 } ORDER BY ?ontology
 """
-_BREAKING = 1
 
 source_option = click.option(
     "--source",
@@ -49,14 +51,16 @@ def ontology() -> None:
 @ontology.command("list")
 @data_option
 @server_option
+@listing_option
 @json_option
-def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
+def list_loaded(data: Path, server: str | None, limit: int | None, as_json: bool) -> None:
     """List the ontologies that a knowledge base holds."""
     import ontology as vocabulary
     from rtask.rdf.terms import prologue
 
     with open_graph(data, server) as kb:
-        rows = kb.select(prologue({"rt": vocabulary.NS}) + _LOADED).to_dicts()
+        loaded = kb.select(prologue({"rt": vocabulary.NS}) + _LOADED).to_dicts()
+    rows = shown_rows(loaded, limit, as_json)
     if as_json:
         print_json(rows)
     else:
@@ -73,6 +77,7 @@ def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
 @click.option("--no-migration", is_flag=True, help="Leave replaced terms in data as they are.")
 @click.option("--no-patches", is_flag=True, help="Keep known faults of published ontologies.")
 @click.option("--undo", is_flag=True, help="Take the last upgrade of the ontology IRI back.")
+@listing_option
 @json_option
 def upgrade(
     source: str,
@@ -81,6 +86,7 @@ def upgrade(
     no_migration: bool,
     no_patches: bool,
     undo: bool,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Replace a loaded ontology by the version in FILE, and rewrite the data to its terms.
@@ -89,14 +95,16 @@ def upgrade(
     equivalent to another) are rewritten in all data. Terms that it removes without replacement are
     reported with the number of statements that use them. All is one commit; --undo takes it back.
     """
+    from rtask.asking.terms import reader_of
     from rtask.ontology_docs.upgrading import undo_upgrade
     from rtask.ontology_docs.upgrading import upgrade as run
 
     with announce_compilation(), open_to_change(data) as kb:
         if undo:
-            commit = undo_upgrade(kb, source)
+            upgraded_iri = reader_of(kb).resource(source).value
+            commit = undo_upgrade(kb, upgraded_iri)
             if as_json:
-                print_json({"ontology": source, "commit": commit.seq})
+                print_json({"ontology": upgraded_iri, "commit": commit.seq})
             else:
                 click.echo(f"undone: +{commit.added} -{commit.removed} statements")
                 announce_undo("undo", str(commit.seq))
@@ -105,9 +113,11 @@ def upgrade(
             kb, Path(source), migrate=not no_migration, dry_run=dry_run, patches=not no_patches
         )
     if as_json:
-        print_json(upgraded.to_dict())
+        facts = upgraded.to_dict()
+        facts["difference"] = shown_parts(facts["difference"], limit, as_json)
+        print_json(facts)
         return
-    for line in upgraded.lines():
+    for line in shown_rows(upgraded.lines(), limit, as_json):
         click.echo(line)
     if upgraded.commit is not None:
         click.echo(f"commit {upgraded.commit.seq}")
@@ -119,22 +129,28 @@ def upgrade(
 @data_option
 @click.option("--dry-run", is_flag=True, help="Say what uses it, and do nothing.")
 @click.option("--force", is_flag=True, help="Unload it although it is in use.")
+@listing_option
 @json_option
-def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> None:
+def unload(
+    iri: str, data: Path, dry_run: bool, force: bool, limit: int | None, as_json: bool
+) -> None:
     """Remove an ontology from a knowledge base, with what follows from it.
 
     Refused while other ontologies import it or data use its terms, unless --force is given.
     """
+    from rtask.asking.terms import reader_of
     from rtask.ontology_docs.unloading import unload as run
 
     with announce_compilation(), open_to_change(data) as kb:
-        unloaded = run(kb, resource(iri, kb.base), force=force, dry_run=dry_run)
+        graph = reader_of(kb).resource(iri).value
+        unloaded = run(kb, graph, force=force, dry_run=dry_run)
+    used = shown_rows(list(unloaded.used.items()), limit, as_json, what="terms")
     if as_json:
-        print_json(unloaded.to_dict())
+        print_json({**unloaded.to_dict(), "used": dict(used)})
         return
     for importer in unloaded.importers:
         click.echo(f"imported by {importer}")
-    for term, count in unloaded.used.items():
+    for term, count in used:
         click.echo(f"{count} statements use {term}")
     click.echo(f"{'would remove' if dry_run else 'removed'} {unloaded.statements} statements")
     if unloaded.commit is not None:
@@ -142,15 +158,16 @@ def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> N
 
 
 @ontology.command()
+@listing_option
 @json_option
-def patches(as_json: bool) -> None:
+def patches(limit: int | None, as_json: bool) -> None:
     """List the known faults of published ontologies, which loading leaves out.
 
     `rtask load --no-patches` keeps them.
     """
     from rtask.loader.patches import patches as known
 
-    listed = [patch.to_dict() for patch in known()]
+    listed = shown_rows([patch.to_dict() for patch in known()], limit, as_json)
     if as_json:
         print_json(listed)
         return
@@ -165,11 +182,13 @@ def patches(as_json: bool) -> None:
 @click.argument("iri")
 @json_option
 def path(iri: str, as_json: bool) -> None:
-    """Print where the file of a bundled ontology is."""
+    """Print where the file of a bundled ontology is, given its IRI or name ("grasp")."""
     from rtask.errors import UnknownTermError
     from rtask.loader.catalogue import OntologyCatalogue
+    from rtask.ontology_docs import Vocabulary, read_source
 
-    iri = resource(iri, "")
+    module = None if ":" in iri else Vocabulary(read_source("bundled")).module(iri)
+    iri = resource(iri, "") if module is None else module.iri
     file = OntologyCatalogue().find(iri)
     if file is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")
@@ -184,6 +203,7 @@ def path(iri: str, as_json: bool) -> None:
 @source_option
 @data_option
 @server_option
+@listing_option
 @json_option
 @click.pass_context
 def show(
@@ -192,6 +212,7 @@ def show(
     source: str,
     data: Path,
     server: str | None,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Show all modules, the terms of one, or the definition of a term.
@@ -203,21 +224,22 @@ def show(
     from rtask.ontology_docs import Vocabulary, read_source
 
     if server is not None or context.get_parameter_source("data") is ParameterSource.COMMANDLINE:
-        _show_card(name, data, server, as_json)
+        _show_card(name, data, server, limit, as_json)
         return
 
     vocabulary = Vocabulary(read_source(source))
     module = vocabulary.module(name) if name else None
     if name is None:
-        facts: Any = [_module_facts(vocabulary, m) for m in vocabulary.modules]
+        modules = shown_rows(vocabulary.modules, limit, as_json)
+        facts: Any = [_module_facts(vocabulary, m) for m in modules]
         lines = [f"{f['terms']:5d}  {f['version']:7s} {f['name']:28s} {f['title']}" for f in facts]
     elif module is not None:
-        members = vocabulary.members(module)
+        members = shown_rows(vocabulary.members(module), limit, as_json)
         facts = _module_facts(vocabulary, module) | {"members": [t.iri for t in members]}
         lines = [f"{module.title} {module.version}", module.comment, ""]
         lines += [f"{t.name:34s} {t.kinds[0]:18s} {t.comment or t.label}" for t in members]
     else:
-        facts = _term_facts(vocabulary, vocabulary.find(name))
+        facts = shown_parts(_term_facts(vocabulary, vocabulary.find(name)), limit, as_json)
         lines = _term_lines(facts)
     if as_json:
         print_json(facts)
@@ -225,7 +247,9 @@ def show(
         click.echo("\n".join(lines))
 
 
-def _show_card(name: str | None, data: Path, server: str | None, as_json: bool) -> None:
+def _show_card(
+    name: str | None, data: Path, server: str | None, limit: int | None, as_json: bool
+) -> None:
     """Print the card of a term as a knowledge base uses it, or all its terms."""
     from dataclasses import asdict
 
@@ -237,7 +261,7 @@ def _show_card(name: str | None, data: Path, server: str | None, as_json: bool) 
             facts: Any = card.to_dict()
             lines = card.lines()
         else:
-            terms = list_terms(kb.select)
+            terms = shown_rows(list_terms(kb.select), limit, as_json)
             facts = [asdict(line) for line in terms]
             lines = [
                 f"{line.term:40s} {line.kind:9s} {line.comment or line.label}" for line in terms
@@ -313,8 +337,9 @@ def docs(out: Path, source: str, as_json: bool) -> None:
 @ontology.command()
 @click.argument("old")
 @click.argument("new", default="bundled")
+@listing_option
 @json_option
-def diff(old: str, new: str, as_json: bool) -> None:
+def diff(old: str, new: str, limit: int | None, as_json: bool) -> None:
     """Compare two versions of an ontology: terms and axioms that were added or removed.
 
     OLD and NEW are files, folders, the folder of a knowledge base, or "bundled" (the default of
@@ -326,11 +351,12 @@ def diff(old: str, new: str, as_json: bool) -> None:
 
     difference = compare(*comparable(read_source(old), read_source(new), (old, new)))
     if as_json:
-        print_json(difference.to_dict())
+        print_json(shown_parts(difference.to_dict(), limit, as_json))
     else:
-        click.echo("\n".join(difference.lines()))
+        *lines, level = difference.lines()
+        click.echo("\n".join([*shown_rows(lines, limit, as_json), level]))
     if difference.is_breaking:
-        raise click.exceptions.Exit(_BREAKING)
+        raise click.exceptions.Exit(1)
 
 
 @click.group()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +15,7 @@ from click.core import ParameterSource
 __all__ = [
     "agent_option",
     "announce_final",
+    "announce_more",
     "announce_undo",
     "budget_option",
     "confirm_final",
@@ -23,12 +24,14 @@ __all__ = [
     "exit_undecided",
     "json_option",
     "limit_option",
+    "listing",
     "listing_option",
     "prefixes",
     "print_json",
     "read_text",
     "resource",
     "server_option",
+    "shown_parts",
     "shown_rows",
     "term",
     "yes_option",
@@ -37,6 +40,7 @@ __all__ = [
 
 Row = TypeVar("Row")
 _LINES = 100
+_NOT_SHOWN = f"{__name__}.not_shown"
 
 data_option = click.option(
     "--data",
@@ -78,39 +82,85 @@ def agent_option(help: str) -> Callable[..., Any]:
     return click.option("--agent", metavar="NAME", help=help)
 
 
+def _unbounded(context: click.Context, parameter: click.Parameter, value: int | None) -> int | None:
+    return sys.maxsize if value == 0 else value
+
+
 def limit_option(default: int, help: str) -> Callable[..., Any]:
-    """Return the option ``--limit``, which bounds the length of a listing."""
+    """Return the option ``--limit`` of what returns the best of something; 0 becomes `sys.maxsize`.
+
+    What it cuts is announced by `announce_more`.
+    """
     return click.option(
-        "--limit", "-n", type=click.IntRange(min=1), default=default, show_default=True, help=help
+        "--limit", "-n", type=click.IntRange(min=0), default=default, show_default=True,
+        callback=_unbounded, help=f"{help} 0 for all.",
+    )  # fmt: skip
+
+
+def listing(default: int = _LINES) -> Callable[..., Any]:
+    """Return the option ``--limit`` of a listing, whose rows `shown_rows` bounds."""
+    return click.option(
+        "--limit",
+        "-n",
+        type=click.IntRange(min=0),
+        callback=_unbounded,
+        help="Largest number of entries, 0 for all; says how many more there are.  "
+        f"[default: {default}; with --json all]",
     )
 
 
-listing_option = click.option(
-    "--limit",
-    "-n",
-    type=click.IntRange(min=1),
-    help="Largest number of lines; says how many are left out.  [default: 100; with --json all]",
-)
+listing_option = listing()
 
 
 def shown_rows(
-    rows: Sequence[Row], limit: int | None, as_json: bool, *, newest: bool = False
+    rows: Sequence[Row],
+    limit: int | None,
+    as_json: bool,
+    *,
+    default: int = _LINES,
+    newest: bool = False,
+    what: str = "",
 ) -> list[Row]:
-    """Return what of a listing is printed, and say on standard error what is left out.
+    """Return what of a listing is printed, and announce how many rows are not.
 
     Parameters
     ----------
-    limit
-        Value of `listing_option`.
+    limit, default
+        Value of the option, and the number of rows where it is not given and the form is not JSON.
     newest
         Whether the last rows are shown instead of the first.
+    what
+        What the rows are, where a command prints several listings.
     """
-    bound = limit if limit is not None or as_json else _LINES
-    if bound is None or len(rows) <= bound:
-        return list(rows)
-    which = "earlier" if newest else "more"
-    click.echo(f"{len(rows) - bound} {which} left out: --limit {len(rows)} lists all", err=True)
-    return list(rows[-bound:] if newest else rows[:bound])
+    bound = limit if limit is not None else sys.maxsize if as_json else default
+    if limit not in (None, sys.maxsize) or len(rows) > bound:
+        announce_more(max(0, len(rows) - bound), "earlier" if newest else "more", what)
+    return list(rows[max(0, len(rows) - bound) :] if newest else rows[:bound])
+
+
+def shown_parts(
+    document: Mapping[str, Any], limit: int | None, as_json: bool, *, default: int = _LINES
+) -> dict[str, Any]:
+    """Return a document with each listing in it as `shown_rows` bounds it, under its own name."""
+    return {
+        name: shown_rows(value, limit, as_json, default=default, what=name)
+        if isinstance(value, list)
+        else value
+        for name, value in document.items()
+    }
+
+
+def announce_more(number: int, which: str = "more", what: str = "") -> None:
+    """Say how many rows are not shown: on standard error, or in what `print_json` prints.
+
+    JSON that ``--limit`` bounds is an object with the member ``not_shown``, even where that is 0:
+    its form depends on what was asked, not on how much there is.
+    """
+    context = click.get_current_context()
+    context.meta[_NOT_SHOWN] = context.meta.get(_NOT_SHOWN, 0) + number
+    if number and not context.params.get("as_json"):
+        words = f"{number} {which} {what}".rstrip()
+        click.echo(f"{words}; --limit 0 for all", err=True)
 
 
 def announce_undo(*command: str) -> None:
@@ -217,5 +267,9 @@ def term(text: str, base: str) -> Any:
 
 
 def print_json(value: Any) -> None:
-    """Print a value as one JSON document."""
+    """Print a value as one JSON document; what `announce_more` counted is its ``not_shown``."""
+    context = click.get_current_context(silent=True)
+    number = None if context is None else context.meta.get(_NOT_SHOWN)
+    if number is not None:
+        value = {**(value if isinstance(value, dict) else {"rows": value}), "not_shown": number}
     click.echo(json.dumps(value, indent=2, ensure_ascii=False, default=str))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,16 +11,18 @@ import click
 from rtask.cli.connection import connection
 from rtask.cli.options import (
     agent_option,
+    announce_more,
     announce_undo,
     data_option,
     exit_if_empty,
     json_option,
-    limit_option,
+    listing,
     listing_option,
     print_json,
     server_option,
     shown_rows,
 )
+from rtask.cli.things import name_or_iri
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -32,12 +35,18 @@ SELECT DISTINCT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
 WHERE {
   { SELECT ?attempt ?outcome ?time
     WHERE { ?attempt a rt:GraspAttempt ; rt:hasOutcome ?outcome ; prov:endedAtTime ?time }
-    ORDER BY DESC(?time) DESC(?attempt) LIMIT %d }
+    ORDER BY DESC(?time) DESC(?attempt) %s }
   ?attempt rt:requestId ?task ; rt:performedBy/rt:name ?robot .
   ?outcome rt:success ?success ; rt:hasReason/rt:code ?code
   OPTIONAL { ?through rt:through ?attempt ; rt:handles/rt:name ?object }
   OPTIONAL { ?outcome rt:judgedSuccess ?judged } OPTIONAL { ?outcome rt:disputed ?disputed }
 } ORDER BY DESC(?time)"""
+
+
+_COUNT = """
+SELECT (COUNT(*) AS ?n)
+WHERE { ?attempt a rt:GraspAttempt ; rt:hasOutcome ?outcome ; prov:endedAtTime ?time }"""
+_LATEST_SHOWN = 20
 
 
 @click.command()
@@ -51,7 +60,7 @@ WHERE {
 )
 @agent_option("Person who judges. A server with tokens knows it by the token.")
 @click.option("--comment", help="Remark to keep with the verdict.")
-@limit_option(20, "Largest number of attempts to list.")
+@listing(_LATEST_SHOWN)
 @json_option
 def feedback(
     task_id: str | None,
@@ -61,7 +70,7 @@ def feedback(
     correct: str | None,
     agent: str | None,
     comment: str | None,
-    limit: int,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Confirm, refuse or correct what a robot reported about an attempt.
@@ -114,12 +123,18 @@ def _request(
     return request
 
 
-def _list(client: Client, limit: int, as_json: bool) -> None:
+def _list(client: Client, limit: int | None, as_json: bool) -> None:
     import ontology
     from rtask.engine.words import reason_words
     from rtask.rdf.terms import prologue
 
-    rows = client.query(prologue(ontology.PREFIXES) + _LATEST % max(limit, 1))
+    prefixes = prologue(ontology.PREFIXES)
+    bound = limit if limit is not None else sys.maxsize if as_json else _LATEST_SHOWN
+    # The query is bounded too: a graph may hold far more attempts than anybody lists.
+    rows = client.query(prefixes + _LATEST % ("" if bound == sys.maxsize else f"LIMIT {bound}"))
+    if limit not in (None, sys.maxsize) or len(rows) >= bound:
+        (total,) = client.query(prefixes + _COUNT)
+        announce_more(max(0, total["n"] - bound), "earlier")
     if as_json:
         print_json(rows)
         exit_if_empty(rows, "no attempts yet")
@@ -155,7 +170,9 @@ def list_(
     Robots that try the same grasp of the same object with the same kind of hand should find the
     same. Exit code 1 if there are no reports.
     """
-    request: dict[str, Any] = {} if name is None else {"contributor": name}
+    request: dict[str, Any] = (
+        {} if name is None else {"contributor": name_or_iri(name, data, server)}
+    )
     with connection(data, server) as client:
         compared = client.compare_contributors(**request)["contributors"]
     compared = shown_rows(compared, limit, as_json)
@@ -185,7 +202,8 @@ def withdraw(name: str, data: Path, server: str | None, agent: str | None, as_js
     """
     named = {} if agent is None else {"operator": agent}
     with connection(data, server) as client:
-        done = client.withdraw_contributor(contributor=name, **named)
+        contributor = name_or_iri(name, data, server)
+        done = client.withdraw_contributor(contributor=contributor, **named)
     if as_json:
         print_json(done)
         return

@@ -16,6 +16,7 @@ from rtask.cli.options import (
     json_option,
     listing_option,
     print_json,
+    shown_parts,
     shown_rows,
 )
 
@@ -60,21 +61,23 @@ def list_command(
 @proposals.command()
 @click.argument("number", type=int)
 @data_option
+@listing_option
 @json_option
-def show(number: int, data: Path, as_json: bool) -> None:
+def show(number: int, data: Path, limit: int | None, as_json: bool) -> None:
     """Show a proposal with its statements."""
     with open_to_read(data) as kb:
-        found = kb.proposals.get(number)
+        proposal = kb.proposals.get(number)
+    shown = shown_parts(proposal.to_dict(), limit, as_json)
     if as_json:
-        print_json(found.to_dict())
+        print_json(shown)
         return
-    click.echo(_line(found))
-    click.echo(f"rests on commit {found.rests_on}; {found.reason or 'no reason given'}")
-    for sign, text in (("+", found.added), ("-", found.removed)):
-        for line in text.splitlines():
-            click.echo(f"{sign} {line}")
-    if found.decided is not None and found.decided_by:
-        click.echo(f"{found.state} by {found.decided_by} {found.remark}".rstrip())
+    click.echo(_line(proposal))
+    click.echo(f"rests on commit {proposal.rests_on}; {proposal.reason or 'no reason given'}")
+    for sign, statements in (("+", shown["added"]), ("-", shown["removed"])):
+        for statement in statements:
+            click.echo(f"{sign} {statement}")
+    if proposal.decided is not None and proposal.decided_by:
+        click.echo(f"{proposal.state} by {proposal.decided_by} {proposal.remark}".rstrip())
 
 
 @proposals.command()
@@ -109,6 +112,7 @@ def refuse(number: int, data: Path, remark: str, as_json: bool) -> None:
     announce_final("its author may propose the change anew")
 
 
-def _line(one: Proposal) -> str:
-    size = f"+{len(one.added.splitlines())} -{len(one.removed.splitlines())}"
-    return f"{one.number:5d} {one.state:9s} {one.made:%Y-%m-%d %H:%M} {one.author:16s} {size}"
+def _line(proposal: Proposal) -> str:
+    size = f"+{len(proposal.added.splitlines())} -{len(proposal.removed.splitlines())}"
+    made = f"{proposal.made:%Y-%m-%d %H:%M}"
+    return f"{proposal.number:5d} {proposal.state:9s} {made} {proposal.author:16s} {size}"

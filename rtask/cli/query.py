@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,13 +18,15 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
-    limit_option,
+    listing,
     prefixes,
     print_json,
     read_text,
     server_option,
+    shown_rows,
 )
 from rtask.cli.progress import Working
+from rtask.cli.things import reader_at
 from rtask.errors import QuerySyntaxError, UsageError
 
 if TYPE_CHECKING:
@@ -41,6 +44,7 @@ _MEDIA_TYPES = {
     "jsonld": "application/ld+json",
 }
 _MAX_WIDTH = 60
+_HITS = 20
 # An answer without rows is short, whatever its format.
 _EMPTY_BYTES = 4096
 _EMPTY = {
@@ -96,7 +100,8 @@ def query(
     """Run a SPARQL query; TEXT may be - for standard input.
 
     The ontology's prefixes (rt:, cora:, prov: ...) are predefined, and so is kb: for the base of
-    the knowledge base. Exit code 1 if there are no rows, or the answer to an ASK is no.
+    the knowledge base; SPARQL wants a backslash before a slash in a name, as in kb:object\\/7. Exit
+    code 1 if there are no rows, or the answer to an ASK is no.
     """
     form = "json" if as_json else form
     asked = read_text(text, file)
@@ -298,7 +303,7 @@ def update(
 @server_option
 @click.option("--class", "-c", "cls", metavar="CLASS", help="Only instances of this class.")
 @click.option("--lang", help="Only texts in this language, such as en.")
-@limit_option(20, "Largest number of results.")
+@listing(_HITS)
 @json_option
 def search(
     words: tuple[str, ...],
@@ -306,27 +311,27 @@ def search(
     server: str | None,
     cls: str | None,
     lang: str | None,
-    limit: int,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Search names, labels, comments and descriptions for WORDS.
 
-    All words must occur; "cup*" matches any ending. Exit code 1 if nothing is found.
+    All words must occur; "cup*" matches any ending. A server looks at the best 1,000 texts. Exit
+    code 1 if nothing is found.
     """
-    from rtask.asking.terms import Reader, reader_of
     from rtask.knowledge_base import KnowledgeBase
 
     with open_graph(data, server) as kb:
-        reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(base_of(kb))
-        class_iri = None if cls is None else reader.resource(cls)
+        class_iri = None if cls is None else reader_at(kb).resource(cls)
         if not isinstance(kb, KnowledgeBase):
-            rows = _search_server(kb, " ".join(words), class_iri, lang, limit)
+            rows = _search_server(kb, " ".join(words), class_iri, lang)
         else:
-            hits = kb.search(" ".join(words), cls=class_iri, lang=lang, limit=limit)
+            hits = kb.search(" ".join(words), cls=class_iri, lang=lang, limit=sys.maxsize)
             rows = [
                 {"iri": h.subject.value, "text": h.text, "language": h.language, "score": h.score}
                 for h in hits
             ]
+    rows = shown_rows(rows, limit, as_json, default=_HITS)
     if as_json:
         print_json(rows)
     else:
@@ -337,10 +342,8 @@ def search(
     exit_if_empty(rows, "nothing found")
 
 
-def _search_server(
-    kb: Graph, words: str, cls: object, lang: str | None, limit: int
-) -> list[dict[str, object]]:
-    """Search through the text service of a server's SPARQL endpoint."""
+def _search_server(kb: Graph, words: str, cls: object, lang: str | None) -> list[dict[str, object]]:
+    """Search through the text service of a SPARQL endpoint, which bounds the number of hits."""
     import ontology
     from rtask.rdf.terms import Literal, prologue, written
 
@@ -350,7 +353,7 @@ def _search_server(
         prologue({"rt": ontology.NS})
         + f"""SELECT ?iri ?text (LANG(?text) AS ?language) ?score {{
   SERVICE <urn:rtask:text> {{ ?iri rt:matches {written(Literal(words))} {asked} ;
-    rt:text ?text ; rt:score ?score ; rt:limit {limit if cls is None else 1000} }} {of_class}
-}} ORDER BY DESC(?score) LIMIT {limit}"""
+    rt:text ?text ; rt:score ?score }} {of_class}
+}} ORDER BY DESC(?score)"""
     )
     return [{**row, "language": row["language"] or None} for row in rows.to_dicts()]

@@ -16,8 +16,10 @@ from rtask.cli.options import (
     exit_if_empty,
     exit_undecided,
     json_option,
+    listing,
     print_json,
     server_option,
+    shown_parts,
 )
 from rtask.cli.progress import Working, announce_compilation
 
@@ -58,6 +60,7 @@ _CAUSE_MS = 10_000
     metavar="S",
     help="For dl: stop after this time, s.",
 )
+@listing(_LISTED)
 @json_option
 def reason(
     files: tuple[Path, ...],
@@ -66,6 +69,7 @@ def reason(
     engine: str,
     with_data: bool,
     timeout: float,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Check consistency, and list the classes that can have no member.
@@ -82,10 +86,12 @@ def reason(
                 triples = _asserted(kb, ontologies_only=profile == "dl" and not with_data)
                 rules = _rules(kb)
         report = _rl(triples, rules) if profile == "rl" else _dl(triples, engine, timeout)
+    counts = {name: len(value) for name, value in report.items() if isinstance(value, list)}
+    report = shown_parts(report, limit, as_json, default=_LISTED)
     if as_json:
         print_json(report)
     else:
-        for line in _lines(report):
+        for line in _lines(report, counts):
             click.echo(line)
     if not report["consistent"]:
         raise SystemExit(1)
@@ -200,17 +206,17 @@ def _empty_classes(closure: Any) -> list[str]:
     )
 
 
-def _lines(report: dict[str, Any]) -> Iterable[str]:
+def _lines(report: dict[str, Any], counts: dict[str, int]) -> Iterable[str]:
+    """Yield a report as text, with how many entries each of its listings has."""
     yield f"{report['triples']} triples under OWL 2 {report['profile'].upper()}"
     yield "consistent" if report["consistent"] else "INCONSISTENT"
-    for key, counts in report.items():
-        if isinstance(counts, dict):
-            counts = [f"{count} {what}" for what, count in counts.items()]
-        if isinstance(counts, list):
-            yield f"{key}: {len(counts) or 'none'}"
-            yield from (f"  {line}" for line in counts[:_LISTED])
-            if len(counts) > _LISTED:
-                yield f"  and {len(counts) - _LISTED} more (--json lists all)"
+    for key, value in report.items():
+        if isinstance(value, dict):
+            yield f"{key}: {len(value) or 'none'}"
+            yield from (f"  {count} {what}" for what, count in value.items())
+        elif isinstance(value, list):
+            yield f"{key}: {counts[key] or 'none'}"
+            yield from (f"  {line}" for line in value)
 
 
 @click.command()

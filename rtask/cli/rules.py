@@ -20,6 +20,7 @@ from rtask.cli.options import (
     shown_rows,
 )
 from rtask.cli.progress import announce_compilation
+from rtask.cli.things import name_or_iri
 
 if TYPE_CHECKING:
     from rtask.client.reasoner import ReasonerClient
@@ -125,7 +126,7 @@ def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
     from rtask.kb.rules.rulebook import find
 
     stored = _present(data, server)
-    rule_iri = find(stored, name)
+    rule_iri = find(stored, name_or_iri(name, data, server))
     rule = next(rule for rule in stored if rule.iri == rule_iri)
     if as_json:
         print_json(rule.to_dict())
@@ -145,7 +146,7 @@ def remove(
     names: tuple[str, ...], data: Path, server: str | None, agent: str | None, as_json: bool
 ) -> None:
     """Remove rules, named by label or IRI, with what followed from them alone."""
-
+    names = tuple(name_or_iri(name, data, server) for name in names)
     if server:
         with _connected(server, agent) as client:
             made = client.remove(names)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import ontology
@@ -10,8 +11,9 @@ from rtask.errors import UnknownTermError, UsageError, nearest
 
 if TYPE_CHECKING:
     from rtask.asking.terms import Reader
+    from rtask.graph import Graph
 
-__all__ = ["Select", "find_object", "resolve_object"]
+__all__ = ["Select", "find_object", "name_or_iri", "reader_at", "resolve_object"]
 
 _PREFIXES = {*ontology.PREFIXES, "kb"}
 Select = Callable[[str], Sequence[Mapping[str, Any]]]
@@ -66,6 +68,59 @@ def resolve_object(select: Select, name: str) -> str:
     names = sorted({str(row["name"]) for row in _objects(select, "FILTER(BOUND(?name))")})
     hint = nearest(name, names) or "; `rtask objects list` shows what there is"
     raise UnknownTermError(f"no object is called {name!r}{hint}")
+
+
+def name_or_iri(text: str, data: Path, server: str | None = None) -> str:
+    """Return the IRI that a text stands for, in any form that a command prints, or else the name.
+
+    This is for what looks a name up by itself, and takes no other form of IRI than the full one.
+
+    Parameters
+    ----------
+    text
+        ``<IRI>``, a prefixed name, a full IRI, or a name, which may be in quotes.
+    data, server
+        Where ``kb:`` has its meaning.
+    """
+    from rtask.asking.terms import Reader
+
+    prefix, colon, local = text.partition(":")
+    if len(text) > 1 and text[0] in "\"'" and text[-1] == text[0]:
+        return text[1:-1]
+    is_prefixed = colon and prefix in _PREFIXES and not local[:1].isspace()
+    if not (text.startswith("<") or is_prefixed):
+        return text
+    return Reader(_base_at(data, server) if prefix == "kb" else "").resource(text).value
+
+
+def _base_at(data: Path, server: str | None) -> str:
+    """Return what ``kb:`` stands for in a folder or on a server."""
+    from rtask.cli.connection import base_of, open_graph
+    from rtask.kb.durability.settings import Settings
+
+    if not server:
+        return Settings.load(data).base
+    with open_graph(data, server) as graph:
+        return base_of(graph)
+
+
+def reader_at(graph: Graph) -> Reader:
+    """Return what reads terms against a graph, which may be the SPARQL endpoint of a server."""
+    from rtask.asking.terms import Reader, reader_of
+    from rtask.cli.connection import base_of
+    from rtask.knowledge_base import KnowledgeBase
+    from rtask.rdf.terms import literal
+
+    if isinstance(graph, KnowledgeBase):
+        return reader_of(graph)
+
+    def named(name: str) -> list[str]:
+        rows = graph.select(f"""{_prologue()}
+SELECT DISTINCT ?thing {{
+  ?thing rt:name|rdfs:label ?name FILTER(STR(?name) = {literal(name)}) }}""")
+        return sorted(str(row["thing"]) for row in rows.to_dicts())
+
+    return Reader(base_of(graph), named)
 
 
 def _reader(select: Select, name: str) -> Reader:

@@ -14,10 +14,13 @@ __all__ = [
     "REQUEST_IDS",
     "Calls",
     "Camera",
+    "CancelledPlan",
+    "ClaimedStep",
     "ComparedContributors",
     "Contributor",
     "Curated",
     "EndEffector",
+    "EndedStep",
     "Feedback",
     "GivenVerdict",
     "GoalPlan",
@@ -26,6 +29,9 @@ __all__ = [
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
+    "ListedPlan",
+    "ListedPlans",
+    "ListedStep",
     "Located",
     "LocatedThing",
     "Look",
@@ -54,9 +60,11 @@ __all__ = [
     "SceneSegment",
     "SimilarObject",
     "SimilarObjects",
+    "StatedPlace",
     "StepTimes",
     "StoredPlan",
     "Taught",
+    "WaitingStep",
     "WithdrawnContributor",
 ]
 
@@ -72,7 +80,12 @@ REPEATABLE = frozenset(
         "search_object",
         "resolve_request",
         "where_is",
+        "state_place",
         "plan_goal",
+        "list_plans",
+        "claim_step",
+        "end_step",
+        "cancel_plan",
         "insert_object",
         "report_outcome",
         "report_refusal",
@@ -612,6 +625,7 @@ class OfferedObject(TypedDict):
     mass_bound: float | None
     chance: float | None
     seen: str
+    thing: str
 
 
 class Reason(TypedDict):
@@ -633,6 +647,7 @@ class ResolvedRequest(TypedDict):
 
     task_response: str
     object: str
+    thing: str
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
@@ -683,6 +698,12 @@ class Located(TypedDict):
     things_untried: int
 
 
+class StatedPlace(TypedDict):
+    """The commit, which can be undone."""
+
+    commit: str
+
+
 class PlanReason(TypedDict):
     """Why a precondition of a step holds when its turn comes."""
 
@@ -705,6 +726,7 @@ class PlanStep(TypedDict):
     chance: float
     successes: int
     attempts: int
+    after: list[int]
     because: list[PlanReason]
 
 
@@ -756,6 +778,75 @@ class StoredPlan(TypedDict):
     problem: NotRequired[str]
     behaviour_tree: NotRequired[str]
     task: str
+    commit: str
+
+
+class ListedStep(TypedDict):
+    """A step of a stored plan."""
+
+    task: str
+    step: int
+    text: str
+    state: str
+    robots: list[str]
+    claimed_by: str
+    why: str
+    comment: str
+
+
+class ListedPlan(TypedDict):
+    """A stored plan."""
+
+    task: str
+    goal: str
+    state: str
+    priority: int
+    deadline: float | None
+    cancelled: str
+    steps: list[ListedStep]
+
+
+class ListedPlans(TypedDict):
+    """Stored plans in the order in which they were stored."""
+
+    plans: list[ListedPlan]
+
+
+class WaitingStep(TypedDict):
+    """A step of the robot that cannot be begun now."""
+
+    plan: str
+    task: str
+    text: str
+    why: str
+    stuck: bool
+
+
+class ClaimedStep(TypedDict):
+    """The step that is the robot's now, or why there is none."""
+
+    claimed: bool
+    plan: NotRequired[str]
+    goal: NotRequired[str]
+    task: NotRequired[str]
+    action: NotRequired[str]
+    arguments: NotRequired[dict[str, Any]]
+    text: NotRequired[str]
+    until: NotRequired[float]
+    resumed: NotRequired[bool]
+    reason: NotRequired[str]
+    waiting: list[WaitingStep]
+
+
+class EndedStep(TypedDict):
+    """The commit; empty if it ended in that way before."""
+
+    commit: str
+
+
+class CancelledPlan(TypedDict):
+    """The commit, which can be undone; empty if it was cancelled before."""
+
     commit: str
 
 
@@ -1282,6 +1373,30 @@ class Calls(ABC):
         answer: Located = self._operate("where_is", locals())
         return answer
 
+    def state_place(
+        self,
+        *,
+        thing: str,
+        place: str | None = None,
+        lost: bool | None = None,
+        agent: str | None = None,
+    ) -> StatedPlace:
+        """State where a thing is from now on.
+
+        Parameters
+        ----------
+        thing
+            IRI of the thing
+        place
+            IRI of the place or end effector; required unless it is lost
+        lost
+            whether it is no longer where it was, and nobody knows where; default: False
+        agent
+            in whose name; default: the caller
+        """
+        answer: StatedPlace = self._operate("state_place", locals())
+        return answer
+
     def plan_goal(
         self,
         *,
@@ -1313,6 +1428,9 @@ class Calls(ABC):
         assume_reach: bool | None = None,
         digest: str | None = None,
         agent: str | None = None,
+        priority: int | None = None,
+        deadline: float | Mapping[str, int] | None = None,
+        replaces: str | None = None,
     ) -> StoredPlan:
         """Store the plan for a goal, so that robots can carry it out.
 
@@ -1326,8 +1444,101 @@ class Calls(ABC):
             digest of the plan that was agreed to: another one is not stored; default: any
         agent
             in whose name; default: the caller
+        priority
+            plans with a greater one are begun first; default: 0
+        deadline
+            no step is begun later; default: none (s)
+        replaces
+            IRI of an earlier plan for the goal, of which nothing more is begun; default: none
         """
         answer: StoredPlan = self._operate("store_plan", locals())
+        return answer
+
+    def list_plans(
+        self,
+        *,
+        state: Literal["open", "all"] | None = None,
+    ) -> ListedPlans:
+        """List stored plans with their steps, and who does what and why.
+
+        Parameters
+        ----------
+        state
+            open: those that are not done, cancelled or replaced; default: open
+        """
+        answer: ListedPlans = self._operate("list_plans", locals())
+        return answer
+
+    def claim_step(
+        self,
+        *,
+        robot: str | None = None,
+        lease: float | None = None,
+    ) -> ClaimedStep:
+        """Claim the next step that a robot can begin.
+
+        Parameters
+        ----------
+        robot
+            name or IRI of the robot; default: the caller
+        lease
+            how long the step is the robot's unless it asks again (s); default: 300.0
+        """
+        answer: ClaimedStep = self._operate("claim_step", locals())
+        return answer
+
+    def end_step(
+        self,
+        *,
+        task: str,
+        result: Literal["done", "failed", "declined", "released"],
+        robot: str | None = None,
+        outcome: str | None = None,
+        place: str | None = None,
+        lost: bool | None = None,
+        comment: str | None = None,
+    ) -> EndedStep:
+        """Say how a claimed step ended.
+
+        Parameters
+        ----------
+        task
+            IRI of the step
+        result
+            declined: by a person; released: untouched, so that it may be claimed again
+        robot
+            name or IRI of the robot; default: the caller
+        outcome
+            task_id of the report_outcome about it, whose attempt is linked to it; default: none
+        place
+            IRI of the place or end effector where the thing is now; default: as the graph has it
+        lost
+            whether nobody knows where the thing is now; default: False
+        comment
+            what happened
+        """
+        answer: EndedStep = self._operate("end_step", locals())
+        return answer
+
+    def cancel_plan(
+        self,
+        *,
+        plan: str,
+        reason: str,
+        operator: str | None = None,
+    ) -> CancelledPlan:
+        """Cancel a stored plan.
+
+        Parameters
+        ----------
+        plan
+            IRI of the plan
+        reason
+            why
+        operator
+            name of the person; default: the caller
+        """
+        answer: CancelledPlan = self._operate("cancel_plan", locals())
         return answer
 
     def insert_object(

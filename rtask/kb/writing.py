@@ -93,7 +93,7 @@ class Writing(Searching):
             )
             done = commit_update(order, request, self.readers, self._writer, lambda: self.seq)
             return self._with_remark(done, text, request.access, base)
-        prepared = prepare(text, dataset)
+        prepared = prepare(text, dataset, request.access.home())
         done = self._writer.commit(
             lambda change: run_update(change, prepared, request.access, limits), request
         )

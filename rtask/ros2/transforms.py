@@ -100,6 +100,9 @@ class TransformBuffer:
         self._moving: dict[str, _Edge] = {}
         self._static: dict[str, tuple[str, Transform]] = {}
 
+    def __bool__(self) -> bool:
+        return bool(self._moving or self._static)
+
     def take(self, message: Any, *, is_static: bool = False) -> None:
         """Accept a tf2_msgs/TFMessage."""
         with self._changed:
@@ -141,7 +144,7 @@ class TransformBuffer:
         deadline = time.monotonic() + wait_s
         with self._changed:
             while True:
-                made = self._lookup(target.lstrip("/"), source.lstrip("/"), secs * 10**9 + nsecs)
+                made = self.find(target, source, secs * 10**9 + nsecs)
                 if isinstance(made, Transform):
                     return made
                 left_s = deadline - time.monotonic()
@@ -151,8 +154,12 @@ class TransformBuffer:
                         f"{made}; see `ros2 run tf2_ros tf2_echo {target} {source}`"
                     )
 
-    def _lookup(self, target: str, source: str, stamp_ns: int) -> Transform | str:
-        """Return a transform, or why there is none."""
+    def find(self, target: str, source: str, stamp_ns: int) -> Transform | str:
+        """Return target_from_source at a time, or in words why it is not known."""
+        with self._changed:
+            return self._find(target.lstrip("/"), source.lstrip("/"), stamp_ns)
+
+    def _find(self, target: str, source: str, stamp_ns: int) -> Transform | str:
         ways: dict[str, dict[str, Transform]] = {}
         for end in (target, source):
             reached = ways[end] = {end: _IDENTITY}

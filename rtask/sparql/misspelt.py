@@ -1,4 +1,4 @@
-"""Words of a SPARQL text that the grammar does not have, with the keyword that was probably meant.
+"""Words of a SPARQL text that the grammar does not have, with what was probably meant.
 
 The store's parser names the alternative that it tried last: for ``SELEC`` it expects CONSTRUCT.
 """
@@ -10,7 +10,7 @@ import difflib
 from rtask.sparql.lexer import body_start
 from rtask.sparql.tokens import Token
 
-__all__ = ["misspelling"]
+__all__ = ["bare_slash", "misspelling"]
 
 _QUERY_FORMS = ("SELECT", "CONSTRUCT", "DESCRIBE", "ASK")
 _UPDATE_FORMS = (
@@ -61,6 +61,33 @@ def misspelling(tokens: list[Token], is_query: bool) -> tuple[str, Token] | None
     for token in tokens:
         if token.kind == "word" and token.text.upper() not in _KEYWORDS:
             return f"{token.text!r} is no keyword{_hint(token.text.upper(), _KEYWORDS)}", token
+    return None
+
+
+def bare_slash(tokens: list[Token]) -> tuple[str, Token] | None:
+    """Return how to write the first prefixed name with a slash, and its token.
+
+    The grammar reads a slash behind a name as a step of a path, which neither a number nor a bare
+    word can follow. The other forms in which people write terms take the slash as it is.
+
+    Examples
+    --------
+    >>> from rtask.sparql.lexer import tokenise
+    >>> bare_slash(tokenise("SELECT * { kb:object/7 ?p ?o }"))[0]
+    'a slash in a prefixed name needs a backslash: kb:object\\\\/7'
+    """
+    for at, token in enumerate(tokens):
+        if token.kind != "name":
+            continue
+        end = at + 1
+        while tokens[end].start == tokens[end - 1].end and (
+            tokens[end].kind in ("word", "number") or tokens[end].text in ("/", "-")
+        ):
+            end += 1
+        rest = tokens[at + 1 : end]
+        if len(rest) > 1 and rest[0].is_mark("/") and rest[1].text != "a":
+            name = "".join(part.text for part in [token, *rest]).replace("/", "\\/")
+            return f"a slash in a prefixed name needs a backslash: {name}", token
     return None
 
 

@@ -10,7 +10,7 @@ from pyoxigraph import Store
 
 from rtask.errors import QuerySyntaxError, RtaskError
 from rtask.sparql.lexer import guard, tokenise
-from rtask.sparql.misspelt import misspelling
+from rtask.sparql.misspelt import bare_slash, misspelling
 from rtask.sparql.tokens import Token, line_and_column
 from rtask.sparql.update_outline import Update
 
@@ -46,7 +46,11 @@ def syntax_error(
         tokens = tokenise(text)
     except RtaskError:
         tokens = []
-    fault = _undeclared_prefix(tokens) or (tokens and misspelling(tokens, what == "query"))
+    fault = (
+        _undeclared_prefix(tokens)
+        or bare_slash(tokens)
+        or (tokens and misspelling(tokens, what == "query"))
+    )
     if fault:
         message, token = fault
         line, column = line_and_column(text, token.start)

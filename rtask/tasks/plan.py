@@ -67,6 +67,8 @@ class PlannedStep:
         When it can begin if robots work at the same time.
     supports
         Why each precondition holds.
+    after
+        Numbers of the steps that must have ended before.
     """
 
     number: int
@@ -81,6 +83,7 @@ class PlannedStep:
     attempts: int
     start_s: float
     supports: tuple[Support, ...]
+    after: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values."""
@@ -89,7 +92,8 @@ class PlannedStep:
             "robots": list(self.robots), "text": self.text,
             "duration_s": round(self.duration_s, 3), "start_s": round(self.start_s, 3),
             "chance": round(self.chance, 4), "successes": self.successes,
-            "attempts": self.attempts, "because": [item.to_dict() for item in self.supports],
+            "attempts": self.attempts, "after": list(self.after),
+            "because": [item.to_dict() for item in self.supports],
         }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -210,7 +211,7 @@ def _result(
     for obstacle in obstacles[:_MAX_REFUSALS]:
         refusals.append(refusal(select, problem, obstacle, task.mendable, robots, wording))
     return TaskPlan(
-        goal=given if isinstance(given, str) else str(dict(given)),
+        goal=given if isinstance(given, str) else json.dumps(dict(given)),
         understood=tuple(aim.text for aim in task.aims),
         sparql=tuple(aim.sparql for aim in task.aims if aim.variables),
         steps=planned_steps(task.actions, problem, steps or (), task.experience, assumed, wording),

@@ -72,6 +72,7 @@ def planned_steps(
     result: list[PlannedStep] = []
     made: dict[Atom, int] = {}
     used: dict[Atom, list[int]] = {}
+    ended: dict[Atom, list[int]] = {}
     ends: dict[int, float] = {0: 0.0}
     free: dict[str, float] = {}
     for number, step in enumerate(steps, 1):
@@ -80,6 +81,7 @@ def planned_steps(
         robots = tuple(value for prop, value in statements if local_name(prop) == "assignedTo")
         before = [made.get(atom, 0) for atom in step.preconditions]
         before += [n for atom in step.deletes for n in used.get(atom, ())]
+        before += [n for atom in step.adds for n in ended.get(atom, ())]
         start_s = max(
             [ends[n] for n in before] + [free.get(robot, 0.0) for robot in robots] + [0.0]
         )
@@ -90,12 +92,15 @@ def planned_steps(
                 wording.step(action, arguments), step.duration_s, step.chance,
                 counts.successes, counts.attempts, start_s,
                 tuple(_support(atom, made, assumed, wording) for atom in step.preconditions),
+                tuple(sorted({n for n in before if n})),
             )
         )  # fmt: skip
         ends[number] = start_s + step.duration_s
         free.update(dict.fromkeys(robots, ends[number]))
         for atom in step.preconditions:
             used.setdefault(atom, []).append(number)
+        for atom in step.deletes:
+            ended.setdefault(atom, []).append(number)
         made.update(dict.fromkeys(step.adds, number))
     return tuple(result)
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import datetime as dt
+import json
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rtask.errors import UsageError
-from rtask.rdf.namespaces import RDF, RT, local_name, mint
+from rtask.rdf.namespaces import PROV, RDF, RDFS, RT, local_name, mint
 from rtask.rdf.terms import NamedNode, Value
 from rtask.tasks.plan import PlannedStep, TaskPlan
 
@@ -15,13 +19,37 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["store_plan"]
+__all__ = ["Order", "store_plan"]
 
 _Statement = tuple[NamedNode, NamedNode, Value]
 
 
+@dataclass(frozen=True)
+class Order:
+    """How urgent a plan is, and what it takes the place of.
+
+    Parameters
+    ----------
+    priority
+        Plans with a greater number are begun first.
+    deadline
+        No step is begun later.
+    replaces
+        IRI of an earlier plan for the same goal.
+    """
+
+    priority: int = 0
+    deadline: dt.datetime | None = None
+    replaces: str = ""
+
+
 def store_plan(
-    kb: GraphCore, plan: TaskPlan, agent: str | None = None, *, access: Access | None = None
+    kb: GraphCore,
+    plan: TaskPlan,
+    agent: str | None = None,
+    *,
+    access: Access | None = None,
+    order: Order | None = None,
 ) -> tuple[str, Commit]:
     """Store a plan in one commit; return the IRI of its task, and the commit.
 
@@ -29,6 +57,8 @@ def store_plan(
     ----------
     agent, access
         In whose name, or with whose rights; None for the owner of the store.
+    order
+        How urgent it is.
 
     Raises
     ------
@@ -41,28 +71,37 @@ def store_plan(
         raise UsageError("only a plan that has steps can be stored")
     root = NamedNode(mint(kb.base, "TaskPlan"))
     with kb.transaction(agent, note=f"plan: {plan.goal[:200]}", access=access) as tx:
-        for statement in _statements(kb, plan, root):
+        for statement in _statements(kb, plan, root, order or Order()):
             tx.add(*statement)
     return root.value, tx.commit
 
 
-def _statements(kb: GraphCore, plan: TaskPlan, root: NamedNode) -> Iterator[_Statement]:
+def _statements(
+    kb: GraphCore, plan: TaskPlan, root: NamedNode, order: Order
+) -> Iterator[_Statement]:
     yield root, RDF.type, RT.TaskPlan
     yield root, RT.goalText, plan.goal
     yield root, RT.plannedDuration, float(plan.duration_s)
     yield root, RT.plannedChance, float(plan.chance)
+    yield root, PROV.generatedAtTime, dt.datetime.now(dt.UTC)
+    if order.priority:
+        yield root, RT.taskPriority, order.priority
+    if order.deadline is not None:
+        yield root, RT.taskDeadline, order.deadline
+    if order.replaces:
+        yield root, RT.replacesPlan, NamedNode(order.replaces)
     for text in plan.assumptions:
         yield root, RT.planAssumption, text
     for robot in sorted({robot for step in plan.steps for robot in step.robots}):
         yield root, RT.assignedTo, NamedNode(robot)
-    before: NamedNode | None = None
+    tasks = {step.number: NamedNode(f"{root.value}/{step.number}") for step in plan.steps}
+    for before, after in pairwise(tasks.values()):
+        yield before, RT.precedes, after
     for step in plan.steps:
-        task = NamedNode(f"{root.value}/{step.number}")
+        task = tasks[step.number]
         yield root, RT.hasSubTask, task
-        if before is not None:
-            yield before, RT.precedes, task
+        yield from ((task, RT.waitsFor, tasks[number]) for number in step.after)
         yield from _step(kb, step, task)
-        before = task
 
 
 def _step(kb: GraphCore, step: PlannedStep, task: NamedNode) -> Iterator[_Statement]:
@@ -70,6 +109,8 @@ def _step(kb: GraphCore, step: PlannedStep, task: NamedNode) -> Iterator[_Statem
     yield task, RT.stepNumber, step.number
     yield task, RT.plannedDuration, float(step.duration_s)
     yield task, RT.plannedChance, float(step.chance)
+    yield task, RT.parameterValues, json.dumps(dict(step.arguments), sort_keys=True)
+    yield task, RDFS.label, step.text
     for prop, value in step.statements:
         yield task, NamedNode(prop), NamedNode(value)
         if local_name(prop) == "handlesExemplar":

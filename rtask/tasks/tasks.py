@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rtask.tasks.bounds import TIMEOUT_S, Bounds
 from rtask.tasks.plan import TaskPlan
 from rtask.tasks.planner import plan_goal
-from rtask.tasks.storing import store_plan
+from rtask.tasks.storing import Order, store_plan
 
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
@@ -69,12 +69,19 @@ a goal is such as 'every cup into the left box'
             assume_reach=assume_reach, max_states=max_states, require_time=bounds.require_time,
         )  # fmt: skip
 
-    def store(self, plan: TaskPlan, agent: str | None = None) -> str:
+    def store(self, plan: TaskPlan, agent: str | None = None, order: Order | None = None) -> str:
         """Store a plan as a tree of tasks in one commit; return its IRI.
+
+        Parameters
+        ----------
+        agent
+            In whose name; None for the owner of the store.
+        order
+            How urgent it is.
 
         Raises
         ------
         UsageError
             There is no plan, or it has no step.
         """
-        return store_plan(self._kb, plan, agent)[0]
+        return store_plan(self._kb, plan, agent, order=order)[0]

@@ -11,7 +11,13 @@ from typing import Any
 
 import click
 
-from rtask.cli.options import announce_undo, json_option, print_json
+from rtask.cli.options import (
+    announce_undo,
+    json_option,
+    listing_option,
+    print_json,
+    shown_rows,
+)
 from rtask.errors import RobotError, UsageError
 from simulate import options
 from simulate.drivers.commands import reach
@@ -34,8 +40,9 @@ robot.add_command(reach)
 
 
 @robot.command("list")
+@listing_option
 @json_option
-def list_robots(as_json: bool) -> None:
+def list_robots(limit: int | None, as_json: bool) -> None:
     """List the robots: built in, of installed packages, and added."""
     from simulate.robots import ROBOTS, known_robots
     from simulate.robots.robot_files import robot_names, robots_folder
@@ -52,6 +59,7 @@ def list_robots(as_json: bool) -> None:
         }
         for name in known_robots()
     ]
+    rows = shown_rows(rows, limit, as_json)
     if as_json:
         print_json(rows)
         return
@@ -195,8 +203,9 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
 @click.option("--strict", is_flag=True, help="Count a file with gaps as one that cannot be read.")
+@listing_option
 @json_option
-def survey(files: tuple[Path, ...], strict: bool, as_json: bool) -> None:
+def survey(files: tuple[Path, ...], strict: bool, limit: int | None, as_json: bool) -> None:
     """Tell which URDF files can be read, and which arms and hands they show.
 
     A folder stands for all files *.urdf below it. Exit code 1 if one cannot be read.
@@ -204,10 +213,11 @@ def survey(files: tuple[Path, ...], strict: bool, as_json: bool) -> None:
     from simulate.onboarding.survey import survey_files
 
     rows = list(survey_files(files, strict))
+    shown = shown_rows(rows, limit, as_json)
     if as_json:
-        print_json([row.to_json() for row in rows])
+        print_json([row.to_json() for row in shown])
     else:
-        for row in rows:
+        for row in shown:
             click.echo(row.line())
         read = sum(not row.error for row in rows)
         click.echo(f"{read} of {len(rows)} can be read")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx
 import pytest
 
+from tests.commands import run_command
 from tests.servers import RunningServer, running_server
 
 MakeToken = Callable[..., str]
@@ -38,16 +37,8 @@ def make_token(guarded: RunningServer) -> MakeToken:
     """Make a token with the command line, as an operator does while the server runs."""
 
     def make(*options: str) -> str:
-        done = subprocess.run(
-            [
-                *(sys.executable, "-m", "rtask", "token", "create"),
-                *("--data", str(guarded.data), "--json", *options),
-            ],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=60,
-        )
+        command = ("token", "create", "--data", str(guarded.data), "--json")
+        done = run_command(*command, *options, check=True)
         return str(json.loads(done.stdout)["token"])
 
     return make

@@ -5,8 +5,6 @@ from __future__ import annotations
 import gzip
 import json
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -25,6 +23,7 @@ from features.geometry import Frame, Intrinsics
 from rtask.loader import load
 from rtask.model import RTASK
 from rtask.remote.served import ServedKnowledgeBase
+from tests.commands import run_command
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import free_port
 
@@ -38,8 +37,7 @@ _ROWS = {"Accept": "application/sparql-results+json"}
 
 
 def _rtask(*arguments: str) -> str:
-    command = [sys.executable, "-m", "rtask", *arguments]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    return run_command(*arguments, check=True).stdout.strip()
 
 
 @pytest.fixture
@@ -288,8 +286,7 @@ def test_a_follower_goes_on_without_its_writer_and_takes_its_place_when_promoted
         _wait(lambda: httpx.get(follower.url + "/health/ready").status_code == 503)
         assert "behind" in httpx.get(follower.url + "/health/ready").json()["failing"]
     assert follower.data is not None
-    serve = [sys.executable, "-m", "rtask", "serve", "-d", str(follower.data), "-p", "0"]
-    done = subprocess.run(serve, check=False, capture_output=True, text=True)
+    done = run_command("serve", "-d", str(follower.data), "-p", "0")
     assert done.returncode != 0
     assert "rtask promote" in done.stderr
     _rtask("promote", str(follower.data))

@@ -142,7 +142,12 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     call("withdraw_contributor", {"contributor": "generated-1"})
     goal = {"goal": "every cup into the left box"}
     plan = call("plan_goal", goal).to_dict()
-    assert call("store_plan", {**goal, "digest": plan["digest"]}).to_dict()["task"]
+    stored = call("store_plan", {**goal, "digest": plan["digest"]}).to_dict()["task"]
+    step = call("claim_step", {"robot": "urn:lab/robot/panda-1"}).to_dict()
+    call("state_place", {"thing": "urn:lab/thing/1", "place": "urn:lab/robot/panda-1/hand"})
+    call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
+    assert [one["state"] for one in call("list_plans", {}).to_dict()["plans"]] == ["running"]
+    call("cancel_plan", {"plan": stored, "reason": "enough"})
     assert call.called == {
         path.removeprefix("/engine/") for path in document["paths"] if "/engine/" in path
     }

@@ -8,7 +8,6 @@ import signal
 import socket
 import ssl
 import subprocess
-import sys
 import time
 import zlib
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ import httpx
 import pytest
 
 import rtask
+from tests.commands import run_command
 from tests.servers import RunningServer, ServerDidNotStartError, running_server
 
 pytestmark = pytest.mark.slow
@@ -139,10 +139,8 @@ def test_a_flood_of_one_token_is_answered_429_and_another_is_served(tmp_path: Pa
     folder = tmp_path / "store"
 
     def token() -> str:
-        command = ["rtask", "token", "create", "--data", str(folder), "--role", "reader", "--json"]
-        done = subprocess.run(
-            [sys.executable, "-m", *command], capture_output=True, check=True, text=True, timeout=60
-        )
+        command = ("token", "create", "--data", str(folder), "--role", "reader", "--json")
+        done = run_command(*command, check=True)
         return f"Bearer {json.loads(done.stdout)['token']}"
 
     hasty, calm = token(), token()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -22,6 +20,7 @@ from endpoint.application import Application
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
+from tests.commands import run_command
 from tests.servers import RunningServer, bearer, new_application, running_server
 
 pytestmark = pytest.mark.slow
@@ -355,8 +354,7 @@ def _wait_for(condition: Any, seconds: float = 60.0) -> None:
 )
 def test_a_limit_that_would_not_hold_is_not_given(tmp_path: Path, options: tuple[str, ...]) -> None:
     rtask.open(tmp_path / "store", ontologies=False).close()
-    command = [sys.executable, "-m", "rtask", "token", "create", "-d", str(tmp_path / "store")]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    done = run_command("token", "create", "-d", str(tmp_path / "store"), *options)
     assert done.returncode in (2, 3)
     assert "read" in done.stderr
     with closing(TokenStore(tmp_path / "store")) as tokens:

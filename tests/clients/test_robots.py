@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,6 +15,7 @@ import roslibpy
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from tests.commands import run_command
 from tests.servers import RunningServer, bearer
 
 pytestmark = pytest.mark.slow
@@ -280,8 +279,8 @@ def test_a_robot_cannot_write_for_another_over_any_way_in(
 def test_revoking_a_token_closes_its_connections(guarded: RunningServer, make_token: Any) -> None:
     token = make_token("--robot", "ws-2")
     with connect(guarded.websocket, additional_headers=bearer(token)) as robot:
-        command = [sys.executable, "-m", "rtask", "token", "revoke", token.split("_")[1]]
-        subprocess.run([*command, "--data", str(guarded.data)], check=True, timeout=60)
+        revoke = ("token", "revoke", token.split("_")[1], "--data", str(guarded.data))
+        run_command(*revoke, check=True)
         with pytest.raises(ConnectionClosed) as closed:
             robot.recv(timeout=10)
     assert closed.value.rcvd is not None

@@ -15,6 +15,7 @@ import rtask
 from rtask.errors import VersionConflictError
 from rtask.model import RTASK
 from rtask.remote.served import ServedKnowledgeBase
+from tests.commands import run_command
 from tests.servers import RunningServer, bearer, running_server
 from tests.sparql_servers import OXIGRAPH, Oxigraph
 
@@ -44,8 +45,7 @@ def server(oxigraph: Oxigraph, folder: Path) -> Iterator[RunningServer]:
 
 
 def _token(folder: Path, *who: str) -> dict[str, str]:
-    command = [sys.executable, "-m", "rtask", "token", "create", "-d", str(folder), *who]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    done = run_command("token", "create", "-d", str(folder), *who, check=True)
     return bearer(done.stdout.strip())
 
 

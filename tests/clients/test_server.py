@@ -6,7 +6,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import httpx
@@ -14,14 +13,13 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.commands import run_command
 from tests.servers import RunningServer, running_server
 
 
 def rtask(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", "rtask", *arguments], capture_output=True, text=True, timeout=90
-    )
+    return run_command(*arguments)
 
 
 @pytest.mark.slow

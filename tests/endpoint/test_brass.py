@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import pytest
 import simulate.services
 from rtask.services.registry import load
 from simulate.services.kinematics import read_chains
+from tests.commands import run_command
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow  # starts a server
@@ -40,10 +40,7 @@ def test_the_listing_runs(programs: Path):
         environment = {**os.environ, "RTASK_SERVER": server.url}
 
         def rtask(*arguments: str) -> str:
-            command = [sys.executable, "-m", "rtask", *arguments]
-            done = subprocess.run(
-                command, env=environment, capture_output=True, text=True, check=False, timeout=120
-            )
+            done = run_command(*arguments, environment=environment)
             assert done.returncode == 0, done.stderr
             return done.stdout
 

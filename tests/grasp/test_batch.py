@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,6 +26,7 @@ from rtask.errors import RemoteUnavailableError, ServiceError, UsageError
 from rtask.services import ServiceHost
 from rtask.services.builtin import PushTrials, SpacePlans
 from rtask.services.builtin.space_plans import request_for
+from tests.commands import run_command
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow
@@ -242,9 +241,7 @@ def test_two_files_of_one_name_are_refused_before_anything_is_planned(files, tmp
     other.write_bytes(Path(files[0]).read_bytes())
     out = tmp_path / "out"
     words = ["grasp", "batch", files[0], str(other), "--save-grasps", str(out)]
-    done = subprocess.run(
-        [sys.executable, "-m", "rtask", *words], capture_output=True, text=True, check=False
-    )
+    done = run_command(*words)
     assert done.returncode in (2, 3)
     assert "two meshes have the same name" in done.stderr
     assert not out.exists()

@@ -57,7 +57,7 @@ def test_show_with_a_graph_prints_the_card_of_a_term_there(
     assert "?thing a rt:Mug" in out
     card = json.loads(_run(capsys, "show", "Mug", "--data", tmp_path / "kb", "--json")[1])
     assert (card["count"], card["above"]) == (1, ["rt:Cup"])
-    assert "rt:Mug " in _run(capsys, "show", "--data", tmp_path / "kb")[1]
+    assert "rt:Mug " in _run(capsys, "show", "--limit", "0", "--data", tmp_path / "kb")[1]
     code, _, error = _run(capsys, "show", "Mugg", "--data", tmp_path / "kb")
     assert code != 0
     assert "'mug'" in error

@@ -107,7 +107,13 @@ PLACEMENT_FAULTS = [
     ":w rt:placementPose :p0, :p1",
     ":w rt:placementConfidence 1.5e0",
 ]
+CLAIMED = ":cl a rt:TaskClaim ; prov:wasAssociatedWith :nao1 ; "
+UNTIL = 'rt:claimedUntil "2026-01-01T10:00:00Z"^^xsd:dateTime'
 FAULTS = [
+    ("cl", "TaskClaim", add(CLAIMED + UNTIL)),
+    ("cl", "TaskClaim", add(CLAIMED + "rt:claims :t1")),
+    ("cl", "TaskClaim", add(CLAIMED + UNTIL + ' ; rt:claims :t1 ; rt:claimResult "perhaps"')),
+    ("cl", "TaskClaim", add(":cl a rt:TaskClaim ; rt:claims :t1 ; " + UNTIL)),
     ("mug", "Object", drop(":mug rt:objectId")),
     ("mug", "Object", add(':mug rt:objectId "lab/mug-9"')),
     ("mug", "Object", put(":mug rt:objectId", '"no slash"')),

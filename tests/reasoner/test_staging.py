@@ -8,7 +8,7 @@ import pyoxigraph as ox
 import pytest
 from pyoxigraph import Literal, NamedNode
 
-from reasoner import Closure, ClosureTooLargeError, Config, InconsistentError
+from reasoner import ChangeBudget, Closure, ClosureTooLargeError, Config, InconsistentError
 from tests.reasoner.ttl import triple, triples
 
 SCHEMA = ":Mug rdfs:subClassOf :Vessel . :Vessel owl:disjointWith :Pen ."
@@ -219,3 +219,30 @@ def test_configuration_is_checked():
         Config(on_contradiction="ignore")
     with pytest.raises(ValueError, match="'reject' or 'keep'"):
         Config(ill_typed="drop")
+
+
+def test_a_refused_change_leaves_no_terms_behind_and_their_values_can_be_met_anew():
+    closure = build(":m a :Mug ; :size 1 .")
+    before = closure.stats()["terms"]
+    closure.stage(add=triples(":new :size 2, 2.0, 1.0 . :p :part :q .")).discard()
+    assert closure.stats()["terms"] == before
+    budget = ChangeBudget(derived=0, firings=10)
+    with pytest.raises(ClosureTooLargeError):
+        closure.stage(add=triples(":other a :Mug ; :size 2, 1.0 ."), budget=budget)
+    assert closure.stats()["terms"] == before
+    assert not closure.contains(triple(":m :size 2"))
+    closure.stage(add=triples(":z a :Mug ; :size 2.0 . :n :size 3, 1.0 .")).apply()
+    assert closure.contains(triple(":z a :Vessel"))
+    assert closure.contains(triple(":z :size 2"))  # by value
+    assert closure.contains(triple(":n :size 1"))
+    assert not closure.contains(triple(":m :size 2"))
+
+
+def test_terms_of_a_discarded_change_stay_while_a_later_change_has_others():
+    closure = build()
+    first = closure.stage(add=triples(":a1 a :Mug ."))
+    later = closure.stage(add=triples(":a2 a :Mug ."))
+    first.discard()
+    later.apply()
+    assert closure.contains(triple(":a2 a :Vessel"))
+    assert not closure.contains(triple(":a1 a :Vessel"))

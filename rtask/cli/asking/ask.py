@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +14,24 @@ from rtask.cli.options import (
     data_option,
     exit_if_empty,
     json_option,
-    limit_option,
+    listing,
     print_json,
     server_option,
+    shown_rows,
 )
-from rtask.cli.things import resolve_object
+from rtask.cli.things import name_or_iri, resolve_object
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from rtask.asking.questions import Answer
     from rtask.client.calls import ResolvedRequest
+    from rtask.sparql.results import Row
 
 __all__ = ["ask"]
 
 _MAX_WIDTH = 40
 _MAX_PAGES = 5
+_ROWS = 20
 
 
 @click.command()
@@ -50,7 +54,7 @@ _MAX_PAGES = 5
     metavar="S",
     help="With a hand, without --object: consider objects seen this recently, s.",
 )
-@limit_option(20, "Largest number of rows to print.")
+@listing(_ROWS)
 @json_option
 def ask(
     words: tuple[str, ...],
@@ -60,7 +64,7 @@ def ask(
     gripper: str | None,
     objects: tuple[str, ...],
     seen_within: float,
-    limit: int,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Ask a question in words, such as "which robot fails at cartons, and why?".
@@ -80,7 +84,7 @@ def ask(
         return
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
-        request["gripper_id"] = gripper
+        request["gripper_id"] = name_or_iri(gripper, data, server)
     with connection(data, server, agent) as client:
         if objects:
             request["objects"] = [resolve_object(client.query, name) for name in objects]
@@ -95,9 +99,11 @@ def ask(
         raise SystemExit(1)
 
 
-def _show_answer(result: Answer, limit: int, as_json: bool, server: str | None) -> None:
+def _show_answer(result: Answer, limit: int | None, as_json: bool, server: str | None) -> None:
+    shown = shown_rows(result.rows, limit, as_json, default=_ROWS)
     if as_json:
-        print_json(result.to_dict())
+        rows = [row.to_dict() for row in shown]
+        print_json({**result.to_dict(), "rows": rows, "why": list(result.why[: len(rows)])})
         exit_if_empty(len(result.rows))
         return
     if not result.is_understood:
@@ -107,26 +113,24 @@ def _show_answer(result: Answer, limit: int, as_json: bool, server: str | None) 
     click.echo(result.sentence)
     if len(result.rows):
         click.echo()
-        _print_rows(result, max(limit, 1))
+        _print_rows(result, shown)
         _print_why(result, server)
     click.echo(f"\n{result.sparql.rstrip()}")
     exit_if_empty(len(result.rows))
 
 
-def _print_rows(result: Answer, limit: int) -> None:
+def _print_rows(result: Answer, rows: Sequence[Row]) -> None:
     from rtask.asking.questions.sentences import spoken
 
     names = {term: result.names[str(getattr(term, "value", term))]
              for row in result.rows for term in row
              if term is not None and str(getattr(term, "value", term)) in result.names}  # fmt: skip
-    cells = [[spoken(term, names)[:_MAX_WIDTH] for term in row] for row in result.rows[:limit]]
+    cells = [[spoken(term, names)[:_MAX_WIDTH] for term in row] for row in rows]
     table = [list(result.rows.variables), *cells]
     widths = [max(len(line[at]) for line in table) for at in range(len(table[0]))]
     for line in table:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
-    if len(result.rows) > limit:
-        click.echo(f"... {len(result.rows) - limit} more rows; --limit prints them", err=True)
 
 
 def _print_why(result: Answer, server: str | None) -> None:

@@ -10,7 +10,7 @@ import click
 
 from rtask.cli.grasping.executors import executor_options, open_named
 from rtask.cli.grasping.spatial import pose_noise, pose_options
-from rtask.cli.options import json_option, limit_option, print_json
+from rtask.cli.options import announce_more, json_option, limit_option, print_json
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import RtaskError, UsageError
 
@@ -132,11 +132,11 @@ def _planned(
     return planned, time.monotonic() - began
 
 
-def _line(one: Planned) -> str:
-    if not one.found:
-        return f"{one.name}: no grasp: {one.error or one.found.reason}"
-    best = max(candidate.scores["confidence"] for candidate in one.found)
-    return f"{one.name}: {len(one.found)} grasps, the best with confidence {best:.2f}"
+def _line(plan: Planned) -> str:
+    if not plan.found:
+        return f"{plan.name}: no grasp: {plan.error or plan.found.reason}"
+    best = max(candidate.scores["confidence"] for candidate in plan.found)
+    return f"{plan.name}: {len(plan.found)} grasps, the best with confidence {best:.2f}"
 
 
 def _as_json(
@@ -145,6 +145,7 @@ def _as_json(
     from grasp.messages import spatial_grasp_message
 
     objects = []
+    not_shown = 0
     for mesh in task.meshes:
         plan = planned.get(mesh.name)
         if plan is None:
@@ -158,6 +159,8 @@ def _as_json(
             }
             for candidate in plan.found.candidates[: options["limit"]]
         ]
+        not_shown += max(0, len(plan.found) - options["limit"])
         reason = plan.error or plan.found.reason
         objects.append({"mesh": mesh.name, "planned": True, "grasps": grasps, "reason": reason})
+    announce_more(not_shown, what="grasps")
     return {"gripper": task.gripper.name, "seconds": seconds, "objects": objects}

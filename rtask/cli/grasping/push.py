@@ -259,11 +259,12 @@ def _outline(source: str, data: Path, call: _PushCall) -> tuple[Outline, str]:
             raise UsageError(f"{source} is a folder; give a file in it")
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
+    from rtask.cli.things import name_or_iri
     from rtask.engine.engine import Engine
     from rtask.engine.records.shapes import object_cloud
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        object_iri, points = object_cloud(engine.context, source)
+        object_iri, points = object_cloud(engine.context, name_or_iri(source, data))
     ring, height = outline_from_cloud(points)
     note = f"{object_iri}: footprint of {len(points)} points"
     outline = Outline(ring, None, len(ring), note, height, unit="m")

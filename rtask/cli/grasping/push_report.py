@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.options import announce_more
+
 if TYPE_CHECKING:
     from grasp.push import Outline, PushPlan
 
@@ -36,6 +38,10 @@ def _rows(push_plan: PushPlan, top: int) -> list[dict[str, Any]]:
     return rows
 
 
+def _announce_others(push_plan: PushPlan, top: int) -> None:
+    announce_more(max(0, len(push_plan.analysis.order) - top), what="grasps")
+
+
 def print_plan(push_plan: PushPlan, note: str, top: int) -> None:
     """Print the best ``top`` grasps, and what became of all candidates."""
     analysis = push_plan.analysis
@@ -56,6 +62,7 @@ def print_plan(push_plan: PushPlan, note: str, top: int) -> None:
             f"{row['opening']:9.4g}  {row['quality']:8.3f}  {row['lower_95']:10.3f}  "
             f"{'closes' if row['nominal'] else 'fails'}"
         )
+    _announce_others(push_plan, top)
     if analysis.crossed > 0.2:
         click.echo(
             f"{analysis.crossed:.0%} of the perturbed outlines cross themselves and count as "
@@ -76,6 +83,7 @@ def plan_as_json(
     drawings: list[str],
 ) -> dict[str, Any]:
     """Return the plan with its best ``top`` grasps as JSON; lengths in the outline's unit."""
+    _announce_others(push_plan, top)
     return {
         "note": outline.note,
         "unit": outline.unit,

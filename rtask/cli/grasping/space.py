@@ -139,8 +139,8 @@ def space(source: str, data: Path, as_json: bool, **options: Any) -> None:
         if call.store and stored_shape is not None:
             stored = _store(data, stored_shape, proposals, hand, call)
         name = Path(source).name if stored_shape is None else source
-        found = report(proposals, hand, shape, call, as_json, note, name, seconds, stored)
-    exit_if_empty(found)
+        reported = report(proposals, hand, shape, call, as_json, note, name, seconds, stored)
+    exit_if_empty(reported)
 
 
 def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, ObjectShape | None]:
@@ -231,11 +231,12 @@ def _object(source: str, data: Path) -> ObjectShape:
             raise UsageError(f"{source} is a folder; give a file in it")
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
+    from rtask.cli.things import name_or_iri
     from rtask.engine.engine import Engine
     from rtask.engine.records.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        return object_shape(engine.context, source)
+        return object_shape(engine.context, name_or_iri(source, data))
 
 
 def _store(

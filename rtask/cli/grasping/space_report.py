@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.grasping.planning import announce_stored
-from rtask.cli.options import print_json
+from rtask.cli.options import announce_more, print_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -140,6 +140,7 @@ def _print(
             f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "
             f"{row.get('epsilon', 0.0):7.4f}{held}{'  half' if row['antipodal'] == 'half' else ''}"
         )
+    announce_more(max(0, len(proposals) - call.limit), what="grasps")
     why_not = verdict(proposals, call)
     if why_not:
         click.echo(why_not)
@@ -162,6 +163,7 @@ def _as_json(
 ) -> dict[str, Any]:  # fmt: skip
     from grasp.messages import spatial_grasp_message
 
+    announce_more(max(0, len(proposals) - call.limit), what="grasps")
     rows = _rows(proposals, call.limit)
     for row, candidate in zip(rows, proposals.candidates, strict=False):
         row["message"] = spatial_grasp_message(candidate, hand, "object")

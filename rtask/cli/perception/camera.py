@@ -43,6 +43,8 @@ def camera(
 
     if (board is None) != (square is None):
         raise UsageError("--board and --square belong together")
+    if view.frame:
+        raise UsageError("--frame: no use here, where the camera stands does not matter")
     seen = read_scene(file, view)
     if not isinstance(seen, Frame):
         raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")

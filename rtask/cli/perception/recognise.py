@@ -16,7 +16,7 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.scene_file import View, camera_options, read_view, save_picture
+from rtask.cli.perception.scene_file import View, camera_options, save_picture
 from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
@@ -84,7 +84,7 @@ def recognise(
     from rtask.cli.perception.selecting import Selection, objects_in
 
     with announce_compilation(), Working("recognising"):
-        frame, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
+        frame, crops = objects_in(file, view, preset, Selection(mask, box))
         further = [_further(look_, view, preset) for look_ in looks]
         if further and len(crops) != 1:
             raise UsageError(
@@ -132,7 +132,7 @@ def _further(file: Path, view: View, preset: str) -> Frame:
     """Return the crop of the one object in another view."""
     from rtask.cli.perception.selecting import Selection, objects_in
 
-    _, crops = objects_in(file, read_view(file, view), preset, Selection())
+    _, crops = objects_in(file, view, preset, Selection())
     if len(crops) != 1:
         raise UsageError(f"--look {file} shows {len(crops)} objects, where one is expected")
     return crops[0][1]

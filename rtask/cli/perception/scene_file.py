@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from features.imaging.camera import Lens
     from features.imaging.photo import Photo
 
-__all__ = ["View", "camera_options", "read_scene", "read_view", "save_picture"]
+__all__ = ["View", "camera_options", "is_recording", "read_scene", "read_view", "save_picture"]
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +39,7 @@ _OPTIONS = {
     "--distortion": "distortion",
     "--camera": "camera",
     "--at": "at_s",
+    "--frame": "frame",
 }
 
 
@@ -60,6 +61,8 @@ class View:
         JSON that says all this, instead of the numbers.
     at_s
         Of a recording: which frame, s after its start.
+    frame
+        Of a recording: frame of the robot with z up for places; empty = a usual base.
     """
 
     colour: Path | None = None
@@ -70,6 +73,7 @@ class View:
     distortion: tuple[float, ...] = ()
     camera: Path | None = None
     at_s: float = 0.0
+    frame: str = ""
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -122,9 +126,12 @@ def camera_options(command: Any) -> Any:
         distortion: tuple[float, ...],
         camera: Path | None,
         at_s: float,
+        base_frame: str,
         **rest: Any,
     ) -> Any:
-        view = View(colour, depth_unit, focal, focal_y, centre, distortion, camera, at_s)
+        view = View(
+            colour, depth_unit, focal, focal_y, centre, distortion, camera, at_s, base_frame
+        )
         return command(*args, view=view, **rest)
 
     wrapped: Any = with_view
@@ -133,6 +140,11 @@ def camera_options(command: Any) -> Any:
         click.option(
             "--at", "at_s", type=click.FloatRange(min=0), default=0.0, metavar="S",
             help="Of a recording: the frame at this time after its start, s.",
+        ),
+        click.option(
+            "--frame", "base_frame", default="", metavar="NAME",
+            help="Of a recording: frame of the robot with z up, in which its TF says where the "
+            "camera was.  [default: base_footprint or base_link]",
         ),
         click.option(
             "--camera", type=file,
@@ -184,6 +196,11 @@ def read_scene(file: Path, view: View) -> Frame | Cloud:
     return seen
 
 
+def is_recording(file: Path) -> bool:
+    """Return whether a file is to be read as a recording of ROS."""
+    return file.suffix in _RECORDINGS or file.is_dir()
+
+
 def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     """Read what :func:`read_scene` reads, or a photograph.
 
@@ -196,10 +213,10 @@ def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
     from features.codec.image_header import is_image
     from features.codec.limits import Limits, UnknownFormatError
 
-    if file.suffix in _RECORDINGS or file.is_dir():
+    if is_recording(file):
         if file.is_dir() and not (file / "metadata.yaml").is_file():
             raise UsageError(f"{file} is a folder, and no recording of ROS 2: no metadata.yaml")
-        _allow(file, "a recording, which tells its camera", view, ("--at",))
+        _allow(file, "a recording, which tells its camera", view, ("--at", "--frame"))
         return _recorded(file, view)
     # A local file may be larger than what a robot may send, but not what it unpacks to.
     limits = Limits(stored_bytes=_STORED_BYTES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,9 +10,10 @@ import click
 
 from rtask.cli.options import exit_if_empty, json_option, print_json
 from rtask.cli.perception.cutting import segmentation_option
+from rtask.cli.perception.posed import posed_view
 from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
 from rtask.cli.progress import announce_compilation
-from rtask.engine.perception.cutting import cut
+from rtask.engine.perception.cutting import cut, cut_in_base
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -50,14 +52,21 @@ def segment(
 
     FILE is a point cloud (PLY or PCD), a crop in the format that robots send, a recording (.bag,
     .mcap, or the folder of one), or a 16-bit depth image, with its colour image as --colour. Clouds
-    are in m in the camera frame: x right, y down, z forward. Labels come one for each pixel or
-    point of FILE, in its order and shape.
+    are in m in the camera frame: x right, y down, z forward. Where the TF of a recording says where
+    the camera was, the view is cut as a robot does, and places are in the robot's frame. Labels
+    come one for each pixel or point of FILE, in its order and shape.
     """
     _check_outputs(file, view.colour, labels_file, save_plot)
     seen = read_scene(file, view)
     try:
+        posed = posed_view(file, view, seen, is_cut_as_usual=preset == "auto")
         with announce_compilation():
-            scene = cut(seen, preset, min_points)
+            if posed is None:
+                scene, table_height = cut(seen, preset, min_points), None
+            else:
+                scene, table_height = cut_in_base(
+                    posed.view, posed.base_from_camera, min_points or 1
+                )
     except DataError as error:
         raise DataError(
             f"{file}: {error}; is --depth-unit, the metres of one depth step, right?"
@@ -69,12 +78,19 @@ def segment(
 
         save_picture(save_plot, segments_picture(seen, scene))
     if as_json:
-        print_json(
-            {"status": scene.status, "objects": [_row(segment_) for segment_ in scene.objects]}
-        )
+        made: dict[str, Any] = {
+            "status": scene.status,
+            "objects": [_row(segment_) for segment_ in scene.objects],
+        }
+        if posed is not None:
+            made |= {"frame": posed.base, "table_height_m": _height(table_height)}
+        print_json(made)
         exit_if_empty(scene.objects)
         return
-    click.echo(f"{scene.status}: {len(scene.objects)} objects")
+    where = "" if posed is None else f" in {posed.base}"
+    if _height(table_height) is not None:
+        where += f", table at {table_height:.3f} m"
+    click.echo(f"{scene.status}: {len(scene.objects)} objects{where}")
     for segment_ in scene.objects:
         row = _row(segment_)
         x, y, z = row["centroid_m"]
@@ -93,6 +109,11 @@ def _row(segment: Any) -> dict[str, Any]:
         "box_m": [[round(float(c), 4) for c in corner] for corner in segment.box],
         "touches_border": segment.touches_border,
     }
+
+
+def _height(table_height: float | None) -> float | None:
+    """Return the height of a table, m, or None where none was seen or nobody knows it."""
+    return None if table_height is None or math.isnan(table_height) else round(table_height, 4)
 
 
 def _check_outputs(

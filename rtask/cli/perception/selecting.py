@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.engine.perception.cutting import cut
+from rtask.cli.perception.posed import Posed, posed_view
+from rtask.cli.perception.scene_file import View, read_view
+from rtask.engine.perception.cutting import cut, cut_in_base
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from features.codec.types import Cloud
     from features.geometry import Frame
     from features.imaging.photo import Photo
 
@@ -55,14 +56,14 @@ def selection_options(command: Any) -> Any:
 
 
 def objects_in(
-    file: Path, seen: Frame | Cloud | Photo, preset: str, selection: Selection
+    file: Path, view: View, preset: str, selection: Selection
 ) -> tuple[Frame, list[tuple[int, Frame]]]:
-    """Return the view, and label and crop of each object in it.
+    """Return the view in a file, and label and crop of each object in it.
 
     Parameters
     ----------
-    file
-        That ``seen`` was read from, for errors.
+    view
+        How to read the file.
     preset
         How to cut a view with depth; see ``rtask segment --segmentation``.
 
@@ -71,16 +72,19 @@ def objects_in(
     UsageError
         The file is a cloud without an image, or depth without colour.
     DataError
-        The mask or the box does not fit the image.
+        The file is damaged, or the mask or the box does not fit the image.
     """
     from features.codec import CloudFormatError
     from features.geometry import Frame
     from features.imaging.camera import frame_of_grid
     from features.imaging.photo import Photo
 
+    seen = read_view(file, view)
     try:
         if isinstance(seen, Photo):
             return _in_photo(seen, selection)
+        as_usual = preset == "auto" and selection == Selection()
+        posed = posed_view(file, view, seen, is_cut_as_usual=as_usual)
         if not isinstance(seen, Frame):
             grid = frame_of_grid(seen)
             if grid is None:
@@ -94,7 +98,7 @@ def objects_in(
             raise UsageError(
                 f"{file}: recognition needs colours; give the colour image as --colour"
             )
-        return seen, _in_frame(seen, preset, selection)
+        return seen, _in_frame(seen, preset, selection, posed)
     except CloudFormatError as error:
         raise DataError(f"{selection.mask or file}: {error}") from error
 
@@ -107,7 +111,9 @@ def _in_photo(photo: Photo, selection: Selection) -> tuple[Frame, list[tuple[int
     return view, _crops(view, segments)
 
 
-def _in_frame(frame: Frame, preset: str, selection: Selection) -> list[tuple[int, Frame]]:
+def _in_frame(
+    frame: Frame, preset: str, selection: Selection, posed: Posed | None
+) -> list[tuple[int, Frame]]:
     from dataclasses import replace
 
     from features.imaging.masks import fit_labels
@@ -120,7 +126,10 @@ def _in_frame(frame: Frame, preset: str, selection: Selection) -> list[tuple[int
         return [(1, chosen_object(frame, box=selection.box))]
     if frame.mask is not None:
         return [(1, frame)]
-    scene = cut(frame, preset)
+    if posed is None:
+        scene = cut(frame, preset)
+    else:
+        scene, _ = cut_in_base(posed.view, posed.base_from_camera)
     return [(segment.label, frame.crop(scene.labels == segment.label)) for segment in scene.objects]
 
 

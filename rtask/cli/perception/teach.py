@@ -19,7 +19,7 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.scene_file import View, camera_options, read_view
+from rtask.cli.perception.scene_file import View, camera_options
 from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.cli.things import find_object
@@ -165,7 +165,7 @@ def _shown(
     from features.codec import encode_frame
     from rtask.cli.perception.selecting import Selection, objects_in
 
-    _, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
+    _, crops = objects_in(file, view, preset, Selection(mask, box))
     if len(crops) != 1:
         raise UsageError(
             f"{file} shows {len(crops) or 'no'} objects; say which one by --box or --mask"

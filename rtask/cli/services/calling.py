@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import json_option, print_json, server_option
+from rtask.cli.options import (
+    json_option,
+    listing_option,
+    print_json,
+    server_option,
+    shown_rows,
+)
 from rtask.errors import MissingDataError, RtaskError, UsageError, nearest
 
 if TYPE_CHECKING:
@@ -53,11 +59,14 @@ def service() -> None:
 @service.command("list")
 @server_option
 @_load_option
+@listing_option
 @json_option
-def list_services(server: str | None, sources: tuple[str, ...], as_json: bool) -> None:
+def list_services(
+    server: str | None, sources: tuple[str, ...], limit: int | None, as_json: bool
+) -> None:
     """List the services of this installation, or of a server."""
     with _offered(server, sources) as offered:
-        services = offered.listing()
+        services = shown_rows(offered.listing(), limit, as_json)
     if as_json:
         print_json(services)
         return

@@ -14,9 +14,11 @@ from rtask.cli.options import (
     announce_final,
     announce_undo,
     confirm_final,
+    exit_if_empty,
     json_option,
     listing_option,
     print_json,
+    shown_parts,
     shown_rows,
     yes_option,
 )
@@ -65,7 +67,9 @@ def list_datasets(server: str, limit: int | None, as_json: bool) -> None:
     """List the datasets that may be read."""
     with _connected(server) as client:
         names = shown_rows(client.names(), limit, as_json)
-    _tell(as_json, names, "\n".join(names))
+    if names or as_json:
+        _tell(as_json, names, "\n".join(names))
+    exit_if_empty(names, "no datasets yet; `rtask dataset create` makes one")
 
 
 @dataset.command("create")
@@ -104,12 +108,12 @@ def create(
 def show(name: str, server: str, limit: int | None, as_json: bool) -> None:
     """List the files of a dataset: NAME, NAME@3 or NAME@head."""
     with _connected(server) as client:
-        found = client.describe(name)
-    versions = ", ".join(map(str, found["versions"])) or "none"
-    rows = [f"{found['name']}  versions: {versions}  {found['message']}".rstrip()]
-    files = shown_rows(list(found["files"].items()), limit, as_json)
+        described = client.describe(name)
+    versions = ", ".join(map(str, described["versions"])) or "none"
+    rows = [f"{described['name']}  versions: {versions}  {described['message']}".rstrip()]
+    files = shown_rows(list(described["files"].items()), limit, as_json)
     rows += [f"{size:12d}  /{path}" for path, (_, size) in files]
-    _tell(as_json, found, "\n".join(rows))
+    _tell(as_json, {**described, "files": dict(files)}, "\n".join(rows))
 
 
 @dataset.command("put")
@@ -255,11 +259,13 @@ def snapshot(name: str, message: str, server: str, as_json: bool) -> None:
 @click.argument("before")
 @click.argument("after", default="head")
 @_server
+@listing_option
 @json_option
-def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None:
+def diff(name: str, before: str, after: str, server: str, limit: int | None, as_json: bool) -> None:
     """List the files that differ between two versions; AFTER is the head by default."""
     with _connected(server) as client:
         difference = client.difference(name, before, after)
+    difference = shown_parts(difference, limit, as_json)
     marks = {"added": "+", "removed": "-", "changed": "*"}
     rows = [f"{marks[kind]} /{path}" for kind, paths in difference.items() for path in paths]
     _tell(as_json, difference, "\n".join(rows) or "no difference")

@@ -17,6 +17,8 @@ from rtask.cli.options import (
     server_option,
 )
 from rtask.errors import UsageError
+from rtask.rdf.terms import moment
+from rtask.tasks.storing import Order
 
 __all__ = ["plan"]
 
@@ -32,6 +34,11 @@ __all__ = ["plan"]
 )  # fmt: skip
 @click.option("--because", is_flag=True, help="Print why each precondition of each step holds.")
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
+@click.option(
+    "--priority", type=click.IntRange(-100, 100), default=0, show_default=True,
+    help="With --store: plans with a greater one are begun first.",
+)  # fmt: skip
+@click.option("--deadline", metavar="TIME", help="With --store: no step is begun later, ISO 8601.")
 @click.option("--pddl", is_flag=True, help="Print domain and problem for other planners.")
 @click.option("--behaviour-tree", is_flag=True, help="Print the XML of BehaviorTree.CPP 4.")
 @json_option
@@ -43,6 +50,8 @@ def plan(
     assume_reach: bool,
     because: bool,
     store: bool,
+    priority: int,
+    deadline: str | None,
     pddl: bool,
     behaviour_tree: bool,
     as_json: bool,
@@ -61,10 +70,14 @@ def plan(
         raise UsageError("give one of --json, --pddl and --behaviour-tree")
     form = forms[0] if forms else "words"
     goal = {"goal": " ".join(words), "assume_reach": assume_reach}
+    if (priority or deadline) and not store:
+        raise UsageError("--priority and --deadline are for --store")
+    due = None if deadline is None else moment(deadline)
+    order = Order(priority, due) if store else None
     if server:
-        result = _plan_there(goal, server, agent, store, form)
+        result = _plan_there(goal, server, agent, order, form)
     else:
-        result = _plan_here(goal, data, agent, store, form)
+        result = _plan_here(goal, data, agent, order, form)
     _show(result, form, because)
     if "task" in result:
         click.echo(f"stored as {result['task']}", err=True)
@@ -74,28 +87,33 @@ def plan(
 
 
 def _plan_here(
-    goal: dict[str, Any], data: Path, agent: str | None, store: bool, form: str
+    goal: dict[str, Any], data: Path, agent: str | None, order: Order | None, form: str
 ) -> dict[str, Any]:
-    """Return the plan of a folder as the operation answers it; store it if it has steps."""
+    """Return the plan of a folder as the operation answers it; with an order, store its steps."""
     from rtask.engine.operations.tasks.plan import answer_of
 
-    with open_to_change(data) if store else open_to_read(data) as kb:
+    with open_to_change(data) if order else open_to_read(data) as kb:
         plan = kb.tasks.plan(goal["goal"], assume_reach=goal["assume_reach"])
         answer = answer_of(plan, pddl=form == "pddl", tree=form == "tree").as_json()
-        if store and plan.steps:
-            answer |= {"task": kb.tasks.store(plan, agent), "commit": str(kb.seq)}
+        if order and plan.steps:
+            task = kb.tasks.store(plan, agent, order)
+            answer |= {"task": task, "commit": str(kb.seq)}
     return answer
 
 
 def _plan_there(
-    goal: dict[str, Any], server: str, agent: str | None, store: bool, form: str
+    goal: dict[str, Any], server: str, agent: str | None, order: Order | None, form: str
 ) -> dict[str, Any]:
-    """Return the plan of a server; store that very plan if it has steps."""
+    """Return the plan of a server; with an order, store that very plan."""
     with connection(Path(), server) as client:
         wanted = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
         answer = dict(client.call("plan_goal", **goal, **wanted))
-        if store and answer["steps"]:
-            stored = client.call("store_plan", **goal, digest=answer["digest"], agent=agent)
+        if order and answer["steps"]:
+            due = None if order.deadline is None else order.deadline.timestamp()
+            stored = client.call(
+                "store_plan", **goal, digest=answer["digest"], agent=agent,
+                priority=order.priority, deadline=due,
+            )  # fmt: skip
             answer |= {"task": stored["task"], "commit": stored["commit"]}
     return answer
 

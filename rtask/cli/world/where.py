@@ -8,7 +8,15 @@ from typing import Any
 import click
 
 from rtask.cli.connection import connection, open_to_read
-from rtask.cli.options import data_option, json_option, print_json, server_option
+from rtask.cli.options import (
+    data_option,
+    json_option,
+    listing_option,
+    print_json,
+    server_option,
+    shown_rows,
+)
+from rtask.cli.things import name_or_iri
 
 __all__ = ["where"]
 
@@ -30,6 +38,7 @@ __all__ = ["where"]
 )  # fmt: skip
 @data_option
 @server_option
+@listing_option
 @json_option
 def where(
     name: str,
@@ -40,6 +49,7 @@ def where(
     max_things: int,
     data: Path,
     server: str | None,
+    limit: int | None,
     as_json: bool,
 ) -> None:
     """Tell where NAME is or was: a thing, a product or a kind, by name or IRI.
@@ -47,15 +57,18 @@ def where(
     Exit code 1 if its place is not known; the answer then says where it was last. What was not
     looked at, because more things than --max-things have the name, is said and not denied.
     """
-    question: dict[str, Any] = {
-        "name": name, "frame": frame, "near": near, "radius": radius, "max_things": max_things,
-    }  # fmt: skip
+    named = {
+        role: name_or_iri(text, data, server)
+        for role, text in (("name", name), ("frame", frame), ("near", near))
+        if text is not None
+    }
+    question: dict[str, Any] = {**named, "radius": radius, "max_things": max_things}
     if at is not None:
         from rtask.rdf.terms import moment
 
         question["stamp"] = moment(at).timestamp()
-    question = {key: value for key, value in question.items() if value is not None}
     answer = _ask(question, data, server)
+    answer["things"] = shown_rows(answer["things"], limit, as_json)
     if as_json:
         print_json(answer)
     else:

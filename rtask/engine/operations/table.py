@@ -25,7 +25,9 @@ from rtask.engine.operations.resolve import resolve_request
 from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
 from rtask.engine.operations.tasks.plan import plan_goal, store_plan
+from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_step, list_plans
 from rtask.engine.operations.teach import teach_object
+from rtask.engine.operations.world.state import state_place
 from rtask.engine.operations.world.where import where_is
 from rtask.wire.stubs import source_of
 
@@ -40,8 +42,13 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     search_object,
     resolve_request,
     where_is,
+    state_place,
     plan_goal,
     store_plan,
+    list_plans,
+    claim_step,
+    end_step,
+    cancel_plan,
     insert_object,
     report_outcome,
     report_refusal,

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rtask.errors import DataError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from features.codec.types import Cloud
     from features.geometry import Frame
-    from features.segmentation import Scene, SegmentParams
+    from features.perception import Seen
+    from features.segmentation import Scene, SegmentedObject, SegmentParams
 
-__all__ = ["cut"]
+__all__ = ["cut", "cut_in_base"]
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:
@@ -50,3 +55,51 @@ def _params(preset: str) -> SegmentParams | None:
     }
     params: SegmentParams | None = presets[preset]()
     return params
+
+
+def cut_in_base(
+    frame: Frame, base_from_camera: NDArray[np.float64], min_points: int = 1
+) -> tuple[Scene, float]:
+    """Segment a view as robots and nodes of ROS do that know where their camera is.
+
+    Parameters
+    ----------
+    frame
+        With colours.
+    base_from_camera : (4, 4), m
+        Pose of the optical frame in a frame of the robot with z up.
+    min_points
+        Smaller objects are left out.
+
+    Returns
+    -------
+    The scene, with places in the frame of the robot, objects from the nearest to the farthest, and
+    neither plane nor prism; and the height of the table there, m, NaN without one.
+
+    Raises
+    ------
+    DataError
+        The view cannot be segmented: wrong units, too large.
+    """
+    from features.perception import perceive
+    from features.segmentation import Scene
+
+    try:
+        seen = perceive(frame, base_from_camera)
+    except ValueError as error:
+        raise DataError(str(error)) from error
+    large = [each for each in seen.objects if len(each.points) >= min_points]
+    labels = np.zeros(frame.depth_m.shape, np.int32)
+    for number, each in enumerate(large, start=1):
+        labels[each.mask] = number
+    objects = tuple(_in_base(each, number) for number, each in enumerate(large, start=1))
+    return Scene(seen.status, None, None, labels, objects), seen.table_height
+
+
+def _in_base(seen: Seen, number: int) -> SegmentedObject:
+    from features.segmentation import SegmentedObject
+
+    box = np.array([seen.points.min(axis=0), seen.points.max(axis=0)])
+    return SegmentedObject(
+        number, np.flatnonzero(seen.mask), seen.points.mean(axis=0), box, seen.touches_border
+    )

@@ -22,7 +22,7 @@ __all__ = ["OF_OPERATORS", "OF_ROBOTS", "UNBOUNDED", "Guard", "ReasoningLimits",
 
 _FIRST_DERIVED, _FIRST_DERIVED_EACH = 1_000, 5
 _FIRST_FIRINGS, _FIRST_FIRINGS_EACH = 15_000, 15
-_FIRST_REBUILT = 10_000
+_FIRST_REBUILT = 2_000
 _MEMORY_EVERY_S = 0.02
 _RETRY_S = 10
 
@@ -51,12 +51,16 @@ class ReasoningLimits:
     seconds: float | None = 30.0
     memory_bytes: int | None = 512 << 20
 
+    def derived_from(self, statements: int) -> int:
+        """Return how many statements may be derived from a change of so many."""
+        return self.derived + statements * self.derived_each
+
     def budget(self, statements: int, guard: Guard) -> Any:
         """Return the reasoner's budget for a change of so many statements."""
         from reasoner import ChangeBudget
 
         return ChangeBudget(
-            self.derived + statements * self.derived_each,
+            self.derived_from(statements),
             self.firings + statements * self.firings_each,
             guard,
         )

@@ -27,10 +27,16 @@ from rtask.errors import (
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, UNBOUNDED, Guard, ReasoningLimits
 from rtask.kb.commit.catalogue import Catalogue, GraphFacts
-from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged, rules_from_now_on
+from rtask.kb.commit.inference import (
+    CAUSE_BUDGET_MS,
+    Derivation,
+    Inference,
+    Staged,
+    rules_from_now_on,
+)
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.schema_right import require_schema
-from rtask.kb.commit.trial_derivation import CAN_FORK, MAX_TRIED, LongDerivationError
+from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
 from rtask.kb.commit.validation import ValidationReport, Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import CommitRecord, Journal
@@ -150,6 +156,8 @@ class Request:
     is_repeatable
         Whether the author can make the change again, so that a long derivation is first tried
         aside: :class:`LongDerivationError` says so.
+    trial
+        The derivation that was tried aside.
     """
 
     access: Access
@@ -165,6 +173,7 @@ class Request:
     cause_ms: float = CAUSE_BUDGET_MS
     reasoning: ReasoningLimits | None = None
     is_repeatable: bool = False
+    trial: Derivation | None = None
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     @property
@@ -336,12 +345,16 @@ class Committer:
         if self.inference is None:
             return Derived(), None, 0
         size = len(change.added) + len(change.removed)
-        is_tried = self._is_tried(change, request, size)
+        is_tried = self._is_tried(request, size)
         limits = request.reasoning_limits or UNBOUNDED
         guard = Guard(limits, self.stop)
         budget = limits.first_look(size, guard) if is_tried else limits.budget(size, guard)
         # Notes say nothing about the world, so those that wait do not matter here.
         with self.late.quiet() if self.late is not None else nullcontext():
+            if request.trial is not None:
+                adopted = self.inference.adopt(change, rules, request.trial)
+                if adopted is not None:
+                    return *adopted, 0
             if is_tried:
                 return self._look_at(change, request, rules, budget, limits)
             if self.quarantines and not request.strict:
@@ -350,14 +363,10 @@ class Committer:
             return *self.inference.stage(change, rules, request.cause_ms, budget), 0
 
     @staticmethod
-    def _is_tried(change: Overlay, request: Request, size: int) -> bool:
-        """Whether a derivation that a first look does not end is tried aside.
-
-        What an operator writes is rarely refused, and little follows from what is only removed.
-        """
-        limited = request.reasoning_limits is not None and request.access.role != "admin"
-        repeatable = CAN_FORK and request.is_repeatable
-        return limited and repeatable and size <= MAX_TRIED and bool(change.added)
+    def _is_tried(request: Request, size: int) -> bool:
+        """Whether a derivation that a first look does not end is tried aside."""
+        limited = request.reasoning_limits is not None
+        return limited and CAN_FORK and request.is_repeatable and 0 < size <= MAX_TRIED
 
     def _look_at(
         self,

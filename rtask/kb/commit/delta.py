@@ -33,6 +33,7 @@ from rtask.sparql.update_outline import Block, Operation, Target, Update, read_u
 
 __all__ = ["PreparedUpdate", "UpdateDataset", "evaluate_update", "prepare", "run_update"]
 
+_DATA = ("INSERT DATA", "DELETE DATA")
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
 # random names, so that no update text can call these functions
 _SECRET = secrets.token_hex(8)
@@ -66,11 +67,15 @@ class PreparedUpdate:
     ----------
     templates
         Quads of the templates and DATA blocks that have been read.
+    data
+        What the DATA blocks add and remove. An update that is made twice makes the same blank
+        nodes, so that what follows from it is the same.
     """
 
     update: Update
     dataset: UpdateDataset
     templates: dict[Block, list[Quad]] = field(default_factory=dict)
+    data: dict[Block, list[Quad]] = field(default_factory=dict)
 
     def template(self, operation: Operation, block: Block) -> list[Quad]:
         """Return the quads of a block, which are read once."""
@@ -81,9 +86,26 @@ class PreparedUpdate:
             self.templates[block] = quads
         return quads
 
+    def fill(self, operation: Operation, block: Block, home: GraphName) -> list[Quad]:
+        """Return the quads of a DATA block as they are stored, those of no graph in a graph."""
+        quads = self.data.get(block)
+        if quads is None:
+            template = self.template(operation, block)
+            fresh = operation.insert is not None
+            filled = templates.fill(template, {}, home, fresh=fresh)
+            quads = self.data[block] = [*map(stored_quad, filled)]
+        return quads
 
-def prepare(text: str, dataset: UpdateDataset | None = None) -> PreparedUpdate:
+
+def prepare(
+    text: str, dataset: UpdateDataset | None = None, home: GraphName | None = None
+) -> PreparedUpdate:
     """Parse and check an update, its templates and its data, before the writers' lock is taken.
+
+    Parameters
+    ----------
+    home
+        Graph of the caller, to which data without a graph are added.
 
     Raises
     ------
@@ -97,8 +119,11 @@ def prepare(text: str, dataset: UpdateDataset | None = None) -> PreparedUpdate:
     prepared = _checked(text, dataset or UpdateDataset())
     for operation in prepared.update.operations:
         for block in (operation.delete, operation.insert):
-            if block is not None:
-                prepared.template(operation, block)
+            if block is None:
+                continue
+            prepared.template(operation, block)
+            if home is not None and operation.kind in _DATA:
+                prepared.fill(operation, block, home)
     return prepared
 
 
@@ -204,7 +229,7 @@ class _Runner:
         self.update, self.dataset = self.prepared.update, self.prepared.dataset
 
     def run(self, operation: Operation) -> None:
-        if operation.kind in ("INSERT DATA", "DELETE DATA"):
+        if operation.kind in _DATA:
             self._data(operation)
         elif operation.kind == "MODIFY":
             self._modify(operation)
@@ -220,11 +245,10 @@ class _Runner:
     def _data(self, operation: Operation) -> None:
         block = operation.insert or operation.delete
         assert block is not None
-        template = self._template(operation, block, self.home)
-        insert = operation.insert is not None
-        change = self.overlay.add if insert else self.overlay.remove
-        for quad in self.meter.quads(templates.fill(template, {}, self.home, fresh=insert)):
-            change(stored_quad(quad))
+        self._template(operation, block, self.home)
+        change = self.overlay.add if operation.insert is not None else self.overlay.remove
+        for quad in self.meter.quads(self.prepared.fill(operation, block, self.home)):
+            change(quad)
 
     def _template(self, operation: Operation, block: Any, home: GraphName) -> list[Quad]:
         if block is None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from reasoner import ClosureTooLargeError, Decision
 
 __all__ = [
+    "Derivation",
     "Inference",
     "Staged",
     "labelled",
@@ -55,6 +56,18 @@ class Staged(Protocol):
 
     def discard(self) -> None:
         """Discard the derivation."""
+
+
+class Derivation(Protocol):
+    """A derivation made in another process."""
+
+    def adopt(
+        self,
+        gained: Sequence[TripleKey],
+        lost: Sequence[TripleKey],
+        rules: Sequence[Any] | None,
+    ) -> Staged | None:
+        """Return what follows, if it was derived from this very change."""
 
 
 class Inference:
@@ -247,6 +260,13 @@ class Inference:
             staged.discard()
             return Derived(), None, staged.contradictions
         return self._derived(staged), staged, []
+
+    def adopt(
+        self, change: Overlay, rules: Sequence[Rule] | None, trial: Derivation
+    ) -> tuple[Derived, Staged] | None:
+        """Return what another process derived from a change; ``None`` if it is not that change."""
+        staged = trial.adopt(*self.gained_and_lost(change), rules_from_now_on(rules))
+        return None if staged is None else (self._derived(staged), staged)
 
     def _derived(self, staged: Staged) -> Derived:
         graph = self._graphs.inferred

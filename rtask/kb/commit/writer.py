@@ -18,7 +18,7 @@ from dataclasses import replace
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
 from rtask.kb.commit.commit import Change, Commit, Committer, Request
-from rtask.kb.commit.trial_derivation import LongDerivationError, TrialDerivations
+from rtask.kb.commit.trials.derivation import LongDerivationError, Trial, TrialDerivations
 from rtask.kb.durability.recovery import Checkpoints
 from rtask.kb.store.overlay import Overlay
 
@@ -161,11 +161,36 @@ class Writer:
             Fills an empty change. It is called again if only a trial, during which others may
             write, shows whether more follows from the change than may.
         """
+        return self.commit_repeatably(lambda again, _: self._made(make, again), request)
+
+    def commit_repeatably(
+        self, commit: Callable[[Request, Trial | None], Commit], request: Request
+    ) -> Commit:
+        """Make a commit that can be made again, without keeping others waiting for long.
+
+        Parameters
+        ----------
+        commit
+            Makes the commit for a request. It is called again if only a trial, during which others
+            may write, shows what follows from the change; then with the trial, which is to catch
+            up before the lock is taken.
+        """
         try:
-            return self._made(make, replace(request, is_repeatable=True))
+            return commit(replace(request, is_repeatable=True), None)
         except LongDerivationError as error:
-            self.try_aside(error)
-        done = self._made(make, request)
+            change = error
+        assert self._trials is not None
+        try:
+            with self._trials.tried(change) as trial:
+                # Where the copy is of no use a second one would not be either.
+                again = replace(request, trial=trial, is_repeatable=trial.is_of_use)
+                return commit(again, trial)
+        except LongDerivationError as error:
+            change = error
+        finally:
+            return_memory()
+        with self._trials.tried(change) as trial:
+            done = commit(replace(request, trial=trial), trial)
         return_memory()
         return done
 
@@ -177,11 +202,6 @@ class Writer:
             self.cancel()
             raise
         return self.finish(overlay, request)
-
-    def try_aside(self, change: LongDerivationError) -> None:
-        """Find out whether a change fits within its limits, or raise why not; needs no lock."""
-        assert self._trials is not None
-        self._trials.settle(change)
 
     def _commit(self, overlay: Overlay, request: Request) -> Change:
         try:

@@ -16,7 +16,7 @@ from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset
-from rtask.kb.commit.trial_derivation import LongDerivationError
+from rtask.kb.commit.trials.derivation import Trial
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
 from rtask.kb.readers.messages import decode_change
@@ -108,16 +108,15 @@ def commit_update(
     RtaskError
         As :meth:`rtask.KnowledgeBase.update`.
     """
-    try:
-        return _commit(order, replace(request, is_repeatable=True), readers, writer, last_seq)
-    except LongDerivationError as error:
-        writer.try_aside(error)
-    return _commit(order, request, readers, writer, last_seq)
+    return writer.commit_repeatably(
+        lambda again, trial: _commit(order, again, trial, readers, writer, last_seq), request
+    )
 
 
 def _commit(
     order: UpdateOrder,
     request: Request,
+    trial: Trial | None,
     readers: Readers,
     writer: Writer,
     last_seq: Callable[[], int],
@@ -147,6 +146,8 @@ def _commit(
                 ) from None
             raise
         took = time.monotonic() - started
+        if trial is not None:
+            trial.catch_up()
         overlay = writer.begin()
         if last_seq() == seq and is_current():
             try:

@@ -54,7 +54,8 @@ class Thing(Model):
     confidence
         The confidence in a statement, on its RDF 1.2 reifier, in [0, 1]. [UNITLESS]
     current_placement
-        The placement of the thing that has not ended (rule R9).
+        The placement of the thing that has not ended, exactly one: of several, the last to
+        begin (rule R9).
     current_pose
         The pose of the current placement; without placements, the latest pose by rt:atTime
         unless its estimate has ended (rule R5).
@@ -105,6 +106,9 @@ class Thing(Model):
         A handle for people and messages, such as "panda" or "coke can".
     note
         The reason for writing something, in the writer's own words.
+    open_placement_of
+        The thing, or the one that it turned out to be, of a placement without an end (rule
+        R9).
     orientation_sigma
         The standard deviation of an orientation; on poses and evaluations. [RAD]
     overlaps_in_time
@@ -189,6 +193,7 @@ class Thing(Model):
     merged_into: Links[ManipulableObject] = Links(_RT + "mergedInto", _RT + "ManipulableObject")
     name: Many[str] = Many(_RT + "name", _XSD + "string")
     note: Many[str] = Many(_RT + "note", _XSD + "string")
+    open_placement_of: Links[Thing] = Links(_RT + "openPlacementOf", _OWL + "Thing")
     orientation_sigma: One[float] = One(_RT + "orientationSigma", _XSD + "double", unit="RAD")
     overlaps_in_time: Links[Thing] = Links(_RT + "overlapsInTime", _OWL + "Thing")
     part: Links[Thing] = Links(_SUMO + "part", _OWL + "Thing")
@@ -459,6 +464,39 @@ class Interval(ProperInterval):
 
     __iri__: ClassVar[str] = _RT + "Interval"
     __required__: ClassVar[tuple[str, ...]] = ("has_beginning", "has_end",)
+
+
+class TaskClaim(Activity):
+    """A robot takes a planned task, and the thing that it handles, for itself: from
+    prov:startedAtTime until prov:endedAtTime, or until the claim runs out.
+
+    ``rt:TaskClaim``
+
+    Attributes
+    ----------
+    claim_comment
+        What happened, in words.
+    claim_reason
+        Why this robot got this task at that time, in words.
+    claim_result
+        How the claim ended: done, failed, declined (by a person) or released (untouched).
+    claimed_until
+        When the claim runs out unless its robot ends or renews it before.
+    claims
+        The planned task that a claim is about.
+    claims_exemplar
+        The thing that nobody else may handle meanwhile.
+    """
+
+    __iri__: ClassVar[str] = _RT + "TaskClaim"
+    __required__: ClassVar[tuple[str, ...]] = ("claimed_until", "claims", "was_associated_with",)
+
+    claim_comment: Many[str] = Many(_RT + "claimComment", _XSD + "string")
+    claim_reason: Many[str] = Many(_RT + "claimReason", _XSD + "string")
+    claim_result: One[str] = One(_RT + "claimResult", _XSD + "string")
+    claimed_until: Many[datetime.datetime] = Many(_RT + "claimedUntil", _XSD + "dateTime")
+    claims: Link[Task] = Link(_RT + "claims", _RT + "Task")
+    claims_exemplar: Links[Exemplar] = Links(_RT + "claimsExemplar", _RT + "Exemplar")
 
 
 class DesignObject(Abstract):
@@ -1591,6 +1629,8 @@ class PoseEstimate(InformationEntity):
         The confidence s_T of the pose, in [0, 1]. [UNITLESS]
     pose_of
         The object whose pose was estimated.
+    pose_of_exemplar
+        The exemplar that was seen there; rt:poseOf names its product.
     principal_axis_angle
         The angle between the principal axes of model and view; above pi/10 the pose is
         rejected (Kehoe 2014, 4.6). [RAD]
@@ -1609,6 +1649,7 @@ class PoseEstimate(InformationEntity):
     fit_score: One[float] = One(_RT + "fitScore", _XSD + "double", functional=True, unit="UNITLESS")
     pose_confidence: One[float] = One(_RT + "poseConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
     pose_of: Link[ManipulableObject] = Link(_RT + "poseOf", _RT + "ManipulableObject", inverse=_RT + "poseEstimatedIn")
+    pose_of_exemplar: Links[Exemplar] = Links(_RT + "poseOfExemplar", _RT + "Exemplar")
     principal_axis_angle: One[float] = One(_RT + "principalAxisAngle", _XSD + "double", functional=True, unit="RAD")
     sum_squared_residual: One[float] = One(_RT + "sumSquaredResidual", _XSD + "double", functional=True, unit="M2")
     violation: One[float] = One(_RT + "violation", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
@@ -2586,6 +2627,9 @@ class Task(IntentionalProcess):
         A part of the task, at any depth.
     has_time_window
         The time at which the task should be done.
+    parameter_values
+        A JSON object with the IRI of each parameter of the class of a planned task, by its
+        name.
     planned_chance
         The chance of success that the plan expects of the task, in [0, 1]. [UNITLESS]
     planned_duration
@@ -2602,6 +2646,9 @@ class Task(IntentionalProcess):
         The task of which this one is a part, at any depth.
     task_name
         The name of the task in messages: "pick", "place".
+    waits_for
+        The task cannot begin before the other has ended, because that makes true what it
+        needs, or needs what it changes.
     """
 
     __iri__: ClassVar[str] = _RT + "Task"
@@ -2612,6 +2659,7 @@ class Task(IntentionalProcess):
     engages: Links[EndEffector] = Links(_RT + "engages", _RT + "EndEffector")
     has_sub_task: Links[Task] = Links(_RT + "hasSubTask", _RT + "Task", inverse=_RT + "subTaskOf")
     has_time_window: Link[Interval] = Link(_RT + "hasTimeWindow", _RT + "Interval", functional=True)
+    parameter_values: Many[str] = Many(_RT + "parameterValues", _XSD + "string")
     planned_chance: One[float] = One(_RT + "plannedChance", _XSD + "double", unit="UNITLESS")
     planned_duration: One[float] = One(_RT + "plannedDuration", _XSD + "double", unit="SEC")
     precedes: Links[Task] = Links(_RT + "precedes", _RT + "Task")
@@ -2620,6 +2668,7 @@ class Task(IntentionalProcess):
     step_number: One[int] = One(_RT + "stepNumber", _XSD + "positiveInteger", unit="NUM")
     sub_task_of: Links[Task] = Links(_RT + "subTaskOf", _RT + "Task", inverse=_RT + "hasSubTask", stored=False)
     task_name: Many[str] = Many(_RT + "taskName", _XSD + "string")
+    waits_for: Links[Task] = Links(_RT + "waitsFor", _RT + "Task")
 
 
 class ZoneKind(CodedValue):
@@ -3140,16 +3189,29 @@ class TaskPlan(Task):
 
     Attributes
     ----------
+    cancel_reason
+        Why somebody cancelled the plan, at prov:invalidatedAtTime.
     goal_text
         The goal in the words of whoever stated it.
     plan_assumption
         A statement that the plan needs and that nobody has made, in words.
+    replaces_plan
+        The plan was made for the same goal after the other could not be carried out; nothing
+        more is begun of that.
+    task_deadline
+        When the plan is to be done; no step of it is begun later.
+    task_priority
+        Plans with a greater number are begun first; one without has 0.
     """
 
     __iri__: ClassVar[str] = _RT + "TaskPlan"
 
+    cancel_reason: Many[str] = Many(_RT + "cancelReason", _XSD + "string")
     goal_text: Many[str] = Many(_RT + "goalText", _XSD + "string")
     plan_assumption: Many[str] = Many(_RT + "planAssumption", _XSD + "string")
+    replaces_plan: Links[TaskPlan] = Links(_RT + "replacesPlan", _RT + "TaskPlan")
+    task_deadline: Many[datetime.datetime] = Many(_RT + "taskDeadline", _XSD + "dateTime")
+    task_priority: Many[int] = Many(_RT + "taskPriority", _XSD + "integer")
 
 
 class ThreeFingerGrasp(SpatialGrasp):

@@ -6,8 +6,6 @@ import hashlib
 import json
 import os
 import shlex
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from rtask.cli import cli
 from rtask.client.datasets import DatasetClient
 from rtask.errors import UsageError
 from rtask.services.outward.frames import pack
+from tests.commands import run_command
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow
@@ -168,12 +167,9 @@ def test_many_files_are_stored_together_or_not_at_all(server):
 def private(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, dict[str, str]]]:
     """A server with a private dataset of one robot, and the tokens of two."""
     data = tmp_path_factory.mktemp("private") / "data"
-    made = [sys.executable, "-m", "rtask", "token", "create", "-d", str(data), "--robot"]
+    made = ("token", "create", "-d", str(data), "--robot")
     tokens = {
-        name: subprocess.run(
-            [*made, name], capture_output=True, text=True, check=True
-        ).stdout.strip()
-        for name in ("owner", "stranger")
+        name: run_command(*made, name, check=True).stdout.strip() for name in ("owner", "stranger")
     }
     with running_server(data) as running:
         with DatasetClient(running.url, tokens["owner"]) as client:

@@ -178,7 +178,12 @@ def _remember(forms: Forms) -> None:
         f"{forms.url}/update", data={"update": LAB.replace(BASE, "urn:lab/")}, timeout=60
     ).raise_for_status()
     plan = ask("plan_goal", goal="every cup into the left box")
-    assert ask("store_plan", goal=plan["goal"], digest=plan["digest"])["task"]
+    stored = ask("store_plan", goal=plan["goal"], digest=plan["digest"])["task"]
+    panda = {"robot": "urn:lab/robot/panda-1"}
+    assert ask("end_step", task=ask("claim_step", **panda)["task"], result="done", **panda)
+    assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
+    assert [one["state"] for one in ask("list_plans")["plans"]] == ["running"]
+    assert ask("cancel_plan", plan=stored, reason="enough")["commit"]
 
 
 def test_every_method_of_every_service_is_called_by_its_form_and_does_what_it_declares(

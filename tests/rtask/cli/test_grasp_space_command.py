@@ -91,7 +91,7 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--mass", "nan"], "mass"),
         (["--friction", "nan"], "friction"),
         (["--gripper", "jaw:nan"], "stroke"),
-        (["--limit", "-1"], "-1 is not in the range x>=1"),
+        (["--limit", "-1"], "-1 is not in the range x>=0"),
         (["--min-confidence", "nan"], "0 to 1"),
         (["--min-confidence", "1.5"], "0 to 1"),
     ],

@@ -9,7 +9,7 @@ import pty
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,9 @@ import pytest
 
 import ontology
 import rtask
-from rtask.cli import cli, main
+from rtask.cli import main
+from tests.commands import run_command
+from tests.rtask.cli.each.tree import walk_commands
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
@@ -61,17 +63,6 @@ _WITHOUT_JSON = {
 }  # fmt: skip
 
 
-def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
-    context = click.Context(group)
-    for child_name in group.list_commands(context):
-        child = group.get_command(context, child_name)
-        assert child is not None
-        if isinstance(child, click.Group):
-            yield from _commands(child, f"{name} {child_name}".strip())
-        else:
-            yield f"{name} {child_name}".strip(), child
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("spirit") / "kb"
@@ -101,7 +92,7 @@ def run(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
 def test_each_command_can_print_json() -> None:
     without = {
         name
-        for name, command in _commands(cli)
+        for name, command in walk_commands()
         if not any("--json" in parameter.opts for parameter in command.params)
     }
     assert {name.split()[-1] for name in without} <= _WITHOUT_JSON
@@ -121,7 +112,7 @@ def test_the_json_of_each_command_is_parsed_by_a_test() -> None:
 
     printing = {
         name
-        for name, command in _commands(cli)
+        for name, command in walk_commands()
         if any("--json" in parameter.opts for parameter in command.params)
     }
     assert {name for name in printing if not is_parsed(name)} == set()
@@ -134,7 +125,7 @@ def _options(command: click.Command) -> list[click.Option]:
 def test_an_option_is_called_and_used_the_same_by_all_commands() -> None:
     uses: dict[str, dict[tuple[bool, tuple[str, ...]], str]] = {}
     meanings: dict[str, set[str]] = {}
-    for name, command in _commands(cli):
+    for name, command in walk_commands():
         for one in _options(command):
             long = next(opt for opt in one.opts if opt.startswith("--"))
             short = tuple(opt for opt in one.opts if not opt.startswith("--"))
@@ -150,7 +141,7 @@ def test_an_option_is_called_and_used_the_same_by_all_commands() -> None:
 
 def test_commands_on_a_graph_ask_a_server_too_or_have_a_reason() -> None:
     without = set()
-    for name, command in _commands(cli):
+    for name, command in walk_commands():
         opts = {opt for one in _options(command) for opt in one.opts}
         if "--data" in opts and "--server" not in opts:
             without.add(name)
@@ -324,11 +315,7 @@ def test_completion_knows_commands_and_options() -> None:
             "COMP_CWORD": str(at),
             "_RTASK_COMPLETE": "bash_complete",
         }
-        command = [sys.executable, "-m", "rtask"]
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=False, cwd=_ROOT
-        )
-        return done.stdout
+        return run_command(environment=environment).stdout
 
     assert "plain,export\n" in completed("rtask exp", 1)
     assert "plain,--server\n" in completed("rtask query --s", 2)
@@ -349,6 +336,7 @@ def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -
         assert code == 0
         assert json.loads(out)["results"]["bindings"]
         assert ask("search", "blue", "mug")[1] == "urn:mug  blue mug\n"
+        assert ask("search", "blue", "--class", "mug")[1] == "urn:mug  blue mug\n"
         assert ask("search", "nonexistent")[0] == 1
         assert json.loads(ask("stats", "--json")[1])["graphs"][_GRAPH] == 2
         assert ontology.ONTOLOGY in ask("ontology", "list")[1]

@@ -58,17 +58,17 @@ def _undo(run: Run, said: str) -> tuple[int, str, str]:
 def test_a_listing_says_how_many_lines_it_leaves_out(run: Run) -> None:
     code, out, err = run("objects", "list", "--limit", "3")
     assert (code, len(out.splitlines())) == (0, 3)
-    assert err == "1 more left out: --limit 4 lists all\n"
+    assert err == "1 more; --limit 0 for all\n"
     assert run("objects", "list")[2] == ""
     assert len(json.loads(run("objects", "list", "--json")[1])) == 4
-    assert len(json.loads(run("objects", "list", "--json", "-n", "2")[1])) == 2
+    assert len(json.loads(run("objects", "list", "--json", "-n", "2")[1])["rows"]) == 2
 
 
 def test_a_bounded_history_shows_the_latest_commits(run: Run) -> None:
     whole = run("history")[1].splitlines()
     _, out, err = run("history", "--limit", "1")
     assert out.splitlines() == whole[-1:]
-    assert err == f"{len(whole) - 1} earlier left out: --limit {len(whole)} lists all\n"
+    assert err == f"{len(whole) - 1} earlier; --limit 0 for all\n"
 
 
 def test_a_history_says_which_commits_are_not_kept(

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
 
 import click
 import pytest
 
-from rtask.cli import cli
+from tests.rtask.cli.each.tree import walk_commands
 
 _FINAL = {
     "dataset create", "dataset snapshot", "objects forget", "promote", "proposals refuse",
@@ -21,14 +20,15 @@ _UNDONE = {
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
     "objects forget", "objects merge", "objects name", "objects split", "objects twins",
     "objects undo", "ontology unload", "ontology upgrade", "plan", "proposals adopt", "robot add",
-    "robot remove", "robot restore", "rules add", "rules remove", "teach", "token create",
-    "token expire", "undo", "update",
+    "robot remove", "robot restore", "rules add", "rules remove", "tasks cancel", "teach",
+    "token create", "token expire", "undo", "update",
 }  # fmt: skip
 _OTHERS = {
     "rebuild": "states derived data again", "verify": "as rebuild",
     "reason": "as rebuild",
     "backup": "makes a folder of its own", "restore": "as backup", "demo": "as backup",
     "simulate fetch": "reports as a robot does; contributors withdraw, forget and undo mend it",
+    "simulate tasks": "as simulate fetch; tasks cancel ends its plans",
     "service save": "a server keeps each version of a pipeline",
     "service call": "what the service does", "service run": "what the script does",
     "ros2 dds call": "what the operation does", "mcp": "what the agent calls",
@@ -36,8 +36,8 @@ _OTHERS = {
 """Commands that change something which needs no undoing, with the reason."""
 _READING = {
     "ask", "contributors list", "dataset diff", "dataset get", "dataset list", "dataset show",
-    "episodes ask", "objects list", "objects show", "query", "recognise", "search", "token list",
-    "where",
+    "episodes ask", "objects list", "objects show", "query", "recognise", "search", "tasks list",
+    "token list", "where",
 }  # fmt: skip
 """Commands that open what changing commands open, too."""
 _CHANGING = (
@@ -47,21 +47,9 @@ _CHANGING = (
 """Calls in the source of a command that changes something."""
 
 
-def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
-    context = click.Context(group)
-    for child_name in group.list_commands(context):
-        child = group.get_command(context, child_name)
-        assert child is not None
-        path = f"{name} {child_name}".strip()
-        if isinstance(child, click.Group):
-            yield from _commands(child, path)
-        else:
-            yield path, child
-
-
 @pytest.fixture(scope="module")
 def commands() -> dict[str, click.Command]:
-    return dict(_commands(cli))
+    return dict(walk_commands())
 
 
 def test_a_command_that_may_change_something_says_how_that_is_undone(

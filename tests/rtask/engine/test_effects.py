@@ -80,7 +80,14 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     call("withdraw_contributor", TEACHER, contributor="nao-1")
     kb.update(REACHED)
     goal = {"goal": "<urn:cup> rt:locatedOn <urn:hand>"}
-    call("store_plan", TEACHER, **goal, digest=call("plan_goal", nao, **goal)["digest"])
+    plan = call("store_plan", TEACHER, **goal, digest=call("plan_goal", nao, **goal)["digest"])
+    owner = {"robot": "urn:arm"}
+    step = call("claim_step", Access(), **owner)
+    call("end_step", Access(), task=step["task"], result="released", **owner)
+    assert call("list_plans", nao)["plans"][0]["state"] == "waiting"
+    call("state_place", TEACHER, thing="urn:cup", lost=True)
+    call("state_place", TEACHER, thing="urn:cup", place="urn:shelf")
+    call("cancel_plan", TEACHER, plan=plan["task"], reason="enough")
     assert set(calls) == set(OPERATIONS), "an operation is not watched; call it here"
     for name, one in OPERATIONS.items():
         assert bool(commits[name]) == (one.effect != "reads"), f"{name} declares {one.effect}"

@@ -19,6 +19,7 @@ import pytest
 
 import rtask
 from rtask.errors import CallFailedError
+from tests.commands import CommandProcess, run_command, start_command
 from tests.servers import RunningServer, running_server
 
 pytestmark = pytest.mark.slow  # starts a server and workers
@@ -28,11 +29,12 @@ LONG_S = 120.0
 
 
 @contextmanager
-def working(url: str, *options: str, token: str = "") -> Iterator[subprocess.Popen[str]]:
+def working(url: str, *options: str, token: str = "") -> Iterator[CommandProcess]:
     """Run a worker that is connected; it is killed at the end if it has not ended."""
-    command = [sys.executable, "-m", "rtask", "worker", FARM, "--server", url, *options]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "RTASK_TOKEN": token}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    environment = {**os.environ, "RTASK_TOKEN": token}
+    process = start_command(
+        "worker", FARM, "--server", url, *options, environment=environment, stderr=2
+    )
     try:
         assert process.stdout is not None
         for line in process.stdout:
@@ -176,17 +178,15 @@ def test_a_worker_comes_back_after_the_server_was_restarted(tmp_path):
 
 def test_offering_services_takes_a_right_of_its_own(tmp_path):
     data = tmp_path / "data"
-    made = [sys.executable, "-m", "rtask", "token", "create", "-d", str(data), "--robot"]
+    made = ("token", "create", "-d", str(data), "--robot")
     plain, allowed = (
-        subprocess.run([*made, *more], capture_output=True, text=True, check=True).stdout.strip()
+        run_command(*made, *more, check=True).stdout.strip()
         for more in (["nao-1"], ["farm", "--right", "deploy"])
     )
     with running_server(data) as server:
-        command = [sys.executable, "-m", "rtask", "worker", FARM, "--server", server.url]
+        command = ("worker", FARM, "--server", server.url)
         for token, words in ((plain, "needs the right deploy"), ("rt_wrong", "valid token")):
-            refused = subprocess.run(
-                command, capture_output=True, text=True, env={**os.environ, "RTASK_TOKEN": token}
-            )
+            refused = run_command(*command, environment={**os.environ, "RTASK_TOKEN": token})
             assert refused.returncode != 0
             assert words in refused.stderr
             assert "Traceback" not in refused.stderr

@@ -28,6 +28,7 @@ from rtask.services.builtin.grasping import Grasping
 from rtask.services.builtin.push_trials import PushTrials, codes_of, request_of
 from rtask.services.call import Call
 from rtask.services.host import ServiceHost
+from tests.commands import run_command
 from tests.servers import RunningServer, running_server
 
 
@@ -138,11 +139,10 @@ def test_a_shard_whose_answer_does_not_come_is_sent_once_more(monkeypatch: pytes
 def test_the_command_plans_on_a_server_as_it_does_alone(server, tmp_path: Path):
     part = tmp_path / "part.json"
     part.write_text(json.dumps([[0, 0], [0.1, 0], [0.12, 0.05], [0, 0.04]]))
-    command = [sys.executable, "-m", "rtask", "grasp", "push", str(part), "--json"]
-    more = ["--executor", "server", "--server", server.url]
+    command = ("grasp", "push", str(part), "--json")
+    more = ("--executor", "server", "--server", server.url)
     alone, shared = (
-        json.loads(subprocess.run([*command, *one], capture_output=True, check=True).stdout)
-        for one in ([], more)
+        json.loads(run_command(*command, *options, check=True).stdout) for options in ((), more)
     )
     assert alone["grasps"] == shared["grasps"]
     assert alone["grasps"]

@@ -26,6 +26,29 @@ def test_a_word_that_is_no_keyword_is_named_with_the_one_meant(text: str, expect
     assert expected in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("body", "name"),
+    [
+        ("kb:object/7 ?p ?o", r"kb:object\/7"),
+        ("GRAPH kb:graph/agent/nao-1 { ?s ?p ?o }", r"kb:graph\/agent\/nao-1"),
+        ("?s ^kb:p/kb:q kb:view/7/a3.", r"kb:view\/7\/a3"),
+    ],
+)
+def test_a_name_with_a_slash_is_shown_as_the_grammar_wants_it(body: str, name: str) -> None:
+    prefix = "PREFIX kb: <urn:lab/>"
+    with pytest.raises(QuerySyntaxError) as caught:
+        check_query(f"{prefix} ASK {{ {body} }}")
+    written = body[: body.index(name.partition("\\")[0])]
+    assert f"1:{len(prefix) + 8 + len(written)}: a slash" in str(caught.value)
+    assert str(caught.value).endswith(f"needs a backslash: {name}")
+    shown = body.replace(name.replace("\\", ""), name)
+    check_query(f"{prefix} ASK {{ {shown} }}")
+
+
+def test_paths_and_divisions_are_read_as_such() -> None:
+    check_query("PREFIX kb: <urn:lab/> ASK { ?s kb:p/a ?o ; kb:p/kb:q/^a ?x FILTER(?x/7 > 1) }")
+
+
 @pytest.mark.parametrize("text", ["ASK { ?s ?p ?o", "SELECT ?s { ?s ?p }", "ASK { ?s ?p ?o . . }"])
 def test_what_was_expected_is_told_without_classes_of_characters(text: str) -> None:
     with pytest.raises(QuerySyntaxError) as caught:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import cv2
 import numpy as np
@@ -22,6 +20,7 @@ from simulate.grasping.executor import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.robots import describe
 from simulate.world.objects import product
+from tests.commands import run_command
 
 NAO = describe("nao")
 # The service of the thesis, chapter 4.3, as its file has it.
@@ -250,10 +249,8 @@ def test_the_commands_print_a_table_or_json(tmp_path):
     assert shown.exit_code == 0, shown.output
     assert "panda: reached 1 of 1 (ok 1)" in shown.output
     for test in ("reach", "place"):  # in a process of its own: Bullet writes to its descriptor 1
-        command = ["simulate", "act-test", test, "--robot", "panda", "-n", "1", "--json"]
-        alone = subprocess.run(
-            [sys.executable, "-m", "rtask", *command], capture_output=True, text=True, check=True
-        )
+        command = ("simulate", "act-test", test, "--robot", "panda", "-n", "1", "--json")
+        alone = run_command(*command, check=True)
         assert json.loads(alone.stdout)["reached"] == 1
     out = tmp_path / "map"
     told = run(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,13 +13,13 @@ from click.testing import CliRunner
 from simulate.fleet.commands import requests
 from simulate.fleet.request import WORDS, Request
 from simulate.fleet.requests import request_rows, request_trial, summarise_requests
+from tests.commands import run_command
 
 
 @pytest.mark.slow
 def test_of_a_ball_and_a_bottle_the_bottle_is_to_drink_from() -> None:
     wanted = ("something to drink from", "--seed", "3", "--objects", "2", "--preset", "fast")
-    command = [sys.executable, "-m", "rtask", "simulate", "fetch", *wanted, "--json"]
-    ended = subprocess.run(command, capture_output=True, text=True)
+    ended = run_command("simulate", "fetch", *wanted, "--json")
     done = json.loads(ended.stdout)
     assert ended.returncode == (0 if done["placed"] else 1)
     assert len(done["seen"]) == 2

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from simulate.studies import study
+from tests.commands import run_command
 
 pytestmark = pytest.mark.slow
 
 
 def _told(*words: str) -> Any:
     """Run a study and return what it prints as JSON, and nothing else."""
-    command = [sys.executable, "-m", "rtask", "study", *words, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_command("study", *words, "--json", timeout=280)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from typing import TYPE_CHECKING, Annotated, Any
 
-from annotated_types import MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 
 from rtask.engine.operations.operation import operation
-from rtask.errors import BusyError, ConflictError, ForbiddenError
+from rtask.errors import BusyError, ConflictError, ForbiddenError, UnknownTermError
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import iri
 from rtask.tasks import Tasks, storing
 from rtask.tasks.behaviour_tree import behaviour_tree
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Flag, Json, Text
+from rtask.wire.types import Flag, Iri, Json, Stamp, Text, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -29,6 +32,8 @@ __all__ = [
 ]
 
 _MAX_CHARS = 20_000
+_LATEST_S = 253_402_300_799
+"""End of the year 9999, s since the epoch."""
 _PATIENCE_S = 10.0
 """How long a plan waits until the ones before it are made."""
 Goal = Annotated[Text, MinLen(1), MaxLen(_MAX_CHARS)]
@@ -58,6 +63,12 @@ class StorePlan(Message):
     """digest of the plan that was agreed to: another one is not stored; default: any"""
     agent: Text | None = None
     """in whose name; default: the caller"""
+    priority: Annotated[Whole, Ge(-100), Le(100)] = 0
+    """plans with a greater one are begun first"""
+    deadline: Stamp | None = None
+    """no step is begun later; default: none"""
+    replaces: Iri | None = None
+    """IRI of an earlier plan for the goal, of which nothing more is begun; default: none"""
 
 
 class PlanReason(Answer):
@@ -94,6 +105,8 @@ class PlanStep(Answer):
     successes: int
     """of outcomes of this kind of hand with this product"""
     attempts: int
+    after: list[int]
+    """steps that must have ended before"""
     because: list[PlanReason]
 
 
@@ -172,10 +185,38 @@ def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPl
     if author.role == "robot":
         _require_own(context, plan, author)
     with context.writing:
-        task, commit = storing.store_plan(context.kb, plan, access=author)
+        task, commit = storing.store_plan(
+            context.kb, plan, access=author, order=_order(context, request, author)
+        )
     return StoredPlan(
         **_fields(plan, pddl=False, tree=False), task=task, commit=context.commit_id(commit)
     )
+
+
+def _order(context: Context, request: StorePlan, author: Access) -> storing.Order:
+    """Return how urgent the plan is, and what it replaces.
+
+    Raises
+    ------
+    UnknownTermError
+        There is no plan to be replaced.
+    ForbiddenError
+        A robot replaces the plan of somebody else.
+    """
+    earlier = "" if request.replaces is None else str(request.replaces)
+    if earlier:
+        if not context.kb.match(iri(earlier), RDF.type, RT.TaskPlan):
+            raise UnknownTermError(f"replaces: there is no plan {earlier}", field="replaces")
+        home = context.home_graph(author)
+        if author.role == "robot" and not context.kb.match(
+            iri(earlier), RDF.type, RT.TaskPlan, home
+        ):
+            raise ForbiddenError(f"{author.agent} may replace plans of its own alone")
+    deadline = None
+    if request.deadline is not None:
+        latest_s = min(max(request.deadline, 0.0), _LATEST_S)
+        deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
+    return storing.Order(request.priority, deadline, earlier)
 
 
 def _plan(context: Context, goal: str, access: Access, assume_reach: bool) -> TaskPlan:

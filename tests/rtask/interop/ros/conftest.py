@@ -9,10 +9,9 @@ import queue
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ import pytest
 
 from rtask.interop.ros.find import INSTALL, find_ros
 from rtask.interop.ros.master import Master
+from tests.commands import start_command
 from tests.servers import RunningServer, running_server
 
 READY_S = 60.0
@@ -98,10 +98,12 @@ def roscore(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
 class Child:
     """A process whose lines of output are read as they come."""
 
-    def __init__(self, command: list[str], environment: dict[str, str]) -> None:
-        self.process = subprocess.Popen(
-            command, env=environment, text=True, cwd=_FOLDER.parents[3],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    def __init__(
+        self, *arguments: str, environment: Mapping[str, str], module: str = "rtask"
+    ) -> None:
+        self.process = start_command(
+            *arguments, environment=environment, module=module, folder=_FOLDER.parents[3],
+            stdin=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         self.lines: queue.Queue[str] = queue.Queue()
         self.said: list[str] = []
@@ -149,9 +151,8 @@ class Robot:
     """A node of a robot, driven by commands: robot.py."""
 
     def __init__(self, roscore: RosMaster, *options: str) -> None:
-        self.child = Child(
-            [sys.executable, "-m", "tests.rtask.interop.ros.robot", *options], roscore.environment
-        )
+        module = "tests.rtask.interop.ros.robot"
+        self.child = Child(*options, environment=roscore.environment, module=module)
         self.child.expect("robot ready")
 
     def __call__(self, do: str, **fields: Any) -> Any:
@@ -183,8 +184,7 @@ def start_node(roscore: RosMaster) -> StartNode:
     """Return what runs a command of ``rtask ros``."""
 
     def start(*options: str, **environment: str) -> Child:
-        command = [sys.executable, "-m", "rtask", *options]
-        return Child(command, {**roscore.environment, **environment})
+        return Child(*options, environment={**roscore.environment, **environment})
 
     return start
 

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from rtask.cli import cli
 from rtask.interop.ros.master import Master
+from tests.commands import run_command
 from tests.rtask.interop.ros.conftest import free_port
 
 PUBLISHED = {
@@ -73,10 +74,7 @@ def test_one_package_file_serves_catkin_and_ament(tmp_path):
 
 
 def doctor(**environment):
-    done = subprocess.run(
-        [sys.executable, "-m", "rtask", "ros", "doctor", "--json"],
-        env=environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    done = run_command("ros", "doctor", "--json", environment=environment)
     return done.returncode, {one["name"]: one for one in json.loads(done.stdout)}
 
 

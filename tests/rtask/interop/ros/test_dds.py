@@ -127,10 +127,7 @@ def network(tmp_path_factory):
 
 
 def command(*arguments):
-    return Child(
-        [sys.executable, "-m", "rtask", "ros2", *arguments],
-        {**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
+    return Child("ros2", *arguments, environment=os.environ)
 
 
 @pytest.fixture(scope="module")

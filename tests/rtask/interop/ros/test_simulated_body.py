@@ -19,6 +19,7 @@ from features.imaging.recordings import views_of
 from grasp.spatial.frames import matrix_from_pose
 from simulate.motion.collision import link_poses
 from simulate.robots import describe
+from tests.commands import run_command
 from tests.rtask.interop.ros.conftest import running
 from tests.rtask.interop.ros.test_node import ABORTED, HAND, PREEMPTED, SUCCEEDED
 
@@ -242,10 +243,7 @@ def test_a_planned_motion_is_executed_by_a_driver_and_back(robot, body, roscore,
                  seconds=1.0, cancel=False)  # fmt: skip
     assert home["state"] == SUCCEEDED, home
     reach = ("simulate", "ros-reach", "--json", "--back", "--", "0.15", "-0.10", "0.305")
-    done = subprocess.run(
-        [sys.executable, "-m", "rtask", *reach], env=roscore.environment, cwd=ROOT,
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    done = run_command(*reach, environment=roscore.environment, folder=ROOT)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert (told["arm"], told["is_home"]) == ("right_arm", True)

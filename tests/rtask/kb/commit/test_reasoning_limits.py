@@ -12,11 +12,12 @@ import pytest
 
 import rtask
 from rtask.errors import BusyError, DataError, TooMuchFollowsError
-from rtask.kb.commit import budget, trial_derivation
+from rtask.kb.commit import budget
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.budget import OF_ROBOTS, Guard, ReasoningLimits
 from rtask.kb.commit.commit import Request
-from rtask.kb.commit.trial_derivation import CAN_FORK
+from rtask.kb.commit.trials import derivation
+from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 
@@ -135,14 +136,14 @@ needs_fork = pytest.mark.skipif(not CAN_FORK, reason="all is derived under the l
 def meanwhile(shared: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> list[rtask.Commit]:
     """Commits that another robot made while a derivation was tried."""
     commits: list[rtask.Commit] = []
-    wait = trial_derivation._Child.wait
+    wait = derivation.Trial.outcome
 
-    def write_and_wait(child: trial_derivation._Child, *bounds: Any) -> Any:
+    def write_and_wait(trial: derivation.Trial, until: float | None) -> Any:
         text = f"INSERT DATA {{ <urn:meanwhile> <urn:p> {shared.seq} }}"
         commits.append(shared.update(text, access=Access("nao-2", "robot")))
-        return wait(child, *bounds)
+        return wait(trial, until)
 
-    monkeypatch.setattr(trial_derivation._Child, "wait", write_and_wait)
+    monkeypatch.setattr(derivation.Trial, "outcome", write_and_wait)
     return commits
 
 
@@ -182,7 +183,7 @@ def test_a_change_that_fits_after_a_trial_follows_what_others_wrote_meanwhile(
 def test_a_trial_whose_process_is_ended_is_answered_with_try_again(
     shared: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(trial_derivation, "_tried", lambda *_: os.kill(os.getpid(), SIGKILL))
+    monkeypatch.setattr(derivation, "_tried", lambda *_: os.kill(os.getpid(), SIGKILL))
     seq = shared.seq
     with pytest.raises(BusyError, match="was ended") as refused:
         insert(shared, "rdfs:subClassOf a owl:SymmetricProperty")

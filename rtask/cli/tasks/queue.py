@@ -1,0 +1,87 @@
+"""``rtask tasks``: stored plans, who does what and why, and cancelling one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.connection import connection
+from rtask.cli.options import (
+    agent_option,
+    announce_undo,
+    data_option,
+    exit_if_empty,
+    json_option,
+    listing_option,
+    print_json,
+    server_option,
+    shown_rows,
+)
+from rtask.cli.things import name_or_iri
+
+__all__ = ["tasks"]
+
+
+@click.group()
+def tasks() -> None:
+    """Stored plans: list them with who does what, or cancel one."""
+
+
+@tasks.command("list")
+@click.option("--all", "everything", is_flag=True, help="Also those done, cancelled or replaced.")
+@data_option
+@server_option
+@listing_option
+@json_option
+def list_(
+    everything: bool, data: Path, server: str | None, limit: int | None, as_json: bool
+) -> None:
+    """List stored plans with their steps, who does what, and why.
+
+    Exit code 1 if there is none.
+    """
+    with connection(data, server) as client:
+        plans = client.call("list_plans", state="all" if everything else "open")["plans"]
+    shown = shown_rows(plans, limit, as_json)
+    if as_json:
+        print_json(shown)
+    else:
+        for plan in shown:
+            _show(plan)
+    exit_if_empty(plans, "no plan is stored" if everything else "no plan is open")
+
+
+@tasks.command()
+@click.argument("plan", metavar="PLAN")
+@click.option("--reason", required=True, help="Why.")
+@data_option
+@server_option
+@agent_option("Person who cancels it; a server knows it from the token.")
+@json_option
+def cancel(
+    plan: str, reason: str, data: Path, server: str | None, agent: str | None, as_json: bool
+) -> None:
+    """Cancel the stored plan with the IRI PLAN: no further step of it is begun."""
+    plan = name_or_iri(plan, data, server)
+    with connection(data, server) as client:
+        done = client.call("cancel_plan", plan=plan, reason=reason, operator=agent)
+    if as_json:
+        print_json(dict(done))
+    elif done["commit"]:
+        click.echo(f"{plan} is cancelled")
+        announce_undo("undo", done["commit"])
+    else:
+        click.echo(f"{plan} was cancelled before")
+
+
+def _show(plan: dict[str, Any]) -> None:
+    more = f", priority {plan['priority']}" if plan["priority"] else ""
+    more += f", cancelled: {plan['cancelled']}" if plan["cancelled"] else ""
+    click.echo(f"{plan['goal']}  ({plan['state']}{more})\n  {plan['task']}")
+    for step in plan["steps"]:
+        click.echo(f"{step['step']:5}. {step['text']}  ({step['state']})")
+        for words in (step["why"], step["comment"]):
+            if words:
+                click.echo(f"         {words}")

@@ -1,0 +1,312 @@
+"""The queue of stored plans: robots claim steps and say how they ended; a person cancels."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from annotated_types import Gt, Le, MaxLen, MinLen
+from pydantic import Field
+
+from rtask.engine.operations.operation import operation
+from rtask.engine.operations.world.state import moved
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.rdf.namespaces import CORA, RDF, RT
+from rtask.rdf.terms import NamedNode, iri
+from rtask.tasks.queue import claiming
+from rtask.tasks.queue.reading import read_queue
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+
+__all__ = ["cancel_plan", "claim_step", "end_step", "list_plans"]
+
+_MAX_CHARS = 1000
+
+
+class ClaimStep(Message):
+    """A robot asks what to do next."""
+
+    robot: Text | None = None
+    """name or IRI of the robot; default: the caller"""
+    lease: Annotated[Number, Unit("s"), Gt(0), Le(claiming.MAX_LEASE_S)] = claiming.LEASE_S
+    """how long the step is the robot's unless it asks again"""
+
+
+class WaitingStep(Answer):
+    """A step of the robot that cannot be begun now."""
+
+    plan: str
+    task: str
+    text: str
+    why: str
+    """what it waits for"""
+    stuck: bool
+    """whether waiting does not help, and the goal has to be planned again"""
+
+
+class ClaimedStep(Answer):
+    """The step that is the robot's now, or why there is none."""
+
+    claimed: bool
+    plan: str = ""
+    """IRI of the plan"""
+    goal: str = ""
+    task: str = ""
+    """IRI of the step"""
+    action: str = ""
+    """IRI of its class"""
+    arguments: Json = Field(default_factory=dict)
+    """IRIs by parameter"""
+    text: str = ""
+    until: float = 0.0
+    """when the claim runs out, Unix time, s"""
+    resumed: bool = False
+    """whether the robot had it before"""
+    reason: str = ""
+    """why this robot, and why now"""
+    waiting: list[WaitingStep]
+
+
+class EndStep(Message):
+    """How a claimed step ended."""
+
+    task: Iri
+    """IRI of the step"""
+    result: Literal["done", "failed", "declined", "released"]
+    """declined: by a person; released: untouched, so that it may be claimed again"""
+    robot: Text | None = None
+    """name or IRI of the robot; default: the caller"""
+    outcome: Text | None = None
+    """task_id of the report_outcome about it, whose attempt is linked to it; default: none"""
+    place: Text | None = None
+    """IRI of the place or end effector where the thing is now; default: as the graph has it"""
+    lost: Flag = False
+    """whether nobody knows where the thing is now"""
+    comment: Annotated[Text, MaxLen(_MAX_CHARS)] | None = None
+    """what happened"""
+
+
+class EndedStep(Answer):
+    """The commit; empty if it ended in that way before."""
+
+    commit: str
+
+
+class CancelPlan(Message):
+    """A stored plan is not to be carried out any further."""
+
+    plan: Iri
+    """IRI of the plan"""
+    reason: Annotated[Text, MinLen(1), MaxLen(_MAX_CHARS)]
+    """why"""
+    operator: Text | None = None
+    """name of the person; default: the caller"""
+
+
+class CancelledPlan(Answer):
+    """The commit, which can be undone; empty if it was cancelled before."""
+
+    commit: str
+
+
+class ListPlans(Message):
+    """Which stored plans to list."""
+
+    state: Literal["open", "all"] = "open"
+    """open: those that are not done, cancelled or replaced"""
+
+
+class ListedStep(Answer):
+    """A step of a stored plan."""
+
+    task: str
+    step: int
+    text: str
+    state: str
+    """waiting, claimed, done, failed or declined"""
+    robots: list[str]
+    claimed_by: str
+    """IRI of the robot that has or had it; empty if none"""
+    why: str
+    """why it got it"""
+    comment: str
+    """what happened"""
+
+
+class ListedPlan(Answer):
+    """A stored plan."""
+
+    task: str
+    goal: str
+    state: str
+    """waiting, running, late, failed, declined, done, cancelled or replaced"""
+    priority: int
+    deadline: float | None
+    """Unix time, s"""
+    cancelled: str
+    """why; empty if it is not"""
+    steps: list[ListedStep]
+
+
+class ListedPlans(Answer):
+    """Stored plans in the order in which they were stored."""
+
+    plans: list[ListedPlan]
+
+
+@operation("write", "writes", "claim the next step that a robot can begin", repeatable=True)
+def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedStep:
+    """Claim a step by a commit; a robot that has one gets that again, and its claim is renewed."""
+    robot, author = _robot(context, request.robot, access)
+    with context.writing:
+        choice = claiming.claim_step(context.kb, robot, author, lease_s=request.lease)
+    waiting = [
+        WaitingStep(plan=one.plan, task=one.task, text=one.text, why=one.why, stuck=one.is_stuck)
+        for one in choice.waits
+    ]
+    if choice.step is None or choice.plan is None or choice.claim is None:
+        return ClaimedStep(claimed=False, waiting=waiting)
+    until = dt.datetime.now(dt.UTC) + dt.timedelta(seconds=request.lease)
+    step, is_new = choice.step, choice.step.claims == () or choice.claim not in choice.step.claims
+    return ClaimedStep(
+        claimed=True,
+        plan=choice.plan.task,
+        goal=choice.plan.goal,
+        task=step.task,
+        action=step.action,
+        arguments=dict(step.arguments),
+        text=step.text,
+        until=max(choice.claim.until, until).timestamp(),
+        resumed=not is_new,
+        reason=choice.reason,
+        waiting=waiting,
+    )
+
+
+@operation("write", "writes", "say how a claimed step ended", repeatable=True)
+def end_step(context: Context, request: EndStep, access: Access) -> EndedStep:
+    """End a claim; it may be said again."""
+    robot, author = _robot(context, request.robot, access)
+    with context.writing:
+        commit = claiming.end_claim(
+            context.kb, robot, str(request.task), request.result, author,
+            comment=request.comment or "", attempt=_attempt(context, request.outcome, robot),
+            move=_move(context, request, author),
+        )  # fmt: skip
+    return EndedStep(commit="" if commit is None else context.commit_id(commit))
+
+
+@operation("write", "writes", "cancel a stored plan", repeatable=True)
+def cancel_plan(context: Context, request: CancelPlan, access: Access) -> CancelledPlan:
+    """Cancel a plan; a robot may cancel its own alone.
+
+    Raises
+    ------
+    ForbiddenError
+        A robot cancels the plan of somebody else.
+    """
+    author = context.author(access, request.operator, "teacher")
+    task = str(request.plan)
+    if author.role == "robot":
+        graph = context.home_graph(author)
+        if not context.kb.match(iri(task), RDF.type, RT.TaskPlan, graph):
+            raise ForbiddenError(f"{author.agent} may cancel plans of its own alone")
+    with context.writing:
+        commit = claiming.cancel_plan(context.kb, task, request.reason, author)
+    return CancelledPlan(commit="" if commit is None else context.commit_id(commit))
+
+
+@operation("read", "reads", "list stored plans with their steps, and who does what and why")
+def list_plans(context: Context, request: ListPlans, access: Access) -> ListedPlans:
+    """Return the queue."""
+    now = dt.datetime.now(dt.UTC)
+    plans = [plan.to_dict(now) for plan in read_queue(context.kb)]
+    shown = [
+        ListedPlan(**{**plan, "steps": [ListedStep(**step) for step in plan["steps"]]})
+        for plan in plans
+        if request.state == "all" or plan["state"] not in ("done", "cancelled", "replaced")
+    ]
+    return ListedPlans(plans=shown)
+
+
+def _attempt(context: Context, task_id: str | None, robot: str) -> str:
+    """Return the attempt of a robot that was reported under an id; "" for none.
+
+    Raises
+    ------
+    UnknownTermError
+        It reported none.
+    """
+    if not task_id:
+        return ""
+    for quad in context.kb.match(None, RT.requestId, task_id):
+        attempt = quad.subject
+        if isinstance(attempt, NamedNode) and context.kb.match(
+            attempt, RT.performedBy, NamedNode(robot)
+        ):
+            return attempt.value
+    raise UnknownTermError(f"outcome: {robot} reported no outcome of {task_id}", field="outcome")
+
+
+def _move(context: Context, request: EndStep, author: Access) -> claiming.Move | None:
+    """Return what states where the thing of a step is now; None if that is not said.
+
+    Raises
+    ------
+    UsageError
+        It is said to be somewhere, and to be lost.
+    UnknownTermError
+        The graph has no such place.
+    """
+    if request.place is None:
+        if not request.lost:
+            return None
+    elif request.lost:
+        raise UsageError("give place, or lost", field="lost")
+    elif not context.kb.match(iri(request.place)):
+        raise UnknownTermError(f"place: the graph has no {request.place}", field="place")
+    return lambda thing: moved(context, thing, request.place, author)
+
+
+def _robot(context: Context, name: str | None, access: Access) -> tuple[str, Access]:
+    """Return the IRI of the robot that is meant, and the rights to write in its name.
+
+    Raises
+    ------
+    UsageError
+        The caller is no robot, and names none.
+    ForbiddenError
+        A robot acts for another one, or a person or reader for a robot.
+    """
+    own = context.agent_iri(access).value if access.role == "robot" else ""
+    if name is None:
+        if not own:
+            raise UsageError("robot is missing: its name or IRI", field="robot")
+        return own, access
+    found = _named(context, name)
+    if own and found != own:
+        raise ForbiddenError(f"the token belongs to {access.agent!r}: it cannot act for {name!r}")
+    if own:
+        return own, access
+    if access.agent is not None:
+        raise ForbiddenError(f"{access.agent!r} is no robot: only {name!r} claims steps for itself")
+    label = found.removeprefix(f"{context.kb.base}robot/")
+    return found, context.author(access, label if "/" not in label else None)
+
+
+def _named(context: Context, name: str) -> str:
+    if ":" in name and context.kb.match(iri(name), RDF.type, CORA.Robot):
+        return name
+    made = context.kb.graphs.agent_iri(name)
+    if context.kb.match(made, RDF.type, CORA.Robot):
+        return made.value
+    for quad in context.kb.match(None, RT.name, name):
+        if isinstance(quad.subject, NamedNode) and context.kb.match(
+            quad.subject, RDF.type, CORA.Robot
+        ):
+            return quad.subject.value
+    return made.value

@@ -1,0 +1,91 @@
+"""Stating where a single thing is, by whoever put or saw it there."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING
+
+from rtask.engine.operations.operation import operation
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import NamedNode, iri
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Iri, Text
+from rtask.world import Relation, WorldEdit
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.commit.access import Access
+    from rtask.world.statements import Statement
+
+__all__ = ["StatePlace", "moved", "state_place"]
+
+
+class StatePlace(Message):
+    """Where a thing is from now on."""
+
+    thing: Iri
+    """IRI of the thing"""
+    place: Text | None = None
+    """IRI of the place or end effector; required unless it is lost"""
+    lost: Flag = False
+    """whether it is no longer where it was, and nobody knows where"""
+    agent: Text | None = None
+    """in whose name; default: the caller"""
+
+
+class StatedPlace(Answer):
+    """The commit, which can be undone."""
+
+    commit: str
+
+
+@operation("write", "writes", "state where a thing is from now on", repeatable=True)
+def state_place(context: Context, request: StatePlace, access: Access) -> StatedPlace:
+    """End the last placement of a thing and begin a new one, in one commit.
+
+    Raises
+    ------
+    UsageError
+        Neither a place nor that it is lost is given, or both.
+    UnknownTermError
+        The graph has no such thing or place.
+    """
+    if (request.place is None) != request.lost:
+        raise UsageError("give place, or lost", field="place")
+    thing = iri(request.thing)
+    if not context.kb.match(thing, RDF.type, RT.Exemplar):
+        raise UnknownTermError(f"thing: the graph has no thing {request.thing}", field="thing")
+    author = context.author(access, request.agent)
+    with context.writing:
+        added, withdrawn = moved(context, request.thing, request.place, author)
+        with context.kb.transaction(access=author, note="state a place") as tx:
+            for statement in withdrawn:
+                tx.remove(*statement)
+            for statement in added:
+                tx.add(*statement)
+    return StatedPlace(commit=context.commit_id(tx.commit))
+
+
+def moved(
+    context: Context, thing: str, place: str | None, author: Access
+) -> tuple[list[Statement], list[Statement]]:
+    """Return what to state and to withdraw if a thing is at a place from now on; None if lost.
+
+    Raises
+    ------
+    UnknownTermError
+        The graph has no such place.
+    """
+    edit = WorldEdit(context.world, context.home_graph(author))
+    time_s = dt.datetime.now(dt.UTC).timestamp()
+    if place is None:
+        edit.lose(thing, time_s)
+        return edit.drain()
+    node = iri(place)
+    if not (isinstance(node, NamedNode) and context.kb.match(node)):
+        raise UnknownTermError(f"place: the graph has no {place}", field="place")
+    agent = context.agent_iri(author).value
+    relation: Relation = "held_by" if context.kb.match(None, RT.hasEndEffector, node) else "on"
+    edit.put(thing, relation, place, time_s, agent)
+    return edit.drain()

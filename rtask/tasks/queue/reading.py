@@ -1,0 +1,310 @@
+"""Stored plans with their steps and claims, as the graph holds them now."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.rdf.namespaces import CORA, PREFIXES, RDF
+from rtask.rdf.terms import NamedNode
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+    from rtask.sparql.results import Row
+
+__all__ = ["Claim", "QueuedPlan", "QueuedStep", "read_queue"]
+
+_PLANS = f"""{PREFIXES}
+SELECT ?plan ?graph ?goal ?made ?priority ?deadline ?cancelled ?reason ?replaced WHERE {{
+  GRAPH ?graph {{ ?plan a rt:TaskPlan ; rt:goalText ?goal }}
+  OPTIONAL {{ ?plan prov:generatedAtTime ?made }}
+  OPTIONAL {{ ?plan rt:taskPriority ?priority }}
+  OPTIONAL {{ ?plan rt:taskDeadline ?deadline }}
+  OPTIONAL {{ ?plan prov:invalidatedAtTime ?cancelled }}
+  OPTIONAL {{ ?plan rt:cancelReason ?reason }}
+  OPTIONAL {{ ?replaced rt:replacesPlan ?plan }}
+}}"""
+_STEPS = f"""{PREFIXES}
+SELECT ?plan ?step ?number ?action ?values ?text ?robot ?thing ?before ?duration ?chance WHERE {{
+  ?plan a rt:TaskPlan ; rt:hasSubTask ?step .
+  ?step rt:stepNumber ?number ; rt:parameterValues ?values ; rt:assignedTo ?robot .
+  GRAPH ?graph {{ ?plan rt:hasSubTask ?step . ?step a ?action }}
+  OPTIONAL {{ ?step rdfs:label ?text }}
+  OPTIONAL {{ ?step rt:handlesExemplar ?thing }}
+  OPTIONAL {{ ?step rt:waitsFor ?before }}
+  OPTIONAL {{ ?step rt:plannedDuration ?duration }}
+  OPTIONAL {{ ?step rt:plannedChance ?chance }}
+}}"""
+_CLAIMS = f"""{PREFIXES}
+SELECT ?claim ?step ?robot ?begun (MAX(?until) AS ?last) ?ended ?result ?comment ?why WHERE {{
+  ?claim a rt:TaskClaim ; rt:claims ?step ; prov:wasAssociatedWith ?robot ;
+    prov:startedAtTime ?begun ; rt:claimedUntil ?until .
+  OPTIONAL {{ ?claim prov:endedAtTime ?ended ; rt:claimResult ?result }}
+  OPTIONAL {{ ?claim rt:claimComment ?comment }}
+  OPTIONAL {{ ?claim rt:claimReason ?why }}
+}} GROUP BY ?claim ?step ?robot ?begun ?ended ?result ?comment ?why ORDER BY ?begun"""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A robot has a step for itself, or had.
+
+    Parameters
+    ----------
+    iri
+        IRI of the claim.
+    robot
+        IRI of the robot.
+    begun, until
+        From when, and when it runs out.
+    result
+        done, failed, declined or released; empty while it lasts.
+    comment
+        What happened.
+    why
+        Why this robot got it.
+    """
+
+    iri: str
+    robot: str
+    begun: dt.datetime
+    until: dt.datetime
+    result: str = ""
+    comment: str = ""
+    why: str = ""
+
+    def is_live(self, now: dt.datetime) -> bool:
+        """Whether it lasts."""
+        return not self.result and now < self.until
+
+
+@dataclass(frozen=True)
+class QueuedStep:
+    """A step of a stored plan.
+
+    Parameters
+    ----------
+    task
+        IRI of the planned task.
+    number
+        Its place in the plan, from 1.
+    action
+        IRI of its class.
+    arguments
+        IRIs by parameter.
+    text
+        A sentence.
+    robots
+        IRIs of those who do it.
+    thing
+        IRI of the thing that it handles; empty if there is none.
+    after
+        IRIs of the tasks that must be done before.
+    duration_s, chance
+        As expected.
+    claims
+        In the order in which they began.
+    """
+
+    task: str
+    number: int
+    action: str
+    arguments: Mapping[str, str]
+    text: str
+    robots: tuple[str, ...]
+    thing: str
+    after: tuple[str, ...]
+    duration_s: float
+    chance: float
+    claims: tuple[Claim, ...]
+
+    @property
+    def is_done(self) -> bool:
+        """Whether a robot has done it."""
+        return any(claim.result == "done" for claim in self.claims)
+
+    @property
+    def ended_badly(self) -> Claim | None:
+        """The claim by which it failed or was declined, unless it was done later."""
+        last = next((c for c in reversed(self.claims) if c.result not in ("", "released")), None)
+        return None if last is None or last.result == "done" else last
+
+    def claim(self, now: dt.datetime) -> Claim | None:
+        """Return the claim that lasts."""
+        return next((claim for claim in self.claims if claim.is_live(now)), None)
+
+    def state(self, now: dt.datetime) -> str:
+        """Return done, claimed, failed, declined or waiting."""
+        if self.is_done:
+            return "done"
+        if self.claim(now):
+            return "claimed"
+        return self.ended_badly.result if self.ended_badly else "waiting"
+
+
+@dataclass(frozen=True)
+class QueuedPlan:
+    """A stored plan.
+
+    Parameters
+    ----------
+    task
+        IRI of its task.
+    graph
+        IRI of the graph that it stands in, which says whose it is.
+    goal
+        In the words of whoever stated it.
+    made
+        When it was stored; None for one without a time.
+    priority, deadline
+        Greater ones come first; nothing of it is begun later.
+    cancelled
+        Why somebody cancelled it; None unless somebody did.
+    is_replaced
+        Whether another plan has taken its place.
+    steps
+        In order.
+    """
+
+    task: str
+    graph: str
+    goal: str
+    made: dt.datetime | None
+    priority: int
+    deadline: dt.datetime | None
+    cancelled: str | None
+    is_replaced: bool
+    steps: tuple[QueuedStep, ...]
+
+    def state(self, now: dt.datetime) -> str:
+        """Return cancelled, replaced, done, declined, failed, late, running or waiting."""
+        if self.cancelled is not None:
+            return "cancelled"
+        if self.is_replaced:
+            return "replaced"
+        states = {step.state(now) for step in self.steps}
+        if states <= {"done"}:
+            return "done"
+        for bad in ("declined", "failed"):
+            if bad in states:
+                return bad
+        if "claimed" not in states and self.deadline is not None and now >= self.deadline:
+            return "late"
+        return "running" if states & {"claimed", "done"} else "waiting"
+
+    def to_dict(self, now: dt.datetime) -> dict[str, Any]:
+        """Return JSON-able values."""
+        return {
+            "task": self.task, "goal": self.goal, "state": self.state(now),
+            "priority": self.priority,
+            "deadline": None if self.deadline is None else self.deadline.timestamp(),
+            "cancelled": self.cancelled or "",
+            "steps": [_step_dict(step, now) for step in self.steps],
+        }  # fmt: skip
+
+
+def _step_dict(step: QueuedStep, now: dt.datetime) -> dict[str, Any]:
+    last = step.claim(now) or (step.claims[-1] if step.claims else None)
+    return {
+        "task": step.task, "step": step.number, "text": step.text, "state": step.state(now),
+        "robots": list(step.robots), "claimed_by": last.robot if last else "",
+        "why": last.why if last else "", "comment": last.comment if last else "",
+    }  # fmt: skip
+
+
+def read_queue(kb: GraphCore) -> list[QueuedPlan]:
+    """Return the stored plans that may be carried out, in the order in which they were stored.
+
+    A robot plans for itself alone: a plan in the graph of a robot with steps for others is data of
+    that robot, and no order to them.
+    """
+    claims = _claims(kb)
+    steps = _steps(kb, claims)
+    plans: dict[str, QueuedPlan] = {}
+    for row in kb.select(_PLANS):
+        task = str(row.value("plan"))
+        if task in plans or task not in steps:
+            continue
+        plan = _plan(row, tuple(steps[task]))
+        if _may_order(kb, plan):
+            plans[task] = plan
+    epoch = dt.datetime.min.replace(tzinfo=dt.UTC)
+    return sorted(plans.values(), key=lambda plan: (plan.made or epoch, plan.task))
+
+
+def _plan(row: Row, steps: tuple[QueuedStep, ...]) -> QueuedPlan:
+    cancelled = str(row.value("reason") or "") if row.value("cancelled") else None
+    priority = row.value("priority")
+    return QueuedPlan(
+        str(row.value("plan")), str(row.value("graph")), str(row.value("goal")),
+        _time(row.value("made")), int(str(priority)) if priority is not None else 0,
+        _time(row.value("deadline")), cancelled, row.value("replaced") is not None, steps,
+    )  # fmt: skip
+
+
+def _may_order(kb: GraphCore, plan: QueuedPlan) -> bool:
+    owner = kb.graphs.owner(NamedNode(plan.graph))
+    if owner is None:
+        return True
+    robot = kb.graphs.agent_iri(owner, "robot")
+    if not kb.match(robot, RDF.type, CORA.Robot):
+        return True
+    return all(step.robots == (robot.value,) for step in plan.steps)
+
+
+def _claims(kb: GraphCore) -> dict[str, list[Claim]]:
+    claims: dict[str, list[Claim]] = defaultdict(list)
+    for row in kb.select(_CLAIMS):
+        begun, until = _time(row.value("begun")), _time(row.value("last"))
+        if begun is not None and until is not None:
+            claims[str(row.value("step"))].append(
+                Claim(
+                    str(row.value("claim")), str(row.value("robot")), begun, until,
+                    str(row.value("result") or ""), str(row.value("comment") or ""),
+                    str(row.value("why") or ""),
+                )
+            )  # fmt: skip
+    return claims
+
+
+def _steps(kb: GraphCore, claims: Mapping[str, list[Claim]]) -> dict[str, list[QueuedStep]]:
+    rows: dict[str, list[Row]] = defaultdict(list)
+    for row in kb.select(_STEPS):
+        rows[str(row.value("step"))].append(row)
+    steps: dict[str, list[QueuedStep]] = defaultdict(list)
+    for task, of_step in rows.items():
+        step = _step(task, of_step, tuple(claims.get(task, ())))
+        if step is not None:
+            steps[str(of_step[0].value("plan"))].append(step)
+    return {plan: sorted(parts, key=lambda step: step.number) for plan, parts in steps.items()}
+
+
+def _step(task: str, rows: Sequence[Row], claims: tuple[Claim, ...]) -> QueuedStep | None:
+    first = rows[0]
+    try:
+        arguments = json.loads(str(first.value("values")))
+    except ValueError:
+        return None
+    if not isinstance(arguments, dict):
+        return None
+    robots = tuple(sorted({str(row.value("robot")) for row in rows}))
+    return QueuedStep(
+        task, int(str(first.value("number"))), str(first.value("action")),
+        {str(name): str(value) for name, value in arguments.items()},
+        str(first.value("text") or ""), robots,
+        str(first.value("thing") or ""),
+        tuple(sorted({str(row.value("before")) for row in rows if row.value("before")})),
+        float(str(first.value("duration") or 0.0)), float(str(first.value("chance") or 0.0)),
+        tuple(claim for claim in claims if claim.robot in robots),
+    )  # fmt: skip
+
+
+def _time(value: object) -> dt.datetime | None:
+    if value is None:
+        return None
+    time = value if isinstance(value, dt.datetime) else dt.datetime.fromisoformat(str(value))
+    return time if time.tzinfo else time.replace(tzinfo=dt.UTC)

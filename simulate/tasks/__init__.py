@@ -1,0 +1,1 @@
+"""Stored plans carried out: robots take steps from the queue, look, act, report, and plan again."""

@@ -1,0 +1,54 @@
+"""A robot as an executor of planned tasks uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+__all__ = ["Deed", "TaskBody"]
+
+
+@dataclass(frozen=True)
+class Deed:
+    """How an action ended, by the robot's own senses.
+
+    Parameters
+    ----------
+    success
+        Whether it did what the step asks for.
+    reason
+        Code of the reason: ok, missed, slip_lift, drop_outside ...
+    duration_s
+        How long it took, s.
+    lifted_m
+        How far the thing was lifted, m; None where nothing was lifted.
+    """
+
+    success: bool
+    reason: str = "ok"
+    duration_s: float = 0.0
+    lifted_m: float | None = None
+
+
+class TaskBody(Protocol):
+    """Hands and eyes of a robot; things, places and hands are named by their IRIs."""
+
+    @property
+    def hands(self) -> Mapping[str, str]:
+        """Gripper id, as outcomes are reported with it, of each hand."""
+
+    def sees(self, item: str, place: str) -> bool:
+        """Look whether a thing is at a place, or in a hand."""
+
+    def find(self, item: str) -> str | None:
+        """Look for a thing wherever the robot reaches; return the place or hand, if it is seen."""
+
+    def pick(self, item: str, place: str, hand: str) -> Deed:
+        """Pick a thing up."""
+
+    def put(self, item: str, place: str, hand: str) -> Deed:
+        """Put a held thing down."""
+
+    def give(self, item: str, hand: str, target: str) -> Deed:
+        """Give a held thing into the hand of another robot."""

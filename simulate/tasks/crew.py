@@ -1,0 +1,168 @@
+"""Several robots carry out stored plans; goals whose plans fail are planned again."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rtask.errors import ConflictError, RtaskError
+from simulate.tasks.executor import Executor, Graph, Turn
+
+__all__ = ["Crew", "Ended"]
+
+_MAX_REPAIRS = 12
+_MAX_ROUNDS = 10_000
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a goal ended.
+
+    Parameters
+    ----------
+    goal
+        In words.
+    result
+        reached, declined (a person said no), or given_up.
+    repairs
+        How often it was planned again.
+    comment
+        Why it was not reached.
+    """
+
+    goal: str
+    result: str
+    repairs: int
+    comment: str = ""
+
+
+@dataclass
+class Crew:
+    """Robots and whoever plans for them.
+
+    Parameters
+    ----------
+    planner
+        A client that may store plans for all robots.
+    robots
+        Their executors, by IRI.
+    tell
+        Called with each turn in which a robot did something, and its IRI.
+    agent
+        In whose name plans are made again; None for the planner's own.
+    """
+
+    planner: Graph
+    robots: Mapping[str, Executor]
+    tell: Callable[[str, Turn], None] = lambda robot, turn: None
+    agent: str | None = None
+    ended: list[Ended] = field(default_factory=list)
+    repair_s: list[float] = field(default_factory=list)
+    """Processor time of each repair, s."""
+    _repairs: Counter[str] = field(default_factory=Counter)
+
+    def work(self) -> list[Ended]:
+        """Carry out all open plans until each is done, declined or given up; return all ends."""
+        plans = self.planner.call("list_plans", state="all")["plans"]
+        self._closed |= {plan["task"] for plan in plans if plan["state"] == "done"}
+        for _ in range(_MAX_ROUNDS):
+            turns = [self._turn(robot) for robot in self.robots]
+            if all(turn.result == "idle" for turn in turns):
+                stuck = {plan for turn in turns for plan in turn.stuck}
+                if not self._settle(stuck):
+                    break
+        return self.ended
+
+    def _turn(self, robot: str) -> Turn:
+        turn = self.robots[robot].turn()
+        if turn.result != "idle":
+            self.tell(robot, turn)
+        return turn
+
+    def _settle(self, stuck: set[str]) -> bool:
+        """End or repair every open plan that nobody works on; return whether any goes on."""
+        goes_on = False
+        plans = self.planner.call("list_plans", state="all")["plans"]
+        for plan in plans:
+            if plan["state"] == "done":
+                self._close(plan, "reached")
+            elif plan["state"] == "declined":
+                self._close(plan, "declined", _comment(plan))
+                self._cancel(plan, f"declined: {_comment(plan)}")
+            elif plan["state"] == "late":
+                self._close(plan, "given_up", "its deadline is over")
+                self._cancel(plan, "its deadline is over")
+            elif plan["state"] == "failed" or plan["task"] in stuck:
+                began = time.process_time()
+                goes_on |= self._repair(plan)
+                self.repair_s.append(time.process_time() - began)
+        return goes_on
+
+    def _close(self, plan: Mapping[str, Any], result: str, comment: str = "") -> None:
+        if plan["task"] in self._closed:
+            return
+        self._closed.add(plan["task"])
+        self.ended.append(Ended(plan["goal"], result, self._repairs[plan["goal"]], comment))
+
+    def __post_init__(self) -> None:
+        self._closed: set[str] = set()
+
+    def _cancel(self, plan: Mapping[str, Any], reason: str) -> None:
+        self.planner.call("cancel_plan", plan=plan["task"], reason=reason[:1000])
+
+    def _repair(self, plan: Mapping[str, Any]) -> bool:
+        """Plan the goal again from the graph as it is; return whether there is more to do."""
+        goal = plan["goal"]
+        self._repairs[goal] += 1
+        if self._repairs[goal] > _MAX_REPAIRS:
+            return self._give_up(plan, f"it was planned again {_MAX_REPAIRS} times")
+        self._look_for(plan)
+        try:
+            again = self.planner.call("plan_goal", goal=goal)
+            if again["complete"] and not again["steps"]:
+                self._close(plan, "reached")
+                self._cancel(plan, "the goal holds already")
+                return False
+            if not again["complete"]:
+                return self._give_up(plan, again["text"])
+            self.planner.call(
+                "store_plan", goal=goal, digest=again["digest"], replaces=plan["task"],
+                priority=plan["priority"], deadline=plan["deadline"], agent=self.agent,
+            )  # fmt: skip
+        except ConflictError:
+            return True  # the graph has changed meanwhile: the next round plans again
+        except RtaskError as error:
+            return self._give_up(plan, str(error))
+        return True
+
+    def _give_up(self, plan: Mapping[str, Any], why: str) -> bool:
+        self._close(plan, "given_up", why)
+        self._cancel(plan, f"given up: {why}")
+        return False
+
+    def _look_for(self, plan: Mapping[str, Any]) -> None:
+        """Let every robot look for the things of a plan of which nobody knows where they are."""
+        tasks = " ".join(f"<{step['task']}>" for step in plan["steps"])
+        for row in self.planner.query(_LOST % tasks):
+            item = str(row["thing"])
+            for executor in self.robots.values():
+                place = executor.body.find(item)
+                if place is not None:
+                    executor.graph.call("state_place", thing=item, place=place)
+                    break
+
+
+_LOST = """
+PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+SELECT DISTINCT ?thing WHERE {
+  VALUES ?task { %s } ?task rt:handlesExemplar ?thing
+  FILTER NOT EXISTS { ?thing rt:locatedOn ?place }
+}"""
+
+
+def _comment(plan: Mapping[str, Any]) -> str:
+    steps: Sequence[Mapping[str, Any]] = plan["steps"]
+    return next((step["comment"] for step in steps if step["state"] == plan["state"]), "")

@@ -1,0 +1,171 @@
+"""One robot carries out steps of stored plans: claim, look, act, report, end.
+
+Whatever it did last, it can be killed anywhere and started again: it gets the step that it had, and
+looks whether that was done before it does anything. Reports have ids made of the step, so that each
+is stored once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rtask.errors import ConflictError
+from simulate.tasks.actions import TaskAction, available_actions
+from simulate.tasks.body import Deed, TaskBody
+
+__all__ = ["Executor", "Graph", "Turn"]
+
+_LEASE_S = 300.0
+
+
+class Graph(Protocol):
+    """Calls of operations; clients of :func:`rtask.connect` have it."""
+
+    def call(self, operation: str, timeout_s: float | None = None, /, **args: Any) -> Any:
+        """Carry out an operation."""
+
+    def query(self, sparql: str) -> list[dict[str, Any]]:
+        """Return the rows of a SELECT."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What came of asking for a step once.
+
+    Parameters
+    ----------
+    result
+        done, failed, declined, lost (the claim went to another robot); idle without a step.
+    task, text, comment
+        The step, and what happened.
+    stuck
+        Plans, by IRI, whose next step can never be begun.
+    """
+
+    result: str
+    task: str = ""
+    text: str = ""
+    comment: str = ""
+    stuck: tuple[str, ...] = ()
+
+
+class Executor:
+    """Carries out steps for one robot.
+
+    Parameters
+    ----------
+    graph
+        A client in the name of the robot.
+    body
+        The robot.
+    robot
+        Its name or IRI, where the client has no name.
+    may
+        Asks a person whether a step may be carried out; by default nobody objects.
+    actions
+        What it can carry out, by the IRI of the class; None = all that is installed.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        body: TaskBody,
+        robot: str | None = None,
+        may: Callable[[str], bool] = lambda text: True,
+        actions: Mapping[str, TaskAction] | None = None,
+    ) -> None:
+        self.graph, self.body, self.robot, self._may = graph, body, robot, may
+        self.actions = available_actions() if actions is None else actions
+
+    def turn(self) -> Turn:
+        """Carry out one step if there is one."""
+        claim = self.graph.call("claim_step", lease=_LEASE_S, **self._who())
+        if not claim["claimed"]:
+            waits = claim["waiting"]
+            return Turn("idle", stuck=tuple(sorted({w["plan"] for w in waits if w["stuck"]})))
+        action = self.actions.get(claim["action"])
+        if action is None:
+            return self._end(claim, "failed", f"no program here carries out {claim['action']}")
+        item, target = claim["arguments"].get("thing", ""), action.target(claim["arguments"])
+        if claim["resumed"] and item and target and self.body.sees(item, target):
+            # It was done before the robot was started again, and perhaps not yet reported.
+            return self._done(claim, action, Deed(True), "it was done already")
+        if not self._may(claim["text"]):
+            return self._end(claim, "declined", "a person said no")
+        missing = action.missing(self.body, claim["arguments"])
+        if missing:
+            return self._failed(claim, missing)
+        deed = action.carry_out(self.body, claim["arguments"])
+        if deed.success:
+            return self._done(claim, action, deed, "")
+        if action.is_grasp:
+            self._report(claim, deed)
+        return self._failed(claim, deed.reason, reported=action.is_grasp)
+
+    def _done(self, claim: Mapping[str, Any], action: TaskAction, deed: Deed, comment: str) -> Turn:
+        reported = action.is_grasp and self._report(claim, deed)
+        target = action.target(claim["arguments"])
+        return self._end(claim, "done", comment, place=target or None, reported=reported)
+
+    def _failed(self, claim: Mapping[str, Any], comment: str, reported: bool = False) -> Turn:
+        """End a step that was not done, with where the thing is now."""
+        item = claim["arguments"].get("thing", "")
+        seen = self.body.find(item) if item else None
+        return self._end(
+            claim, "failed", comment, place=seen, lost=bool(item) and seen is None,
+            reported=reported,
+        )  # fmt: skip
+
+    def _end(
+        self, claim: Mapping[str, Any], result: str, comment: str, *, place: str | None = None,
+        lost: bool = False, reported: bool = False,
+    ) -> Turn:  # fmt: skip
+        more: dict[str, Any] = {"comment": comment or None, "place": place, "lost": lost}
+        if reported:
+            more["outcome"] = _report_id(claim["task"])
+        try:
+            self.graph.call("end_step", task=claim["task"], result=result, **more, **self._who())
+        except ConflictError as error:
+            return Turn("lost", claim["task"], claim["text"], str(error))
+        return Turn(result, claim["task"], claim["text"], comment)
+
+    def _report(self, claim: Mapping[str, Any], deed: Deed) -> bool:
+        """Report the outcome of a grasp of a known product; return whether it is one."""
+        item, hand = claim["arguments"]["thing"], claim["arguments"]["hand"]
+        rows = self.graph.query(_PRODUCT % item)
+        if not rows or hand not in self.body.hands:
+            return False
+        width = rows[0]["width"]
+        outcome = {
+            "success": deed.success,
+            "reason": deed.reason,
+            "duration_s": deed.duration_s,
+            "lifted_m": deed.lifted_m,
+        }
+        self.graph.call(
+            "report_outcome", task_id=_report_id(claim["task"]), object=str(rows[0]["product"]),
+            thing=item, gripper_id=self.body.hands[hand],
+            grasp={"id": "", "in_object": _ABOVE, **({} if width is None else {"width": width})},
+            outcome={name: value for name, value in outcome.items() if value is not None},
+        )  # fmt: skip
+        return True
+
+    def _who(self) -> dict[str, str]:
+        return {} if self.robot is None else {"robot": self.robot}
+
+
+_ABOVE = {"x": 0.0, "y": 0.0, "z": 0.0, "theta": 0.0}
+"""A grasp from above at the middle of the thing, in its frame, m and rad."""
+_PRODUCT = """
+PREFIX rt: <https://w3id.org/rtask-kg/ns#>
+SELECT ?product (MAX(?w) AS ?width) WHERE {
+  <%s> rt:exemplarOf ?product . ?product rt:objectId ?id OPTIONAL { ?product rt:graspWidth ?w }
+} GROUP BY ?product LIMIT 1"""
+
+
+def _report_id(task: str) -> str:
+    """Return the id under which the outcome of a step is stored once."""
+    return f"step-{hashlib.sha256(task.encode()).hexdigest()[:32]}"

@@ -1,0 +1,236 @@
+"""Robots carry out stored plans: they look, act, report, and what fails is planned again."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import rtask
+from rtask.cli import main
+from rtask.engine import Engine
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import iri
+from simulate.tasks.body import Deed
+from simulate.tasks.crew import Crew
+from simulate.tasks.executor import Executor
+from simulate.tasks.lab import read_lab
+from tests.rtask.tasks.conftest import BASE, CUP, LAB, LEFT, NAO, PANDA, PEN, RIGHT, TABLE
+from tests.rtask.tasks.test_plans import ACTION
+
+pytestmark = pytest.mark.slow
+
+GOAL = "every cup into the left box"
+MOVED = {"moved": TABLE, "moved_out_of_sight": LEFT, "dropped": RIGHT}
+
+
+class World:
+    """A graph, a lab that is as the graph says, and robots that work in it."""
+
+    def __init__(self, kb, engine, slip=0.0):
+        self.kb, self.engine = kb, engine
+        self.planner = rtask.connect(engine)
+        self.lab = read_lab(self.planner.query, np.random.default_rng(3), slip)
+        self.refused = set()
+
+    def crew(self):
+        robots = {}
+        for robot in (NAO, PANDA):
+            client = rtask.connect(self.engine, agent=robot.rpartition("/")[2])
+            robots[robot] = Executor(client, self.lab.robot(robot), may=self.may)
+        return Crew(self.planner, robots)
+
+    def may(self, text):
+        return not any(word in text for word in self.refused)
+
+    def store(self, goal=GOAL):
+        return self.planner.call("store_plan", goal=goal)["task"]
+
+    def places(self, thing):
+        return {str(quad.object.value) for quad in self.kb.match(iri(thing), RT.locatedOn)}
+
+
+@pytest.fixture
+def world():
+    with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
+        kb.update(LAB)
+        yield World(kb, engine)
+
+
+def test_a_plan_with_a_handover_is_carried_out_and_linked_to_what_was_done(world):
+    task = world.store()
+    (ended,) = world.crew().work()
+    assert (ended.result, ended.repairs) == ("reached", 0)
+    assert world.lab.where[CUP] == LEFT
+    assert world.places(CUP) == {LEFT}
+    assert [deed[:2] for deed in world.lab.done] == [
+        (PANDA, "pick"), (PANDA, "put"), (NAO, "pick"), (NAO, "put"),
+    ]  # fmt: skip
+    rows = world.kb.select(f"""{PREFIXES}SELECT ?step ?ok WHERE {{
+  <{task}> rt:hasSubTask ?step . ?step rt:carriedOutBy ?attempt .
+  ?attempt rt:performedBy ?robot ; rt:handlesExemplar <{CUP}> ; rt:hasOutcome/rt:success ?ok }}""")
+    assert {(str(row.value("step"))[-1], row.value("ok")) for row in rows} == {
+        ("1", True), ("3", True),
+    }  # fmt: skip
+    again = world.kb.tasks.plan("every cup into the right box")
+    assert [step.attempts for step in again.steps if step.action.endswith("Grasp")] == [1, 1]
+
+
+@pytest.mark.parametrize("event", [*MOVED, "slips"])
+def test_what_comes_between_is_seen_and_the_goal_planned_again(world, event):
+    happened = []
+
+    def meddle(robot, action, thing):
+        if happened or (event == "dropped") != (action == "put"):
+            return
+        happened.append(event)
+        world.lab.where[thing] = MOVED[event]
+
+    if event == "slips":
+        world.lab.slip = 0.6
+    else:
+        world.lab.on_deed = meddle
+    world.store("every cup onto the table" if event == "moved_out_of_sight" else GOAL)
+    (ended,) = world.crew().work()
+    assert ended.result == "reached"
+    assert ended.repairs >= 1
+    goal = TABLE if event == "moved_out_of_sight" else LEFT
+    assert (world.lab.where[CUP], world.places(CUP)) == (goal, {goal})
+
+
+def test_a_person_says_no_and_that_is_no_failure(world):
+    world.refused = {"red cup up from right box"}
+    world.store()
+    world.store("the pen into the right box")
+    ended = {one.goal: one for one in world.crew().work()}
+    assert ended[GOAL].result == "declined"
+    assert ended["the pen into the right box"].result == "reached"
+    assert (world.lab.where[CUP], world.lab.where[PEN]) == (RIGHT, RIGHT)
+
+
+def test_what_is_nowhere_to_be_seen_is_given_up_and_not_lost_from_the_memory(world):
+    world.store()
+    world.lab.where[CUP] = "urn:elsewhere"
+    (ended,) = world.crew().work()
+    assert ended.result == "given_up"
+    assert "not known where it is" in ended.comment
+    assert not world.places(CUP)
+    assert not world.kb.world.where_is(CUP).is_known
+    assert len(world.kb.world.where_is(CUP).exemplars) == 1
+
+
+def test_the_command_stores_a_plan_and_lets_robots_carry_it_out(tmp_path, capsys):
+    with rtask.open(tmp_path / "kb", base=BASE) as kb:
+        kb.update(LAB)
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(["simulate", "tasks", *arguments, "-d", str(tmp_path / "kb")])
+        return ended.value.code or 0, capsys.readouterr().out
+
+    code, out = run(GOAL, "--agent", "ann")
+    assert (code, out.splitlines()[-1]) == (0, f"{GOAL}: reached")
+    assert "done: nao-1 picks red cup up from table" in out
+    goal = ("every", "cup", "into", "the", "right", "box")
+    _, out = run(*goal, "--decline", "right box", "--json", "--agent", "ann")
+    (ended,) = json.loads(out)["goals"]
+    assert (ended["result"], ended["comment"]) == ("declined", "a person said no")
+    with rtask.open(tmp_path / "kb", mode="r") as kb:
+        assert kb.world.where_is(CUP).exemplars[0].place in (TABLE, f"{PANDA}/hand")
+
+
+class Wipe:
+    """A user's action: wipe a place that is empty."""
+
+    is_grasp = False
+
+    def target(self, arguments):
+        return ""
+
+    def missing(self, body, arguments):
+        return ""
+
+    def carry_out(self, body, arguments):
+        wiped.append(arguments["place"])
+        return Deed(True)
+
+
+wiped = []
+
+
+def test_an_ontology_and_one_class_add_an_action_that_robots_carry_out(world):
+    world.kb.load(ACTION.encode(), "turtle", graph="https://example.org/kitchen")
+    task = world.store(f"<{LEFT}> <https://example.org/kitchen#wipedBy> <{NAO}>")
+    without = world.crew()
+    assert without.robots[NAO].turn().comment.startswith("no program here carries out")
+    world.planner.call("cancel_plan", plan=task, reason="no program")
+    world.store(f"<{LEFT}> <https://example.org/kitchen#wipedBy> <{NAO}>")
+    crew = world.crew()
+    for executor in crew.robots.values():
+        executor.actions = {**executor.actions, "https://example.org/kitchen#Wipe": Wipe()}
+    (ended,) = crew.work()
+    assert (ended.result, wiped) == ("reached", [LEFT])
+    assert world.kb.match(iri(LEFT), iri("https://example.org/kitchen#wipedBy"), iri(NAO))
+
+
+class KilledError(RuntimeError):
+    """The program of a robot ends here."""
+
+
+@pytest.mark.parametrize("after", ["claim_step", "act", "report_outcome", "end_step"])
+def test_a_robot_that_is_killed_anywhere_and_started_again_does_nothing_twice(world, after):
+    world.store()
+    left = {"kills": 6}
+
+    def die(when):
+        if when == after and left["kills"]:
+            left["kills"] -= 1
+            raise KilledError
+
+    for _ in range(40):
+        crew = world.crew()
+        for executor in crew.robots.values():
+            _watch(executor, die)
+        try:
+            crew.work()
+            break
+        except KilledError:
+            continue
+    assert world.lab.where[CUP] == LEFT
+    assert left["kills"] < 6
+    assert [deed[:2] for deed in world.lab.done] == [
+        (PANDA, "pick"), (PANDA, "put"), (NAO, "pick"), (NAO, "put"),
+    ]  # fmt: skip
+    (count,) = world.kb.select(f"{PREFIXES}SELECT (COUNT(*) AS ?n) {{ ?a a rt:GraspAttempt }}")
+    assert int(str(count.value("n"))) == 2
+
+
+def _watch(executor, die):
+    """Kill an executor after calls of the graph, and after it has acted."""
+    graph, call = executor.graph, executor.graph.call
+    body = executor.body
+
+    class Graph:
+        query = staticmethod(graph.query)
+
+        def call(self, name, **args):
+            answer = call(name, **args)
+            if name != "claim_step" or answer["claimed"]:
+                die(name)
+            return answer
+
+    class Body:
+        hands, sees, find = body.hands, staticmethod(body.sees), staticmethod(body.find)
+
+        def pick(self, *args):
+            deed = body.pick(*args)
+            die("act")
+            return deed
+
+        def put(self, *args):
+            deed = body.put(*args)
+            die("act")
+            return deed
+
+    executor.graph, executor.body = Graph(), Body()
