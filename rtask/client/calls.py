@@ -625,6 +625,7 @@ class OfferedObject(TypedDict):
     mass_bound: float | None
     chance: float | None
     seen: str
+    thing: str
 
 
 class Reason(TypedDict):
@@ -646,6 +647,7 @@ class ResolvedRequest(TypedDict):
 
     task_response: str
     object: str
+    thing: str
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
