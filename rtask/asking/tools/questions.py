@@ -89,13 +89,13 @@ def _nearest(asked: Asked, request: Ask, commit: int) -> Reply:
         assert isinstance(solutions, Solutions)
         return solutions
 
-    found = answer(asked.kb, request.text or "", select=select)
-    if not found.is_understood:
-        near = [Question(key=item.key, text=item.question) for item in found.nearest]
-        return Reply(commit=commit, ignored=list(found.ignored), questions=near)
-    solutions = select(found.sparql) if found.is_cut else found.rows
-    reply = _reply(asked, request, commit, found.key, found.sparql, solutions)
-    return reply.model_copy(update={"ignored": list(found.ignored)})
+    answered = answer(asked.kb, request.text or "", select=select)
+    if not answered.is_understood:
+        near = [Question(key=item.key, text=item.question) for item in answered.nearest]
+        return Reply(commit=commit, ignored=list(answered.ignored), questions=near)
+    solutions = select(answered.sparql) if answered.is_cut else answered.rows
+    reply = _reply(asked, request, commit, answered.key, answered.sparql, solutions)
+    return reply.model_copy(update={"ignored": list(answered.ignored)})
 
 
 def _reply(
