@@ -184,7 +184,7 @@ class DecisionRecord:
 
 AskedRecord: TypeAlias = PlaceRecord | RefusalRecord | DecisionRecord
 _KINDS: Mapping[str, type[AskedRecord]] = {
-    one.kind: one for one in (PlaceRecord, RefusalRecord, DecisionRecord)
+    record.kind: record for record in (PlaceRecord, RefusalRecord, DecisionRecord)
 }
 
 
