@@ -98,10 +98,8 @@ def migrate(kb: GraphCore, on_product: Callable[[str], None] | None = None) -> M
         if not added:
             continue
         with kb.transaction(note=f"{_NOTE}{product}") as tx:
-            for quad in removed:
-                tx.remove(quad.subject, quad.predicate, object_term(quad.object), quad.graph_name)
-            for quad in added:
-                tx.add(quad.subject, quad.predicate, object_term(quad.object), quad.graph_name)
+            tx.remove_quads(removed)
+            tx.add_quads(added)
         commits.append(tx.commit.seq)
         products += 1
         exemplars += sum(quad.predicate == RT.exemplarOf for quad in added)
@@ -203,27 +201,26 @@ def _reports(kb: GraphCore, product: str) -> Iterator[_Report]:
     """Yield what robots reported about a product."""
     for placement in estimates_of(kb, product):
         node = iri(placement.iri)
-        robot, _, _ = placement.frame.rpartition("/frame/")
+        owned_by, _, _ = placement.frame.rpartition("/frame/")
         graphs = [q.graph_name for q in kb.match(node, RT.poseOf, iri(product))]
         graph = next((g for g in graphs if g != kb.graphs.inferred), None)
-        if robot and isinstance(graph, NamedNode):
-            yield _Report(placement.begin, 0, node, graph, iri(robot), seen=placement)
+        if owned_by and isinstance(graph, NamedNode):
+            yield _Report(placement.begin, 0, node, graph, iri(owned_by), seen=placement)
     for row in kb.select(PREFIXES + _ATTEMPTS.replace("$product", str(iri(product)))):
-        graph, attempt, robot, hand, place = (
+        owner, attempt, robot, hand, place = (
             row[name] for name in ("graph", "attempt", "robot", "hand", "place")
         )
-        if graph == kb.graphs.inferred or not isinstance(graph, NamedNode):
+        if not isinstance(owner, NamedNode) or owner == kb.graphs.inferred:
             continue
-        if not all(isinstance(term, NamedNode) for term in (attempt, robot, hand)):
+        if not (isinstance(attempt, NamedNode) and isinstance(robot, NamedNode)):
             continue
-        assert isinstance(attempt, NamedNode)
-        assert isinstance(robot, NamedNode)
-        assert isinstance(hand, NamedNode)
+        if not isinstance(hand, NamedNode):
+            continue
         placed = None if row["placed"] is None else bool(row.value("placed"))
         put = place if isinstance(place, NamedNode) else None
         left = Left(hand, bool(row.value("held")), placed, put, str(row.value("name") or ""))
         yield _Report(
-            seconds(row.value("ended")), 1, attempt, graph, robot, left=left,
+            seconds(row.value("ended")), 1, attempt, owner, robot, left=left,
             reason=str(row.value("reason") or ""),
         )  # fmt: skip
 
