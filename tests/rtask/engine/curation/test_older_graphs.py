@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,8 @@ from click.testing import CliRunner
 
 import ontology
 import rtask
-from rtask.cli.world.migrate import migrate as command
+from rtask.cli.world.migrate import migrate
 from rtask.engine.curation import older_graphs
-from rtask.engine.curation.older_graphs import migrate
 from rtask.errors import ConflictError
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode, iri
@@ -91,7 +91,7 @@ def test_each_robot_has_things_of_its_own_with_one_place_each_and_it_can_be_undo
     with rtask.open(folder) as kb:
         before, answers = _asserted(kb), _answers(kb)
         assert len(kb.match(iri(CUP), RT.locatedOn)) == 2, "one product in two boxes"
-    done = CliRunner().invoke(command, ["--data", str(folder)])
+    done = CliRunner().invoke(migrate, ["--data", str(folder)])
     assert done.exit_code == 0, done.output
     assert "2 products have 4 things" in done.output
     with rtask.open(folder) as kb:
@@ -107,9 +107,10 @@ def test_each_robot_has_things_of_its_own_with_one_place_each_and_it_can_be_undo
         assert {name for name in now if now[name] != answers[name]} == {"cq24", "eq22"}
         assert {*answers["cq24"]} < {*now["cq24"]}, "things are for drinking as their products are"
         assert len(now["eq22"]) == 3
-        assert migrate(kb).products == 0
-    undone = CliRunner().invoke(command, ["--undo", "--data", str(folder)])
+        assert older_graphs.migrate(kb).products == 0
+    undone = CliRunner().invoke(migrate, ["--undo", "--json", "--data", str(folder)])
     assert undone.exit_code == 0, undone.output
+    assert len(json.loads(undone.stdout)["undone"]) == 2
     with rtask.open(folder) as kb:
         assert _asserted(kb) == before
         assert _answers(kb) == answers
@@ -126,8 +127,8 @@ def test_a_run_that_was_killed_goes_on_and_what_is_written_since_forbids_the_und
 
     with rtask.open(folder) as kb:
         with pytest.raises(Killed):
-            migrate(kb, on_product=die)
-        assert migrate(kb).products == 1
+            older_graphs.migrate(kb, on_product=die)
+        assert older_graphs.migrate(kb).products == 1
         assert {str(quad.object.value) for quad in kb.match(None, RT.exemplarOf)} == {CUP, TEA}
         with kb.transaction("nao-1") as tx:
             tx.add(NamedNode(CUP), RT.mass, 0.2)
