@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 from pydantic import Field
 
@@ -45,6 +46,8 @@ class Reply(PagedAnswer):
     sparql: str = ""
     columns: list[str] = Field(default_factory=list)
     rows: list[list[Value | None]] = Field(default_factory=list)
+    why: str = ""
+    """page on which each number leads to what it rests on"""
     questions: list[Question] = Field(default_factory=list)
 
 
@@ -110,7 +113,7 @@ def _reply(
     members: dict[str, Any] = {"more": rows.more} if rows.more.left else {}
     return Reply(
         commit=commit, understood=key, sparql=sparql, columns=rows.columns, rows=rows.rows,
-        **members,
+        why=f"{asked.site}/ask?{urlencode({'text': request.text or ''})}", **members,
     )  # fmt: skip
 
 
