@@ -38,6 +38,7 @@ __all__ = [
     "Sighting",
     "located",
     "may_have_moved",
+    "may_have_touched",
     "state_frame_of",
     "state_moved",
     "state_seen",
@@ -175,7 +176,12 @@ def located(
 
 def may_have_moved(outcome: Outcome) -> bool:
     """Tell whether an attempt with this outcome may have touched its object."""
-    return outcome.reason not in UNJUDGED or outcome.reason in _AT_ANY_TIME
+    return may_have_touched(outcome.reason)
+
+
+def may_have_touched(reason: str) -> bool:
+    """Tell whether an attempt that ended for a reason, given by its code, may have touched it."""
+    return reason not in UNJUDGED or reason in _AT_ANY_TIME
 
 
 def state_frame_of(triples: Triples, robot: NamedNode, frame_id: str) -> NamedNode:
