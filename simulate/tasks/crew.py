@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rtask.errors import ConflictError, RtaskError
+from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
 
 __all__ = ["Crew", "Ended"]
@@ -155,12 +156,11 @@ class Crew:
                     break
 
 
-_LOST = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-SELECT DISTINCT ?thing WHERE {
-  VALUES ?task { %s } ?task rt:handlesExemplar ?thing
-  FILTER NOT EXISTS { ?thing rt:locatedOn ?place }
-}"""
+_LOST = f"""{PREFIXES}
+SELECT DISTINCT ?thing WHERE {{
+  VALUES ?task {{ %s }} ?task rt:handlesExemplar ?thing
+  FILTER NOT EXISTS {{ ?thing rt:locatedOn ?place }}
+}}"""
 
 
 def _comment(plan: Mapping[str, Any]) -> str:

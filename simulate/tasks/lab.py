@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.body import Deed
 
 __all__ = ["Lab", "LabRobot", "read_lab"]
@@ -125,16 +126,13 @@ class LabRobot:
         return Deed(True, "ok", took)
 
 
-_WHERE = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-SELECT ?thing ?place WHERE { ?thing a rt:Exemplar ; rt:locatedOn ?place }"""
-_ROBOTS = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-PREFIX cora: <http://purl.org/ieee1872-owl/cora-bare#>
-SELECT ?robot ?hand ?name ?place WHERE {
+_WHERE = f"""{PREFIXES}
+SELECT ?thing ?place WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn ?place }}"""
+_ROBOTS = f"""{PREFIXES}
+SELECT ?robot ?hand ?name ?place WHERE {{
   ?robot a cora:Robot ; rt:hasEndEffector ?hand . ?hand rt:name ?name
-  OPTIONAL { ?robot rt:reaches ?place }
-}"""
+  OPTIONAL {{ ?robot rt:reaches ?place }}
+}}"""
 
 
 def read_lab(
