@@ -76,7 +76,7 @@ check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
-	@$(BIN)/python -m pytest -q tests/docs
+	@$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m '' tests/docs
 	@$(MAKE) --no-print-directory site
 
 conformance: $(READY)  ## the standards' own test suites, one line each

@@ -310,7 +310,7 @@ def _tokens(folder: Path, *, make: bool = False, store: str = "") -> TokenStore:
 
     if not (folder / "kb.json").is_file():
         if not make:
-            raise UsageError(f"{folder} is not a knowledge base")
+            Settings.load(folder)  # says that this is none, as every other command does
         if store:
             token = os.environ.get("RTASK_STORE_TOKEN")
             rtask.open(store, token=token, folder=folder).close()

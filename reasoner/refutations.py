@@ -44,15 +44,15 @@ class Refuter:
 
     def refute(self, fact: Fact) -> Refutation:
         """Return that a fact does not hold, and the nearest ways to make it hold."""
-        found: list[tuple[tuple[int, int, int, int], Need]] = []
+        ways: list[tuple[tuple[int, int, int, int], Need]] = []
         rules = sorted(self._program.rules_for(self._equality.rewrite(fact)), key=_size)
         try:
             for rule in rules[:MAX_RULES]:
-                found += self._ways(rule, fact)
+                ways += self._ways(rule, fact)
         except OutOfBudgetError:
             pass  # what was found is right; there may be nearer ways
-        found.sort(key=lambda way: (way[0], str(way[1])))
-        needs = tuple(dict.fromkeys(need for _, need in found))[:MAX_NEEDS]
+        ways.sort(key=lambda way: (way[0], str(way[1])))
+        needs = tuple(dict.fromkeys(need for _, need in ways))[:MAX_NEEDS]
         return Refutation(self._terms.decode_fact(fact), self._glossary.fact(fact), needs)
 
     def _ways(self, rule: Rule, goal: Fact) -> Iterator[tuple[tuple[int, int, int, int], Need]]:
@@ -81,18 +81,18 @@ class Refuter:
     ) -> tuple[tuple[int, int, int, int], Need] | None:
         """Return what a rule lacks if all its premises but one hold."""
         rest = (*rule.body[:at], *rule.body[at + 1 :])
-        found = self._first(rest, list(env))
-        if found is None:
+        bindings = self._first(rest, list(env))
+        if bindings is None:
             return None
-        missing = self._patterns(rule, rule.body[at : at + 1], found)
-        need = Need(rule.name, missing, self._patterns(rule, rest, found))
-        return (1, _unbound(rule.body[at : at + 1], found), -len(rest), 0), need
+        missing = self._patterns(rule, rule.body[at : at + 1], bindings)
+        need = Need(rule.name, missing, self._patterns(rule, rest, bindings))
+        return (1, _unbound(rule.body[at : at + 1], bindings), -len(rest), 0), need
 
     def _first(self, atoms: tuple[Atom, ...], env: Bindings) -> Bindings | None:
         """Return the first bindings under which some atoms hold."""
         bound = frozenset(~at for at, value in enumerate(env) if value is not None)
-        found = next(solve(self._view, self._terms, arrange(atoms, (), bound), env), None)
-        return None if found is None else list(found)
+        solution = next(solve(self._view, self._terms, arrange(atoms, (), bound), env), None)
+        return None if solution is None else list(solution)
 
     def _patterns(self, rule: Rule, atoms: tuple[Atom, ...], env: Bindings) -> tuple[str, ...]:
         return tuple(self._glossary.pattern(atom, env, rule.names) for atom in atoms)

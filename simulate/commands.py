@@ -29,13 +29,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 
 @click.command()
 @options.seed()
-@click.option(
-    "--objects",
-    default=6,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="Objects on each table.",
-)
+@options.objects_of_demo()
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
 @click.option(
     "--robot",
@@ -43,7 +37,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
     multiple=True,
     help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
 )
-@options.products(default="hard")
+@options.products(default="light")
 @click.option(
     "--data",
     "-d",
@@ -74,7 +68,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def demo(
     seed: int,
-    objects: int,
+    objects: int | None,
     robots: int,
     kinds: tuple[str, ...],
     products: str,
@@ -98,12 +92,12 @@ def demo(
     SPARQL queries on the live store as well.
     """
     from simulate.demo.console import Console
-    from simulate.demo.orchestrate import Demo, Settings
+    from simulate.demo.orchestrate import Demo, Settings, objects_on_table
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
     settings = Settings(
-        data, seed, objects, robots, attempts, keep, gui, port,
+        data, seed, objects_on_table(products, objects), robots, attempts, keep, gui, port,
         kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
         queries=queries,
     )  # fmt: skip

@@ -11,6 +11,7 @@ import click
 __all__ = [
     "folder",
     "json_flag",
+    "objects_of_demo",
     "objects_on_table",
     "objects_per_robot",
     "out",
@@ -74,6 +75,14 @@ workers = click.option(
 resume = click.option(
     "--resume", is_flag=True, help="Continue the interrupted run in the output folder."
 )
+
+
+def objects_of_demo() -> Option:
+    """Return the option for the number of objects on each table of a demo."""
+    return click.option(
+        "--objects", type=click.IntRange(min=1),
+        help="Objects on each table.  [default: 4 light ones, else 6]",
+    )  # fmt: skip
 
 
 def folder() -> click.Path:

@@ -71,7 +71,11 @@ def visible(
         return kb.proposals.find(state, author)
     if not access.agent:
         raise AuthenticationError("proposals need a token; send Authorization: Bearer <token>")
-    return [one for one in kb.proposals.find(state, access.agent) if author in (None, one.author)]
+    return [
+        proposal
+        for proposal in kb.proposals.find(state, access.agent)
+        if author in (None, proposal.author)
+    ]
 
 
 def decide(
@@ -101,11 +105,11 @@ def decide(
 
 
 def _one(kb: KnowledgeBase, caller: Caller, number: int) -> Proposal:
-    found = _get(kb, number)
-    if not (caller.access.may_decide or found.author == caller.access.agent):
+    proposal = _get(kb, number)
+    if not (caller.access.may_decide or proposal.author == caller.access.agent):
         # As if it were not there: others' proposals are none of the caller's business.
         raise RefusedError(404, "not-found", f"there is no proposal {number} of yours")
-    return found
+    return proposal
 
 
 def _get(kb: KnowledgeBase, number: int) -> Proposal:
@@ -118,7 +122,7 @@ def _get(kb: KnowledgeBase, number: int) -> Proposal:
 def _listed(
     kb: KnowledgeBase, caller: Caller, state: State | None, author: str | None
 ) -> list[dict[str, Any]]:
-    return [one.to_dict() for one in visible(kb, caller, state, author)]
+    return [proposal.to_dict() for proposal in visible(kb, caller, state, author)]
 
 
 def _proposed(kb: KnowledgeBase, caller: Caller, fields: dict[str, Any]) -> Response:

@@ -8,6 +8,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from endpoint.http.cork import CORK, Cork
 from endpoint.http.messages import Chunks, Response
 from endpoint.http.websocket import Message, Receive, Transmit
 from rtask.errors import RtaskError
@@ -16,6 +17,7 @@ SEND_IDLE_S = 30.0
 PIECE = 256 << 10
 UNHURRIED_BYTES = 64 << 10  # fits the socket's buffers, so no client can delay it
 MAX_BUFFERED = 64 << 20
+_AS_WRITTEN = contextlib.nullcontext()
 _log = logging.getLogger(__name__)
 
 
@@ -48,6 +50,11 @@ class Wire:
             pass
         for callback in self._when_gone:
             callback()
+
+    def in_one_piece(self) -> contextlib.AbstractContextManager[object]:
+        """Return a context at whose end all is sent that was transmitted in it."""
+        cork: Cork | None = self.scope.get("extensions", {}).get(CORK)
+        return _AS_WRITTEN if cork is None else cork
 
     def unwatch(self) -> None:
         """Stop watching, once the answer has been sent."""
@@ -88,15 +95,18 @@ def _start(response: Response, length: int | None) -> Message:
 async def _send_whole(response: Response, method: str, wire: Wire) -> tuple[int, bool]:
     body = b"" if method == "HEAD" else response.body
     without_length = response.status in (204, 304) or method == "HEAD"
-    await wire.transmit(_start(response, None if without_length else len(body)))
+    start = _start(response, None if without_length else len(body))
     if len(body) <= UNHURRIED_BYTES:
-        await wire.transmit({"type": "http.response.body", "body": body})
+        with wire.in_one_piece():
+            await wire.transmit(start)
+            await wire.transmit({"type": "http.response.body", "body": body})
         return len(body), True
+    await wire.transmit(start)
     sent = 0
     try:
-        for start in range(0, len(body), PIECE):
-            piece = body[start : start + PIECE]
-            more = start + PIECE < len(body)
+        for at in range(0, len(body), PIECE):
+            piece = body[at : at + PIECE]
+            more = at + PIECE < len(body)
             async with asyncio.timeout(SEND_IDLE_S):
                 await wire.transmit(
                     {"type": "http.response.body", "body": piece, "more_body": more}

@@ -14,6 +14,8 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from endpoint.http.cork import CORK, Cork
+
 HEADER_S = 30.0
 MAX_HEADER_BYTES = 64 << 10
 MAX_URL_BYTES = 32 << 10
@@ -27,25 +29,29 @@ class GuardedProtocol(HttpToolsProtocol):
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
         self._header_timer: asyncio.TimerHandle | None = None
+        self._header_since: float | None = None
         self._header_bytes = 0
         self._refusal = HTTPStatus.BAD_REQUEST
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Start the timer of the first header."""
+        """Start the time of the first header."""
         super().connection_made(transport)  # type: ignore[arg-type]
-        self._arm()
+        self._header_since = self.loop.time()
+        self._header_timer = self.loop.call_later(HEADER_S, self._check_header)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop the timer."""
-        self._disarm()
+        if self._header_timer is not None:
+            self._header_timer.cancel()
+            self._header_timer = None
         super().connection_lost(exc)
 
     def on_message_begin(self) -> None:
-        """Start the timer of the next header."""
+        """Start the time of the next header."""
         super().on_message_begin()
         self._header_bytes = 0
-        if self._header_timer is None:
-            self._arm()
+        if self._header_since is None:
+            self._header_since = self.loop.time()
 
     def on_url(self, url: bytes) -> None:
         """Count the bytes of the address."""
@@ -62,22 +68,32 @@ class GuardedProtocol(HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         """Refuse a message with two lengths, or without exactly one valid Host; then go on."""
-        self._disarm()
-        lengths = [v for n, v in self.headers if n == b"content-length"]
-        if len(lengths) > 1 or (
-            lengths and any(name == b"transfer-encoding" for name, _ in self.headers)
-        ):
+        self._header_since = None
+        hosts = lengths = encodings = 0
+        for name, value in self.headers:
+            if name == b"host":
+                hosts += 1
+                if not _HOST.fullmatch(value):
+                    self._refuse(HTTPStatus.BAD_REQUEST)
+            elif name == b"content-length":
+                lengths += 1
+            elif name == b"transfer-encoding":
+                encodings += 1
+        if lengths > 1 or (lengths and encodings):
             self._refuse(HTTPStatus.BAD_REQUEST)
-        hosts = [value for name, value in self.headers if name == b"host"]
         # RFC 9112, 3.2: only before HTTP/1.1 may a request come without one.
-        needed = self.parser.get_http_version() != "1.0"
-        if len(hosts) > 1 or (needed and not hosts) or not all(map(_HOST.fullmatch, hosts)):
+        if hosts > 1 or (not hosts and self.parser.get_http_version() != "1.0"):
             self._refuse(HTTPStatus.BAD_REQUEST)
         self.begin_request()
 
     def begin_request(self) -> None:
         """Start answering a request whose header is complete and correct."""
         super().on_headers_complete()
+        if self.cycle is not None and self.cycle.scope is self.scope:
+            # The task that answers has been created, and begins later.
+            cork = Cork(self.transport)
+            self.cycle.transport = cork  # type: ignore[assignment]
+            self.scope["extensions"] = {CORK: cork}  # type: ignore[dict-item]
 
     def send_400_response(self, msg: str) -> None:
         """Answer a request that cannot be parsed, and close the connection."""
@@ -97,15 +113,17 @@ class GuardedProtocol(HttpToolsProtocol):
         self._refusal = status
         raise ValueError(status.phrase)  # the parser stops, and uvicorn sends a 400
 
-    def _arm(self) -> None:
-        self._header_timer = self.loop.call_later(HEADER_S, self._give_up)
+    def _check_header(self) -> None:
+        """Close the connection if a header takes too long, or look again when it might.
 
-    def _disarm(self) -> None:
-        if self._header_timer is not None:
-            self._header_timer.cancel()
+        One timer for a connection: to start and stop one for each header takes longer than to read
+        the header.
+        """
+        since, now = self._header_since, self.loop.time()
+        if since is not None and now - since >= HEADER_S:
             self._header_timer = None
-
-    def _give_up(self) -> None:
-        self._header_timer = None
-        if not self.transport.is_closing():
-            self.transport.close()
+            if not self.transport.is_closing():
+                self.transport.close()
+            return
+        at = (now if since is None else since) + HEADER_S
+        self._header_timer = self.loop.call_at(at, self._check_header)

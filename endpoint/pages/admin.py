@@ -74,8 +74,8 @@ def proposals() -> Model:
     caller = _operator()
     found = visible(embedded_graph(), caller)
     return {
-        "open": [one for one in found if one.is_open],
-        "decided": [one for one in reversed(found) if not one.is_open][:_DECIDED],
+        "open": [proposal for proposal in found if proposal.is_open],
+        "decided": [proposal for proposal in reversed(found) if not proposal.is_open][:_DECIDED],
     }
 
 

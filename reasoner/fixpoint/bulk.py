@@ -123,11 +123,11 @@ class Bulk:
                 raise self._refusal(largest)
         return left
 
-    def _bound(self, found: dict[int, list[Keys]]) -> None:
+    def _bound(self, matches: dict[int, list[Keys]]) -> None:
         """Keep what one round gathers within memory: the same heads arrive again and again."""
         if self._work is not None:
             self._work.count(1)
-        for p, parts in found.items():
+        for p, parts in matches.items():
             if len(parts) > 1 and sum(map(len, parts)) > arrays.MAX_ROWS:
                 parts[:] = [arrays.distinct(np.concatenate(parts))]
                 if len(parts[0]) > self._max_facts:

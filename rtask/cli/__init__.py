@@ -40,6 +40,7 @@ _BUILT_IN = {
     "learn": "rtask.cli.grasping.learning:learn",
     "load": "rtask.cli.load:load",
     "mcp": "rtask.cli.agents:mcp",
+    "migrate": "rtask.cli.world.migrate:migrate",
     "model": "rtask.cli.ontology:model",
     "objects": "rtask.cli.objects:objects",
     "ontology": "rtask.cli.ontology:ontology",
@@ -83,7 +84,7 @@ _SECTIONS = {
     "Robots and services": ("robot", "ros", "ros2", "service", "dataset", "mcp"),
     "Look after": (
         "doctor", "stats", "token", "validate", "reason", "quarantine", "proposals", "verify",
-        "rebuild", "backup", "restore", "promote", "help",
+        "rebuild", "migrate", "backup", "restore", "promote", "help",
     ),
 }  # fmt: skip
 """Sections of the help, by what one wants to do; a command of another package comes last."""

@@ -218,14 +218,14 @@ def _axioms(folder: Path) -> Finding:
         return Finding("axioms", "ok", "none of robots")
     try:
         with rtask.open(folder, mode="r") as kb:
-            found = list(stored_axioms(kb.store, kb.graphs))
+            axioms = list(stored_axioms(kb.store, kb.graphs))
     except RtaskError:
         return Finding("axioms", "note", "not looked at: the store does not open")
-    if not found:
+    if not axioms:
         return Finding("axioms", "ok", "none of robots about terms of others")
-    name, first = found[0]
+    name, first = axioms[0]
     statement = f"{first.subject} {first.predicate} {first.object}"
-    detail = f"{len(found)} of robots about terms of others, e.g. {name}: {statement}"
+    detail = f"{len(axioms)} of robots about terms of others, e.g. {name}: {statement}"
     return Finding("axioms", "note", detail, "keep them, or remove them with rtask update")
 
 

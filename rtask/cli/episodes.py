@@ -146,6 +146,9 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     is known already changes nothing.
     """
     import rtask
+
+    if not file.exists():  # before a knowledge base is made for what is not there
+        raise UsageError(f"{file}: there is no such file")
     from rtask.engine import Engine
     from rtask.extras import naming_extras
     from rtask.interop.episodes.recording import read_episodes

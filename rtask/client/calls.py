@@ -625,6 +625,7 @@ class OfferedObject(TypedDict):
     mass_bound: float | None
     chance: float | None
     seen: str
+    thing: str
 
 
 class Reason(TypedDict):
@@ -646,6 +647,7 @@ class ResolvedRequest(TypedDict):
 
     task_response: str
     object: str
+    thing: str
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
@@ -1427,7 +1429,7 @@ class Calls(ABC):
         digest: str | None = None,
         agent: str | None = None,
         priority: int | None = None,
-        deadline: float | Mapping[str, int] | None = None,
+        deadline: float | None = None,
         replaces: str | None = None,
     ) -> StoredPlan:
         """Store the plan for a goal, so that robots can carry it out.
@@ -1445,7 +1447,7 @@ class Calls(ABC):
         priority
             plans with a greater one are begun first; default: 0
         deadline
-            no step is begun later; default: none (s)
+            Unix time after which no step is begun; default: none (s)
         replaces
             IRI of an earlier plan for the goal, of which nothing more is begun; default: none
         """

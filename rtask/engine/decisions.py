@@ -270,11 +270,11 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     if option.remembered is not None and option.remembered.attempts:
         remembered = option.remembered
         clauses.append(f"it held {remembered.successes} of {remembered.attempts} times")
-    for one in parts.get("doubted", ()):
-        who = unquote(tail(iri(one["robot"])))
+    for doubt in parts.get("doubted", ()):
+        who = unquote(tail(iri(doubt["robot"])))
         clauses.append(
-            f"{one['attempts']} of these from {who} count {one['weight']:.2f} each, because its "
-            "reports differ from those of others"
+            f"{doubt['attempts']} of these from {who} count {doubt['weight']:.2f} each, because "
+            "its reports differ from those of others"
         )
     if max(won, lost) >= MIN_EVIDENCE:
         count = len(option.sources)

@@ -92,7 +92,7 @@ class GripperCatalogue:
             It belongs to another robot than the one that calls.
         """
         grippers = self.all()
-        own = [one for one in grippers if one.robot_name == access.agent]
+        own = [gripper for gripper in grippers if gripper.robot_name == access.agent]
         if gripper_id is None:
             if len(own) == 1:
                 return own[0]
@@ -101,13 +101,19 @@ class GripperCatalogue:
             raise UnknownTermError(
                 f"gripper_id is missing, and {words}; known: {_listed(grippers)}"
             )
-        fitting = [one for one in grippers if gripper_id in (one.iri.value, one.gripper.name)]
-        found = next((one for one in own if one in fitting), None)
-        if found is not None:
-            return found
+        fitting = [
+            gripper
+            for gripper in grippers
+            if gripper_id in (gripper.iri.value, gripper.gripper.name)
+        ]
+        chosen = next((gripper for gripper in own if gripper in fitting), None)
+        if chosen is not None:
+            return chosen
         if fitting and access.role == "robot":
-            others = ", ".join(f"{one.iri.value} of {one.robot_name}" for one in fitting[:3])
-            yours = ", ".join(one.iri.value for one in own) or "none: register_robot first"
+            others = ", ".join(
+                f"{gripper.iri.value} of {gripper.robot_name}" for gripper in fitting[:3]
+            )
+            yours = ", ".join(gripper.iri.value for gripper in own) or "none: register_robot first"
             raise ForbiddenError(
                 f"gripper_id: the token belongs to {access.agent!r}, and {gripper_id!r} is "
                 f"{others}; its own: {yours}",
@@ -115,7 +121,7 @@ class GripperCatalogue:
             )
         if fitting:
             return fitting[0]
-        names = sorted({one.gripper.name for one in grippers})
+        names = sorted({gripper.gripper.name for gripper in grippers})
         hint = nearest(gripper_id, names) or f"; known: {_listed(grippers)}"
         raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
 

@@ -109,8 +109,8 @@ class Proposing(Writing):
             )
         proposals = self.proposals
         with proposals.deciding:
-            found = proposals.require_open(number)
-            tx = self._carry_out(found, rights)
+            proposal = proposals.require_open(number)
+            tx = self._carry_out(proposal, rights)
             proposals.adopted(number, rights.agent or rights.role, tx.commit.seq)
         return tx.commit
 

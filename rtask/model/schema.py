@@ -301,8 +301,12 @@ def _required_unless_of_a_class(shapes: _Graph, node: Term) -> Iterator[str]:
     """
     for head in shapes.objects(node, SH + "or"):
         alternatives = list(shapes.members(head))
-        inner = [i for one in alternatives for i in shapes.objects(one, SH + "property")]
-        classes = [one for one in alternatives if shapes.objects(one, SH + "class")]
+        inner = [
+            i for alternative in alternatives for i in shapes.objects(alternative, SH + "property")
+        ]
+        classes = [
+            alternative for alternative in alternatives if shapes.objects(alternative, SH + "class")
+        ]
         others_are_classes = len(inner) == 1 and len(classes) == len(alternatives) - 1
         if others_are_classes and (_number(shapes, inner[0], "minCount") or 0) >= 1:
             yield from _path(shapes, inner[0])

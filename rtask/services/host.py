@@ -266,7 +266,9 @@ class ServiceHost:
     def problem(self, definition: Definition) -> RtaskError | None:
         """Return why a service cannot be used: an extra is missing, or its last start failed."""
         failures = (pool.problem for pool in self._pools_of(definition))
-        return _lacking_extra(definition) or next((one for one in failures if one), None)
+        return _lacking_extra(definition) or next(
+            (failure for failure in failures if failure), None
+        )
 
     def _pools_of(self, definition: Definition) -> list[Pool]:
         with self._lock:
@@ -278,16 +280,18 @@ class ServiceHost:
         Services whose callers name the data, and those of connected workers, are left out.
         """
         pools = []
-        for one in self.registry:
-            if one.executor != "outward":
+        for definition in self.registry:
+            if definition.executor != "outward":
                 with contextlib.suppress(MissingDataError):
-                    pools.append((one, self._pool(one, self._mapped(one, {}, Access()))))
+                    pools.append(
+                        (definition, self._pool(definition, self._mapped(definition, {}, Access())))
+                    )
         until = time.monotonic() + timeout_s
         with ThreadPoolExecutor(CHECKED_AT_ONCE) as threads:
             for _, pool in pools:
                 threads.submit(lambda pool: pool.try_start(until - time.monotonic()), pool)
-        found = (self.problem(one) for one, _ in pools)
-        return [problem for problem in found if problem is not None]
+        problems = (self.problem(definition) for definition, _ in pools)
+        return [problem for problem in problems if problem is not None]
 
     def close(self) -> None:
         """Wait for running calls to end, then shut all services down at the same time."""

@@ -103,6 +103,7 @@ class WorldEdit:
     statements: list[Statement] = field(default_factory=list)
     withdrawn: list[Statement] = field(default_factory=list)
     _last: dict[str, Placement] = field(default_factory=dict)
+    _ended: set[str] = field(default_factory=set)
     _made: dict[str, list[str]] = field(default_factory=dict)
 
     def see(self, seen: Seen) -> str:
@@ -127,7 +128,7 @@ class WorldEdit:
             self._confirm(last, seen.time_s)
             self._settle(last, seen.time_s)
             return exemplar
-        self._close(last, seen.time_s)
+        self._close(exemplar, seen.time_s)
         self._open(
             Placement(
                 self._node(), exemplar, seen.time_s, None, seen.time_s, "at", "", seen.frame,
@@ -155,7 +156,7 @@ class WorldEdit:
         if last is not None and last.is_current and is_same:
             self._confirm(last, time_s)
             return
-        self._close(last, time_s)
+        self._close(exemplar, time_s)
         self._open(
             Placement(
                 self._node(), exemplar, time_s, None, time_s, relation, place,
@@ -166,8 +167,8 @@ class WorldEdit:
     def lose(self, exemplar: str, time_s: float) -> None:
         """State that a thing is no longer where it was, and nobody knows where."""
         last = self.last(exemplar)
-        if last is None or time_s >= last.begin:
-            self._close(last, time_s)
+        if last is not None and time_s >= last.begin:
+            self._close(exemplar, time_s)
 
     def stand(
         self,
@@ -191,7 +192,7 @@ class WorldEdit:
         last = self.last(frame)
         if last is not None and time_s < last.begin:
             return
-        self._close(last, time_s)
+        self._close(frame, time_s)
         self._open(
             Placement(
                 self._node(), frame, time_s, None, time_s, "at", "", parent, parent_from_frame,
@@ -235,7 +236,11 @@ class WorldEdit:
 
     def last(self, exemplar: str) -> Placement | None:
         """Return the last placement of a thing, with what this commit changes."""
-        return self._last.get(exemplar) or self.world.last_placement(exemplar)
+        known = self._last.get(exemplar)
+        return known if known or self._is_made(exemplar) else self.world.last_placement(exemplar)
+
+    def _is_made(self, exemplar: str) -> bool:
+        return any(exemplar in made for made in self._made.values())
 
     def _exemplars(self, product: str) -> list[str]:
         return [*self.world.exemplars_of(product), *self._made.get(product, ())]
@@ -275,11 +280,26 @@ class WorldEdit:
         self.statements += placed(placement)
         self._last[placement.subject] = placement
 
-    def _close(self, last: Placement | None, time_s: float) -> None:
-        if last is None or not last.is_current:
-            return
-        self.statements += ended(last.iri, time_s)
-        self._last[last.subject] = replace(last, end=time_s, confirmed=min(last.confirmed, time_s))
+    def _close(self, subject: str, time_s: float) -> None:
+        """End the placement of a thing, and earlier ones that an undone change left without end."""
+        last = self.last(subject)
+        stored = [] if self._is_made(subject) else self.world.open_placements(subject)
+        stray = [
+            placement for placement in stored
+            if placement.iri not in self._ended and (last is None or placement.iri != last.iri)
+        ]  # fmt: skip
+        current = [last] if last is not None and last.is_current else []
+        begins = [placement.begin for placement in (*stray, *current)]
+        for k, placement in enumerate(stray):
+            self._end(placement, begins[k + 1] if k + 1 < len(begins) else time_s)
+        for placement in current:
+            self._end(placement, time_s)
+            confirmed_s = min(placement.confirmed, time_s)
+            self._last[subject] = replace(placement, end=time_s, confirmed=confirmed_s)
+
+    def _end(self, placement: Placement, time_s: float) -> None:
+        self.statements += ended(placement.iri, max(placement.begin, time_s))
+        self._ended.add(placement.iri)
 
     def _node(self) -> str:
         return mint(self.world.kb.base, "placement")

@@ -16,7 +16,7 @@ from rtask.world.placement import Placement, pose_of, seconds
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
-__all__ = ["estimated_placement", "estimated_placements"]
+__all__ = ["estimated_placement", "estimated_placements", "estimates_of"]
 
 _LEFT = """
 SELECT ?place ?time ?agent ?attempt ?hand WHERE {
@@ -40,11 +40,12 @@ def estimated_placements(kb: GraphCore, product: str) -> list[Placement]:
 
     Each sighting lasts until the next one in the same frame, or until its estimate has ended.
     """
-    placements = [*_seen(kb, product), *_left(kb, product)]
+    placements = [*estimates_of(kb, product), *_left(kb, product)]
     return sorted(placements, key=lambda placement: (placement.begin, placement.iri))
 
 
-def _seen(kb: GraphCore, product: str) -> list[Placement]:
+def estimates_of(kb: GraphCore, product: str) -> list[Placement]:
+    """Return where robots saw a product, oldest first."""
     located = []
     for link in kb.match(None, RT.poseOf, iri(product)):
         if isinstance(link.subject, NamedNode):

@@ -112,6 +112,22 @@ class PlacementIndex:
             entries += [entry for entry in self._tail.values() if entry.subject == number]
             return [entry.node for entry in sorted(entries)]
 
+    def open(self, subject: str) -> list[str]:
+        """Return the placements of a thing that have no end, oldest first."""
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return []
+            low, high = self._range(number)
+            rows = low + np.flatnonzero(np.isinf(self._ends[low:high]))
+            entries = [self._entry(int(k)) for k in rows if int(k) not in self._gone]
+            entries += [
+                entry for entry in self._tail.values()
+                if entry.subject == number and np.isinf(entry.end)
+            ]  # fmt: skip
+            return [entry.node for entry in sorted(entries)]
+
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""
         with self._lock:

@@ -78,10 +78,25 @@ class WorldState:
         placements = (read_placement(self.kb, node) for node in nodes)
         return sorted((p for p in placements if p is not None), key=_by_begin)
 
+    def open_placements(self, subject: str) -> list[Placement]:
+        """Return the placements of a thing that have no end, oldest first.
+
+        There is at most one, unless an end was taken back, or two things turned out to be one.
+        """
+        nodes = (node for name in self.names_of(subject) for node in self.index.open(name))
+        placements = (read_placement(self.kb, node) for node in nodes)
+        return sorted((p for p in placements if p is not None and p.is_current), key=_by_begin)
+
     def names_of(self, exemplar: str) -> list[str]:
         """Return the IRI of a thing, and those of things that turned out to be it."""
-        merged = self.kb.match(None, RT.mergedInto, iri(exemplar))
-        return [exemplar, *(q.subject.value for q in merged if isinstance(q.subject, NamedNode))]
+        names = {exemplar: None}
+        todo = [exemplar]
+        while todo:
+            for quad in self.kb.match(None, RT.mergedInto, iri(todo.pop())):
+                if isinstance(quad.subject, NamedNode) and quad.subject.value not in names:
+                    names[quad.subject.value] = None
+                    todo.append(quad.subject.value)
+        return list(names)
 
     def doubts(self, exemplar: str) -> list[tuple[str, float]]:
         """Return the things that this one may be, with the chances, as far as it is not settled."""

@@ -15,8 +15,8 @@ import numpy as np
 from features.perception import Seen
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.simulated_body import SimulatedBody
-from simulate.grasping.executor import GraspRequest
 from simulate.grasping.rules import PlannedGrasp
+from simulate.grasping.table_reach import requests_for
 from simulate.robots.description import Floats
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import PlaceBox, World
@@ -31,9 +31,6 @@ __all__ = [
     "watch_attempts",
 ]
 
-_ANGLES = np.deg2rad(np.arange(0, 180, 15))
-_SPARE_M = 0.004  # room that a hand needs around an object whose position it knows to 2 mm
-_UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
 _NEAR_M = 0.06
 
 LIFTED_M = 0.02
@@ -234,24 +231,12 @@ class Scorer:
         world, executor = self._body.world, self._body.executor
         spec = next(laid.placement.spec for laid in self._body.laid if laid.body == body)
         pose = world.object_pose(body)
-        along_x, along_y, height = spec.extent
         mouth = min(arm.mouth for arm in self._body.robot.arms.values())
-        for offset in _ANGLES if spec.shape in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
-            if (along_y if offset else along_x) > mouth - _SPARE_M:
-                continue
-            request = GraspRequest(
-                x=pose.x,
-                y=pose.y,
-                theta=float((pose.yaw + offset) % np.pi),
-                width=along_y if offset else along_x,
-                height=height,
-                length=max(along_x, along_y),
-                table_height=world.table_height,
-                round=spec.shape in _UPRIGHT_AND_ROUND,
-            )
-            if not isinstance(executor.plan(request, obstacles=[], seed=0), str):
-                return True
-        return False
+        at = (pose.x, pose.y, pose.yaw)
+        return any(
+            not isinstance(executor.plan(request, obstacles=[], seed=0), str)
+            for request in requests_for(spec, at, world.table_height, mouth)
+        )
 
     def truth_of(self, attempt: Attempt) -> Truth | None:
         """Return the true outcome of an attempt; None if nothing was moved."""

@@ -33,10 +33,18 @@ from simulate.demo.story import gain_of, opening, outcome
 from simulate.robots import check_robot
 from simulate.world.objects import PRODUCTS
 
-__all__ = ["Demo", "Settings"]
+__all__ = ["Demo", "Settings", "objects_on_table"]
 
 _MARK = "demo.json"
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
+
+
+def objects_on_table(products: str, wanted: int | None = None) -> int:
+    """Return how many objects lie on each table of a demo.
+
+    No more than four light ones have room where a Nao reaches both of their ends.
+    """
+    return wanted or (4 if products == "light" else 6)
 
 
 def _command() -> str:

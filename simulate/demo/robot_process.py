@@ -31,6 +31,7 @@ from simulate.agent.scoring import Scorer
 from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.processes import RobotJob
+from simulate.grasping.table_reach import arrange_for
 from simulate.robots import describe
 from simulate.world.camera import Lighting
 from simulate.world.objects import sample_products
@@ -44,10 +45,16 @@ _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 
 def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
-    """Create the body of a robot at its table."""
+    """Create the body of a robot at its table.
+
+    Products with a secret stand where the robot reaches both of their ends; plain ones anywhere.
+    """
     products = sample_products(job.products, stream(job.seed, _PRODUCTS), job.objects)
-    workplace = describe(job.robot).workplace
-    placements = arrange(products, stream(job.seed, _TABLE, job.index), workplace=workplace)
+    robot, rng = describe(job.robot), stream(job.seed, _TABLE, job.index)
+    if job.products == "plain":
+        placements = arrange(products, rng, workplace=robot.workplace)
+    else:
+        placements = arrange_for(robot, products, rng)
     conditions = Conditions(
         robot=job.robot,
         preset=job.preset,

@@ -182,7 +182,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
 @click.command()
 @click.option("-n", "--demos", default=10, show_default=True, help="Demos, with consecutive seeds.")
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
-@click.option("--objects", default=6, show_default=True, help="Objects on each table.")
+@options.objects_of_demo()
 @click.option("--attempts", "max_attempts", default=6, show_default=True, help="Per object.")
 @options.seed("the first demo; the next has the next seed")
 @options.products(default="light")
@@ -196,7 +196,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
 def demo(
     demos: int,
     robots: int,
-    objects: int,
+    objects: int | None,
     max_attempts: int,
     seed: int,
     products: str,
@@ -212,10 +212,12 @@ def demo(
     Runs `rtask demo` on many seeds without its processes: the last robot of each works with the
     graph and without.
     """
+    from simulate.demo.orchestrate import objects_on_table
     from simulate.fleet.demos import COLUMNS, demo_rows, demo_study, demo_words, write_demos
     from simulate.study.runner import run
 
-    study = demo_study(demos, robots, objects, seed, products, kinds, max_attempts, preset)
+    number = objects_on_table(products, objects)
+    study = demo_study(demos, robots, number, seed, products, kinds, max_attempts, preset)
     summary = write_demos(out, run(study, out, workers, resume), study.settings)
     if as_json:
         click.echo(json.dumps(summary))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ __all__ = [
     "Candidate",
     "can_get_there",
     "find_candidates",
+    "iterate_candidates",
     "most_promising",
     "target_obstacle",
 ]
@@ -126,6 +127,13 @@ def find_candidates(
     """
     if request.pose is not None:
         return _at_pose(space, arm, request, around, seed)
+    return list(iterate_candidates(space, arm, request, around, seed))
+
+
+def iterate_candidates(
+    space: ArmSpace, arm: str, request: GraspRequest, around: Surroundings, seed: int
+) -> Iterator[Candidate]:
+    """Yield the postures of :func:`find_candidates` for a request without a pose, one by one."""
     chain = space.chains[arm]
     rules = rules_for(space.robot.arm(arm))
     approach = rules.approach(request)
@@ -133,7 +141,6 @@ def find_candidates(
         angle_tolerance=_ANGLE_TOLERANCE, position_tolerance=request.position_tolerance
     )
     rng = np.random.default_rng((seed, _PURPOSE_IK))
-    candidates: list[Candidate] = []
     for raised, height in enumerate(rules.heights(request)):
         for direction, angle in enumerate(rules.angles(request)):
             position = np.array([request.x, request.y, request.table_height + height])
@@ -142,8 +149,7 @@ def find_candidates(
             postures = solve_ik(chain, goal, rng, options)
             if len(postures):
                 draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, direction, 0)
-                candidates += _judged(space, arm, request, around, draft, postures, closing)
-    return candidates
+                yield from _judged(space, arm, request, around, draft, postures, closing)
 
 
 def can_get_there(space: ArmSpace, arm: str, request: GraspRequest, seed: int) -> bool:

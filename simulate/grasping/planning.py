@@ -14,6 +14,7 @@ from simulate.grasping.candidates import (
     Candidate,
     can_get_there,
     find_candidates,
+    iterate_candidates,
     most_promising,
     target_obstacle,
 )
@@ -123,6 +124,21 @@ class GraspPlanner:
                 return replace(planned, planning_s=time.process_time() - started)
             reason = max(reason, planned, key=REASONS.index) if reason != "ik" else planned
         return reason
+
+    def gets_to(self, arm: str, request: GraspRequest, seed: int) -> bool:
+        """Return whether an arm has a posture for a grasp of something that stands alone.
+
+        The ways there and back are not planned, which is most of the work of :meth:`plan`.
+        """
+        parts = self.robot.arm(arm)
+        if request.width > parts.mouth:
+            return False
+        around = self.space.surroundings(arm, request.table_height, [target_obstacle(request)])
+        steepest = rules_for(parts).largest_tilt(request)
+        return any(
+            not candidate.collides and candidate.tilt <= steepest
+            for candidate in iterate_candidates(self.space, arm, request, around, seed)
+        )
 
     def _arms_for(self, request: GraspRequest) -> tuple[str, ...]:
         if request.arm != "auto":

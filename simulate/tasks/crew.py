@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from rtask.errors import ConflictError, RtaskError
+from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
 
 __all__ = ["Crew", "Ended"]
@@ -59,6 +61,8 @@ class Crew:
     tell: Callable[[str, Turn], None] = lambda robot, turn: None
     agent: str | None = None
     ended: list[Ended] = field(default_factory=list)
+    repair_s: list[float] = field(default_factory=list)
+    """Processor time of each repair, s."""
     _repairs: Counter[str] = field(default_factory=Counter)
 
     def work(self) -> list[Ended]:
@@ -93,7 +97,9 @@ class Crew:
                 self._close(plan, "given_up", "its deadline is over")
                 self._cancel(plan, "its deadline is over")
             elif plan["state"] == "failed" or plan["task"] in stuck:
+                began = time.process_time()
                 goes_on |= self._repair(plan)
+                self.repair_s.append(time.process_time() - began)
         return goes_on
 
     def _close(self, plan: Mapping[str, Any], result: str, comment: str = "") -> None:
@@ -150,12 +156,11 @@ class Crew:
                     break
 
 
-_LOST = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-SELECT DISTINCT ?thing WHERE {
-  VALUES ?task { %s } ?task rt:handlesExemplar ?thing
-  FILTER NOT EXISTS { ?thing rt:locatedOn ?place }
-}"""
+_LOST = f"""{PREFIXES}
+SELECT DISTINCT ?thing WHERE {{
+  VALUES ?task {{ %s }} ?task rt:handlesExemplar ?thing
+  FILTER NOT EXISTS {{ ?thing rt:locatedOn ?place }}
+}}"""
 
 
 def _comment(plan: Mapping[str, Any]) -> str:

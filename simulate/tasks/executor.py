@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rtask.errors import ConflictError
+from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.actions import TaskAction, available_actions
 from simulate.tasks.body import Deed, TaskBody
 
@@ -159,11 +160,10 @@ class Executor:
 
 _ABOVE = {"x": 0.0, "y": 0.0, "z": 0.0, "theta": 0.0}
 """A grasp from above at the middle of the thing, in its frame, m and rad."""
-_PRODUCT = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-SELECT ?product (MAX(?w) AS ?width) WHERE {
-  <%s> rt:exemplarOf ?product . ?product rt:objectId ?id OPTIONAL { ?product rt:graspWidth ?w }
-} GROUP BY ?product LIMIT 1"""
+_PRODUCT = f"""{PREFIXES}
+SELECT ?product (MAX(?w) AS ?width) WHERE {{
+  <%s> rt:exemplarOf ?product . ?product rt:objectId ?id OPTIONAL {{ ?product rt:graspWidth ?w }}
+}} GROUP BY ?product LIMIT 1"""
 
 
 def _report_id(task: str) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.body import Deed
 
 __all__ = ["Lab", "LabRobot", "read_lab"]
@@ -36,8 +37,9 @@ class Lab:
         Of all chances.
     slip
         Chance that a thing slips from the hand when it is picked up.
-    on_deed
-        Called before each action with the robot, the action and the thing; events of a study.
+    on_deed, on_done
+        Called before each action, and after it took effect, with the robot, the action and the
+        thing; events of a study.
     """
 
     where: dict[str, str]
@@ -46,6 +48,7 @@ class Lab:
     rng: np.random.Generator
     slip: float = 0.0
     on_deed: Callable[[str, str, str], None] = lambda robot, action, item: None
+    on_done: Callable[[str, str, str], None] = lambda robot, action, item: None
     done: list[tuple[str, str, str]] = field(default_factory=list)
     """Actions that took effect: robot, action, thing."""
 
@@ -56,6 +59,11 @@ class Lab:
     def in_hand(self, hand: str) -> str | None:
         """Return what a hand holds."""
         return next((item for item, place in self.where.items() if place == hand), None)
+
+    def finish(self, robot: str, action: str, item: str) -> None:
+        """Note that an action took effect."""
+        self.done.append((robot, action, item))
+        self.on_done(robot, action, item)
 
     def drop(self, item: str, robot: str) -> None:
         """Let a thing fall to one of the places that a robot reaches."""
@@ -94,7 +102,7 @@ class LabRobot:
         if self.lab.rng.random() < self.lab.slip:
             return Deed(False, "slip_lift", took, 0.01)
         self.lab.where[item] = hand
-        self.lab.done.append((self.iri, "pick", item))
+        self.lab.finish(self.iri, "pick", item)
         return Deed(True, "ok", took, _LIFT_M)
 
     def put(self, item: str, place: str, hand: str) -> Deed:
@@ -104,7 +112,7 @@ class LabRobot:
         if self.lab.where.get(item) != hand or place not in self.lab.reach[self.iri]:
             return Deed(False, "slip_transport", took)
         self.lab.where[item] = place
-        self.lab.done.append((self.iri, "put", item))
+        self.lab.finish(self.iri, "put", item)
         return Deed(True, "ok", took)
 
     def give(self, item: str, hand: str, target: str) -> Deed:
@@ -114,20 +122,17 @@ class LabRobot:
         if self.lab.where.get(item) != hand or self.lab.in_hand(target) is not None:
             return Deed(False, "slip_transport", took)
         self.lab.where[item] = target
-        self.lab.done.append((self.iri, "give", item))
+        self.lab.finish(self.iri, "give", item)
         return Deed(True, "ok", took)
 
 
-_WHERE = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-SELECT ?thing ?place WHERE { ?thing a rt:Exemplar ; rt:locatedOn ?place }"""
-_ROBOTS = """
-PREFIX rt: <https://w3id.org/rtask-kg/ns#>
-PREFIX cora: <http://purl.org/ieee1872-owl/cora-bare#>
-SELECT ?robot ?hand ?name ?place WHERE {
+_WHERE = f"""{PREFIXES}
+SELECT ?thing ?place WHERE {{ ?thing a rt:Exemplar ; rt:locatedOn ?place }}"""
+_ROBOTS = f"""{PREFIXES}
+SELECT ?robot ?hand ?name ?place WHERE {{
   ?robot a cora:Robot ; rt:hasEndEffector ?hand . ?hand rt:name ?name
-  OPTIONAL { ?robot rt:reaches ?place }
-}"""
+  OPTIONAL {{ ?robot rt:reaches ?place }}
+}}"""
 
 
 def read_lab(

@@ -51,6 +51,7 @@ class Eyes:
         self._noise = noise
         self._rng = np.random.default_rng(np.random.SeedSequence(noise_seed))
         self._kept: dict[tuple[str, str | None], _View] = {}
+        self._kept_points: dict[tuple[str, str | None], Floats] = {}
         self._kept_at = (float("nan"), 0)
 
     def look(self, side: str, camera: str | None = None) -> tuple[Frame, Floats]:
@@ -72,6 +73,7 @@ class Eyes:
         """
         if self._robot.world.moment != self._kept_at:
             self._kept.clear()
+            self._kept_points.clear()
             self._kept_at = self._robot.world.moment
         if (side, camera) not in self._kept:
             self._kept[side, camera] = self._capture(side, camera)
@@ -101,6 +103,10 @@ class Eyes:
 
     def _points(self, side: str, camera: str | None) -> Floats:
         frame, base_from_camera = self.look(side, camera)
-        cloud = frame.points().reshape(-1, 3).astype(np.float64)
-        seen = np.isfinite(cloud).all(axis=1) & (cloud[:, 2] > 0)
-        return np.asarray(transform(base_from_camera, cloud[seen]), dtype=np.float64)
+        if (side, camera) not in self._kept_points:
+            cloud = frame.points().reshape(-1, 3).astype(np.float64)
+            seen = np.isfinite(cloud).all(axis=1) & (cloud[:, 2] > 0)
+            points = np.asarray(transform(base_from_camera, cloud[seen]), dtype=np.float64)
+            points.setflags(write=False)  # several looks share them
+            self._kept_points[side, camera] = points
+        return self._kept_points[side, camera]

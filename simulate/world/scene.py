@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from simulate.robots import Workplace
 from simulate.world.objects import ObjectSpec, write_assets
 from simulate.world.world import World
 
-__all__ = ["PlacedObject", "Placement", "arrange", "lay"]
+__all__ = ["PlacedObject", "Placement", "arrange", "arrange_in_reach", "lay"]
 
 _CLEAR_MIDDLE_M, _CLEAR_OUTSIDE_M = 0.010, 0.025
 _CLEAR_EDGE_M = 0.010
@@ -21,6 +21,8 @@ _GROWTH_M = 0.015
 _GAP_M = 0.022
 _ROUNDS = 14
 _TRIES = 400
+_DRAWN = 150
+"""Places drawn for each product; less than half are clear and need to be judged."""
 _SETTLE_S = 0.5
 
 
@@ -40,6 +42,10 @@ class PlacedObject:
 
     placement: Placement
     body: int
+
+
+_Place = tuple[Placement, NDArray[np.float64]]
+"""A place with the outline of the footprint there."""
 
 
 def _outline(spec: ObjectSpec, x: float, y: float, yaw: float) -> NDArray[np.float64]:
@@ -93,27 +99,114 @@ def arrange(
     raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")
 
 
+def arrange_in_reach(
+    specs: Sequence[ObjectSpec],
+    rng: np.random.Generator,
+    is_in_reach: Callable[[Placement], bool],
+    workplace: Workplace | None = None,
+) -> list[Placement]:
+    """Find a place in reach for every product, with room for a hand between them.
+
+    Places are drawn for all products in turn until one for each of them fits beside the others. If
+    the table is too crowded for that, those left over stand wherever there is room.
+
+    Parameters
+    ----------
+    specs, rng, workplace
+        As of :func:`arrange`.
+    is_in_reach
+        Judges the place of a product that stands alone on the table.
+
+    Raises
+    ------
+    ValueError
+        If the table is too small for them.
+    """
+    place = workplace or Workplace()
+    sides = rng.permuted(np.resize([-1, 1], len(specs)))
+    pools: dict[int, list[list[_Place]]] = {-1: [], 1: []}
+    best: dict[int, list[_Place]] = {-1: [], 1: []}
+    turns: list[tuple[ObjectSpec, int, int]] = []  # product, side, number of its pool there
+    for spec, side in zip(specs, sides.tolist(), strict=True):
+        turns.append((spec, side, len(pools[side])))
+        pools[side].append([])
+    for _ in range(_DRAWN):
+        for spec, side, number in turns:
+            drawn = _draw(spec, side, 0.0, rng, place)
+            if drawn is None or len(best[side]) == len(pools[side]) or not is_in_reach(drawn[0]):
+                continue
+            pools[side][number].append(drawn)
+            others = [pool for other, pool in enumerate(pools[side]) if other != number]
+            best[side] = max(best[side], _largest_set([drawn], others), key=len)
+        if all(len(best[side]) == len(pools[side]) for side in pools):
+            break
+    return _with_the_rest(specs, sides, [*best[-1], *best[1]], rng, place)
+
+
+def _largest_set(chosen: list[_Place], pools: Sequence[list[_Place]]) -> list[_Place]:
+    """Return the places chosen and as many more as fit beside them, at most one from each pool."""
+    if not pools:
+        return chosen
+    largest = _largest_set(chosen, pools[1:])
+    for place in pools[0]:
+        if len(largest) == len(chosen) + len(pools):
+            break
+        if all(_gap(place[1], other) >= _GAP_M for _, other in chosen):
+            largest = max(largest, _largest_set([*chosen, place], pools[1:]), key=len)
+    return largest
+
+
+def _with_the_rest(
+    specs: Sequence[ObjectSpec],
+    sides: NDArray[np.int64],
+    chosen: Sequence[_Place],
+    rng: np.random.Generator,
+    place: Workplace,
+) -> list[Placement]:
+    """Return the chosen places, and any with room for the products that have none."""
+    placed = [placement for placement, _ in chosen]
+    done = {placement.spec.name for placement in placed}
+    rest = [i for i, spec in enumerate(specs) if spec.name not in done]
+    for grown in range(_ROUNDS):
+        added = _try_arrange(
+            [specs[i] for i in rest], sides[rest], grown * _GROWTH_M, rng, place,
+            [outline for _, outline in chosen],
+        )  # fmt: skip
+        if added is not None:
+            return [*placed, *added]
+    return arrange(specs, rng, workplace=place)
+
+
+def _draw(
+    spec: ObjectSpec, side: int, grown_m: float, rng: np.random.Generator, place: Workplace
+) -> _Place | None:
+    """Draw a place with its outline; None if it is not clear."""
+    x = float(rng.uniform(place.area_x[0], place.area_x[1] + grown_m))
+    y = float(side * rng.uniform(*place.area_abs_y))
+    yaw = float(rng.uniform(0, 2 * np.pi))
+    outline = _outline(spec, x, y, yaw)
+    return (Placement(spec, x, y, yaw), outline) if _is_clear(outline, side, place) else None
+
+
 def _try_arrange(
     specs: Sequence[ObjectSpec],
     sides: NDArray[np.int64],
     grown_m: float,
     rng: np.random.Generator,
     place: Workplace,
+    taken: Sequence[NDArray[np.float64]] = (),
 ) -> list[Placement] | None:
     """Place the products, largest first, at a distance from those placed before."""
     placed: list[Placement] = []
-    outlines: list[NDArray[np.float64]] = []
+    outlines = list(taken)
     for spec, side in zip(specs, sides, strict=True):
         for _ in range(_TRIES):
-            x = float(rng.uniform(place.area_x[0], place.area_x[1] + grown_m))
-            y = float(side * rng.uniform(*place.area_abs_y))
-            yaw = float(rng.uniform(0, 2 * np.pi))
-            outline = _outline(spec, x, y, yaw)
-            if not _is_clear(outline, side, place):
+            drawn = _draw(spec, int(side), grown_m, rng, place)
+            if drawn is None:
                 continue
-            if all(_gap(outline, other) >= _GAP_M for other in outlines):
-                placed.append(Placement(spec, x, y, yaw))
-                outlines.append(outline)
+            if all(_gap(drawn[1], other) >= _GAP_M for other in outlines):
+                placed.append(drawn[0])
+                outlines.append(drawn[1])
                 break
         else:
             return None

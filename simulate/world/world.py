@@ -123,6 +123,19 @@ class PlaceBox:
     rim: float
     wall: float = _BOX_WALL
 
+    @classmethod
+    def at(cls, place: Workplace, side: str, floor: float) -> PlaceBox:
+        """Return the box of a side, ``left`` or ``right``, on a table of some height, m."""
+        sign = side_sign(side)
+        (x, y), half = place.box_centre, place.box_inner / 2
+        return cls(
+            "left" if sign > 0 else "right",
+            (x - half, x + half),
+            (y * sign - half, y * sign + half),
+            floor,
+            floor + place.box_height,
+        )
+
     @property
     def centre(self) -> tuple[float, float]:
         """Centre of the floor, m."""
@@ -244,17 +257,7 @@ class World:
         """Add the box into which an arm places; ``side`` is left or right."""
         if not np.isfinite(self.table_height):
             raise UsageError("add the table before its boxes")
-        sign = side_sign(side)
-        place = self.workplace
-        x, y, z = place.box_centre[0], place.box_centre[1] * sign, self.table_height
-        half = place.box_inner / 2
-        box = PlaceBox(
-            "left" if sign > 0 else "right",
-            (x - half, x + half),
-            (y - half, y + half),
-            z,
-            z + place.box_height,
-        )
+        box = PlaceBox.at(self.workplace, side, self.table_height)
         for centre, size in box.walls():
             self._static_box(centre, size, _BOX_COLOUR)
         self.place_boxes[box.side] = box

@@ -14,10 +14,10 @@ VAGUE = frozenset(
 )
 # Upper bounds on vague words per 1,000 names; lower them as the rooms improve.
 MOST = {
-    "rtask": 4.0,
-    "endpoint": 2.0,
+    "rtask": 3.0,
+    "endpoint": 1.2,
     "reasoner": 2.6,  # owl:Thing and owl:oneOf are OWL's own
-    "grasp": 1.2,
+    "grasp": 1.0,
     "features": 2.2,
     "simulate": 1.6,
 }

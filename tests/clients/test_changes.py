@@ -332,7 +332,8 @@ def test_a_page_of_another_origin_cannot_follow_by_websocket(server: RunningServ
 def test_a_follower_that_does_not_read_harms_nobody(followed: RunningServer) -> None:
     """The socket's buffers fill, then the queue; writers and other followers never wait."""
     with (
-        connect(f"{followed.websocket}changes", max_queue=1) as asleep,
+        # It does not read, so that nothing answers the end of the connection.
+        connect(f"{followed.websocket}changes", max_queue=1, close_timeout=0.1) as asleep,
         Events(changes(followed, s="urn:s")) as events,
     ):
         say(asleep, op="subscribe", id="a", patterns=[{"s": "urn:s"}])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import array
+import fcntl
 import gzip
 import json
 import socket
+import termios
 import threading
 import time
 from collections.abc import Iterator
@@ -142,9 +145,22 @@ def test_a_client_that_leaves_ends_its_query(asker: httpx.Client, full: RunningS
     wait_until(lambda: not running(asker), 10.0)
 
 
+def is_full(connection: socket.socket) -> bool:
+    """Whether something arrived and no more comes: the server waits until it is read."""
+
+    def unread() -> int:
+        fcntl.ioctl(connection, termios.FIONREAD, size)
+        return size[0]
+
+    size = array.array("i", [0])
+    before = unread()
+    time.sleep(0.1)
+    return 0 < before == unread()
+
+
 def test_a_large_answer_is_whole_for_who_reads_late(full: RunningServer) -> None:
     connection = raw_request(full, ALL)
-    time.sleep(2.0)
+    wait_until(lambda: is_full(connection))
     text = b""
     while b"\r\n0\r\n\r\n" not in text[-16:]:
         piece = connection.recv(1 << 20)

@@ -81,6 +81,7 @@ trap 'jobs -p | xargs -r kill 2>/dev/null' EXIT
 
 
 @pytest.mark.slow
+@pytest.mark.deep  # `make check` runs them, too
 @pytest.mark.parametrize("page", TUTORIALS, ids=_ids(TUTORIALS))
 def test_a_tutorial_runs_as_written(page: Path, tmp_path: Path) -> None:
     """All ```sh and ```python blocks run in order in one folder; each Python block on its own."""

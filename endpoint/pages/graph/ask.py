@@ -38,13 +38,19 @@ def _shown(answered: Answer) -> dict[str, Any]:
     shown = answered.to_dict()
     return {
         **shown,
-        "cells": [[_cell(term, answered) for term in row] for row in answered.rows],
+        "cells": [
+            [_cell(term, answered, why) for term in row]
+            for row, why in zip(answered.rows, answered.why, strict=True)
+        ],
     }
 
 
-def _cell(term: Term | None, answered: Answer) -> dict[str, str]:
+def _cell(term: Term | None, answered: Answer, why: str) -> dict[str, str]:
     if term is None:
         return {"text": ""}
-    value = str(python_value(term))
+    plain = python_value(term)
+    if isinstance(plain, int | float) and not isinstance(plain, bool):
+        return {"text": f"{plain:.4g}" if isinstance(plain, float) else str(plain), "why": why}
+    value = str(plain)
     name = answered.names.get(value, value)
     return {"text": name, "iri": value} if isinstance(term, NamedNode) else {"text": name}

@@ -31,12 +31,17 @@ def terms() -> Model:
     if not name:
         terms = list_terms(select, words)
         lines = [asdict(line) for line in terms[:SHOWN]]
-        return {"card": None, "words": words, "terms": lines, "total": len(terms)}
+        known = {line.term for line in terms}
+        return {
+            "card": None, "words": words, "terms": lines, "total": len(terms), "known": known,
+        }  # fmt: skip
     try:
         card = card_at(knowledge_base(), select, name)
     except UsageError as error:
         raise RefusedError(400, "bad-request", str(error)) from error
-    return {"card": _shown(card), "words": words, "terms": [], "total": 0}
+    # Datatypes, and the terms of RDF itself, have no card to lead to.
+    known = {line.term for line in list_terms(select, "")}
+    return {"card": _shown(card), "words": words, "terms": [], "total": 0, "known": known}
 
 
 def _shown(card: Card) -> dict[str, Any]:

@@ -63,8 +63,8 @@ class ByConstants:
             return ""
         node = demand.node
         things = [node] if node.kind == "iri" else context.columns.get(node.value, [])
-        things = [one for one in things if one.kind == "iri"]
-        if not things or any(self._suits(one, demand.bits) for one in things):
+        things = [term for term in things if term.kind == "iri"]
+        if not things or any(self._suits(term, demand.bits) for term in things):
             return ""
         if node.kind == "iri" and self._evidence.matches(demand.edge):
             return ""

@@ -49,10 +49,10 @@ class ByData:
                     "reversed", "likely", step.node.start, step.node.end, words, (repair,)
                 )
                 continue
-            found = self._unmet(edge, context)
-            if found is not None:
+            finding = self._unmet(edge, context)
+            if finding is not None:
                 self._blamed.add(id(edge))
-                yield found
+                yield finding
 
     def _is_turned(self, edge: Edge, context: Context) -> bool:
         """Return whether a pattern matches with those beside it only the other way round."""
@@ -107,9 +107,9 @@ class ByData:
 
         A graph without refusals does not say that refusals have no time.
         """
-        for one in context.edges:
-            beside = one.steps and any(is_same_variable(end, node) for end in one.ends)
-            if beside and not self._evidence.matches(one):
+        for neighbour in context.edges:
+            beside = neighbour.steps and any(is_same_variable(end, node) for end in neighbour.ends)
+            if beside and not self._evidence.matches(neighbour):
                 return False
         return self._evidence.is_common(edge) and self._evidence.is_common(other)
 
@@ -119,10 +119,10 @@ class ByData:
         given = self._fitting.demands.of(other, context)
         if mine is None or given is None:
             return False
-        one, two = mine[at], given[other_at]
-        if one.is_thing is False or two.is_thing is False:
+        first, second = mine[at], given[other_at]
+        if first.is_thing is False or second.is_thing is False:
             return True  # equal values of two properties are a matter of the data
-        return one.bits is not None and two.bits is not None
+        return first.bits is not None and second.bits is not None
 
     def _never_together(self, edge: Edge, other: Edge, context: Context) -> Finding:
         edge, other = max(

@@ -84,10 +84,10 @@ _checkers: WeakKeyDictionary[GraphCore, Checker] = WeakKeyDictionary()
 
 def checker_of(kb: GraphCore) -> Checker:
     """Return the checker of a graph, which remembers what it read."""
-    found = _checkers.get(kb)
-    if found is None:
-        found = _checkers[kb] = Checker(kb)
-    return found
+    checker = _checkers.get(kb)
+    if checker is None:
+        checker = _checkers[kb] = Checker(kb)
+    return checker
 
 
 def check(kb: GraphCore, text: str) -> list[Finding]:

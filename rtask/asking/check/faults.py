@@ -53,14 +53,14 @@ class Faults:
 
     def _conflicts(self, context: Context) -> Iterator[Finding]:
         left = [
-            one
-            for one in self._fitting.demands.conflicts(context)
-            if not self._has_member(one, context)
+            clash
+            for clash in self._fitting.demands.conflicts(context)
+            if not self._has_member(clash, context)
         ]
         while left:
             edge = self._culprit(left, context)
-            mine = [one for one in left if edge in (one.first.edge, one.other.edge)]
-            left = [one for one in left if one not in mine]
+            mine = [clash for clash in left if edge in (clash.first.edge, clash.other.edge)]
+            left = [clash for clash in left if clash not in mine]
             if id(edge) not in self._blamed:
                 self._blamed.add(id(edge))
                 yield self._conflict(edge, mine, context)
@@ -69,15 +69,15 @@ class Faults:
         """Return whether something in the graph is of both kinds all the same."""
         if conflict.is_certain and conflict.first.is_thing != conflict.other.is_thing:
             return False
-        one, other = conflict.first, conflict.other
-        return self._evidence.meet(one.edge, one.at, other.edge, other.at) is True
+        first, other = conflict.first, conflict.other
+        return self._evidence.meet(first.edge, first.at, other.edge, other.at) is True
 
     def _culprit(self, conflicts: list[Conflict], context: Context) -> Edge:
         """Return the pattern that most conflicts have in common, or that fits its names least."""
         count: dict[int, int] = defaultdict(int)
         edges: dict[int, Edge] = {}
-        for one in conflicts:
-            for demand in (one.first, one.other):
+        for conflict in conflicts:
+            for demand in (conflict.first, conflict.other):
                 count[id(demand.edge)] += 1
                 edges[id(demand.edge)] = demand.edge
         return max(edges.values(), key=lambda edge: self._suspicion(edge, count, context))
@@ -101,7 +101,7 @@ class Faults:
         demand, other = (
             (shown.first, shown.other) if shown.first.edge is edge else (shown.other, shown.first)
         )
-        certain = any(one.is_certain for one in mine)
+        certain = any(clash.is_certain for clash in mine)
         words = self._words(demand, other)
         repairs = self._repairs.of(edge, context)
         rule = "wrong-type"
@@ -116,5 +116,5 @@ class Faults:
     def _words(self, demand: Demand, other: Demand) -> str:
         name = demand.node.value
         who = "what the path reaches" if name.startswith(" ") else f"?{name.partition(' ')[0]}"
-        one, two = (demanded(self._vocabulary, given) for given in (demand, other))
-        return f"nothing can be {who}: {one}, but {two}"
+        first, second = (demanded(self._vocabulary, given) for given in (demand, other))
+        return f"nothing can be {who}: {first}, but {second}"

@@ -41,9 +41,9 @@ class Fitting:
     def conflicts_of(self, edge: Edge, context: Context) -> list[Conflict]:
         """Return the conflicts of one pattern, perhaps a changed one, with the others."""
         own = self.demands.of(edge, context)
-        found: list[Conflict] = []
+        conflicts: list[Conflict] = []
         if own is None:
-            return found
+            return conflicts
         for other in context.edges:
             if other.start == edge.start and other.end == edge.end and is_same_pattern(other, edge):
                 continue
@@ -53,19 +53,19 @@ class Fitting:
                     if is_same_variable(mine.node, demand.node):
                         made = self.demands.between(mine, demand)
                         if made is not None:
-                            found.append(made)
-        return found
+                            conflicts.append(made)
+        return conflicts
 
     def beside(self, edge: Edge, context: Context) -> dict[str, list[Demand]]:
         """Return what the other patterns demand of the variables of one."""
         names = {end.value for end in edge.ends if end.kind == "variable"}
-        found: dict[str, list[Demand]] = defaultdict(list)
+        demands: dict[str, list[Demand]] = defaultdict(list)
         for other in context.edges:
             if other is not edge:
                 for demand in self.demands.of(other, context) or ():
                     if demand.node.kind == "variable" and demand.node.value in names:
-                        found[demand.node.value].append(demand)
-        return found
+                        demands[demand.node.value].append(demand)
+        return demands
 
     def fits(
         self, known: Property, about: Node, value: Node, beside: dict[str, list[Demand]]
@@ -181,12 +181,12 @@ def replaced(edge: Edge, node: Node, iri: str) -> Edge:
     return replace(edge, steps=steps, subject=subject, object=value)
 
 
-def is_same_pattern(one: Edge, other: Edge) -> bool:
+def is_same_pattern(edge: Edge, other: Edge) -> bool:
     """Return whether two edges are the same pattern, perhaps changed."""
-    return [step.node.start for step in one.steps] == [
+    return [step.node.start for step in edge.steps] == [
         step.node.start for step in other.steps
-    ] and (one.subject.start == other.subject.start and one.object.start == other.object.start)
+    ] and (edge.subject.start == other.subject.start and edge.object.start == other.object.start)
 
 
-def is_same_variable(one: Node, other: Node) -> bool:
-    return one.kind == other.kind == "variable" and one.value == other.value
+def is_same_variable(node: Node, other: Node) -> bool:
+    return node.kind == other.kind == "variable" and node.value == other.value

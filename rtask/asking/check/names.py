@@ -31,17 +31,17 @@ def _pairs(name: str) -> Counter[str]:
 
 
 @lru_cache(maxsize=65_536)
-def likeness(one: str, other: str) -> float:
+def likeness(name: str, other: str) -> float:
     """Return how alike two names are, from 0 to 1: the share of letters and of neighbours.
 
     >>> likeness("GrapsAttempt", "GraspAttempt") > 0.8 > likeness("Grasp", "Task")
     True
     """
-    a, b = _pairs(one), _pairs(other)
+    a, b = _pairs(name), _pairs(other)
     if len(a) > len(b):
         a, b = b, a
     shared = sum(min(count, b[pair]) for pair, count in a.items() if pair in b)
-    total = len(one) * 2 + len(other) * 2 + 2
+    total = len(name) * 2 + len(other) * 2 + 2
     return 2 * shared / total
 
 
@@ -71,15 +71,15 @@ def properties_named(variable: str, vocabulary: Vocabulary) -> list[str]:
 
 @lru_cache(maxsize=4)
 def _properties_by_word(vocabulary: Vocabulary) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    by_beginning: dict[str, list[str]] = {}
     for iri in vocabulary.properties:
         labels = " ".join(vocabulary.labels.get(iri, ()))
         for word in {*words_of(local(iri)), *labels.split()}:
-            found.setdefault(word[:4], []).append(iri)
-    return found
+            by_beginning.setdefault(word[:4], []).append(iri)
+    return by_beginning
 
 
-def _same(one: str, other: str) -> bool:
-    if one == other or one.rstrip("s") == other.rstrip("s"):
+def _same(word: str, other: str) -> bool:
+    if word == other or word.rstrip("s") == other.rstrip("s"):
         return True
-    return min(len(one), len(other)) >= 4 and one[:4] == other[:4]
+    return min(len(word), len(other)) >= 4 and word[:4] == other[:4]

@@ -35,14 +35,14 @@ class Repairs:
         if len(edge.steps) != 1:
             return []
         step = edge.steps[0]
-        found: list[Repair] = []
+        repairs: list[Repair] = []
         if step.node.value == TYPE:
             return self._other_classes(edge, context)
         turned = reversed_edge(edge)
         if not self._fitting.misfits(turned, context):
-            found.append(self.turned(edge))
-        found += self.other_properties(edge, context)
-        return found[:_OFFERED]
+            repairs.append(self.turned(edge))
+        repairs += self.other_properties(edge, context)
+        return repairs[:_OFFERED]
 
     def turned(self, edge: Edge) -> Repair:
         (step,) = edge.steps
@@ -95,7 +95,7 @@ class Repairs:
         kinds = self._vocabulary.most_general(bits)
         variable = edge.subject.value
         rated = []
-        for iri in {*kinds, *(one for one in self._vocabulary.names(bits))}:
+        for iri in {*kinds, *(name for name in self._vocabulary.names(bits))}:
             rating = affinity(variable, iri, self._vocabulary)
             rating += 0.7 * (iri in kinds) + 0.2 * iri.startswith(_NS)
             rating += 0.2 * self._evidence.matches(replaced(edge, node, iri))
@@ -113,16 +113,16 @@ class Repairs:
         if edge.steps[0].node.value == TYPE:
             return self.classes_of(edge, usual)
         turned = reversed_edge(edge)
-        found: list[Repair] = []
+        repairs: list[Repair] = []
         if not self._fitting.misfits(turned, context):
             changed = self._fitting.demands.of(turned, context) or ()
             if usual and all(
-                one.bits is None or one.bits & usual
-                for one in changed
-                if is_same_variable(one.node, demand.node)
+                change.bits is None or change.bits & usual
+                for change in changed
+                if is_same_variable(change.node, demand.node)
             ):
-                found.append(self.turned(edge))
-        return [*found, *self.other_properties(edge, context, [wish])][:_OFFERED]
+                repairs.append(self.turned(edge))
+        return [*repairs, *self.other_properties(edge, context, [wish])][:_OFFERED]
 
     def better_named(self, edge: Edge, value: Node, context: Context) -> list[Repair]:
         """Return the properties named like a variable that the graph has where a pattern stands."""

@@ -124,9 +124,9 @@ class Demands:
     def _of(self, edge: Edge, context: Context) -> tuple[Demand, Demand] | None:
         if edge.is_loose or not edge.steps:
             return None
-        found = [self._of_step(step, edge, context) for step in edge.steps]
-        subject = Demand(edge, 0, *_either([first[0] for first in found]))
-        value = Demand(edge, 1, *_either([first[1] for first in found]))
+        ends = [self._of_step(step, edge, context) for step in edge.steps]
+        subject = Demand(edge, 0, *_either([first[0] for first in ends]))
+        value = Demand(edge, 1, *_either([first[1] for first in ends]))
         if self._evidence is not None and len(edge.steps) == 1:
             for demand in (subject, value):
                 self._observe(demand, self._evidence)
@@ -219,10 +219,10 @@ class Demands:
 
 
 def _either(
-    found: Iterable[tuple[int | None, bool | None, frozenset[str]]],
+    alternatives: Iterable[tuple[int | None, bool | None, frozenset[str]]],
 ) -> tuple[int | None, bool | None, frozenset[str]]:
     """Return what an end must be if one of several demands is met."""
-    rows = list(found)
+    rows = list(alternatives)
     bits = 0
     for first, _, _ in rows:
         if first is None:

@@ -41,23 +41,23 @@ def _is_loose(group: Group) -> bool:
 
 def _bound(outline: Outline) -> list[Node]:
     """Return the variables that patterns, BIND and VALUES bind, one for each mention."""
-    found: list[Node] = []
+    binding: list[Node] = []
     for group in outline.body.walk():
         for edge in group.edges:
-            found += [end for end in edge.ends if end.kind == "variable"]
-        found += [node for node, _ in group.binds]
-        found += [node for node, _ in group.values]
+            binding += [end for end in edge.ends if end.kind == "variable"]
+        binding += [node for node, _ in group.binds]
+        binding += [node for node, _ in group.values]
         if group.graph is not None and group.graph.kind == "variable":
-            found.append(group.graph)
-    return found
+            binding.append(group.graph)
+    return binding
 
 
 def _used(outline: Outline) -> list[Node]:
-    found = list(outline.mentioned)
+    reading = list(outline.mentioned)
     for group in outline.body.walk():
-        found += [node for nodes in group.filters for node in nodes]
-        found += [node for _, nodes in group.binds for node in nodes]
-    return found
+        reading += [node for nodes in group.filters for node in nodes]
+        reading += [node for _, nodes in group.binds for node in nodes]
+    return reading
 
 
 def _unbound(
@@ -165,11 +165,11 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
         for nodes in group.filters:
             join([node.value for node in nodes])
         for node, nodes in group.binds:
-            join([node.value, *(one.value for one in nodes)])
+            join([node.value, *(branch.value for branch in nodes)])
         join([node.value for node, _ in group.values])
         # The branches of a UNION are alternatives, which nothing has to connect.
         branches = [child for child in group.children if child.role == "union"]
-        join([f"union {id(group)}", *(name for one in branches for name in _mentions(one))])
+        join([f"union {id(group)}", *(name for branch in branches for name in _mentions(branch))])
     parts: dict[str, list[Node]] = defaultdict(list)
     for name, nodes in places.items():
         parts[find(name)] += nodes
@@ -188,8 +188,8 @@ def _bridges(outline: Outline) -> Iterator[Finding]:
 
 def _mentions(group: Group) -> Iterator[str]:
     """Yield the variables of the patterns of a group and of those inside it."""
-    for one in group.walk():
-        for edge in one.edges:
+    for inner in group.walk():
+        for edge in inner.edges:
             yield from (end.value for end in edge.ends if end.kind == "variable")
 
 
@@ -208,8 +208,8 @@ def _bridge(nodes: list[Node], others: list[Node]) -> tuple[Repair, ...]:
     if score < 0.4:
         return ()
     edits = tuple(
-        Edit(one.start, one.end, f"?{as_written(other.value)}")
-        for one in named
-        if one.value == node.value
+        Edit(mention.start, mention.end, f"?{as_written(other.value)}")
+        for mention in named
+        if mention.value == node.value
     )
     return (Repair(f"write ?{as_written(other.value)} for ?{as_written(node.value)}", edits),)

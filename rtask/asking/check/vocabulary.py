@@ -130,7 +130,7 @@ class Vocabulary:
             if isinstance(a, NamedNode) and isinstance(b, NamedNode):
                 self._disjoint.add(frozenset((a.value, b.value)))
         for _, head in self._quads(_OWL + "members"):
-            named = [one for one in self._list(head) if one in self.bit]
+            named = [iri for iri in self._list(head) if iri in self.bit]
             self._disjoint.update(map(frozenset, combinations(named, 2)))
         for node, head in self._quads(_OWL + "unionOf"):
             self._unions[node] = self._list(head)
@@ -156,10 +156,10 @@ class Vocabulary:
         for start in self.bit:
             todo, seen = list(self.above[start]), {start}
             while todo:
-                one = todo.pop()
-                if one not in seen:
-                    seen.add(one)
-                    todo += self.above.get(one, ())
+                name = todo.pop()
+                if name not in seen:
+                    seen.add(name)
+                    todo += self.above.get(name, ())
             self.above[start] = seen - (TOP - {start})
         self.below = dict.fromkeys(self.bit, 0)
         for part, wholes in self.above.items():
@@ -167,17 +167,17 @@ class Vocabulary:
                 self.below[whole] |= self.bit[part]
 
     def _list(self, head: Term) -> list[str]:
-        found: list[str] = []
+        values: list[str] = []
         seen: set[Term] = set()
         while isinstance(head, BlankNode | NamedNode) and head not in seen:
             seen.add(head)
             rows = self._kb.match(head, NamedNode(_RDF + "first"))
-            found += [q.object.value for q in rows if isinstance(q.object, NamedNode)]
+            values += [q.object.value for q in rows if isinstance(q.object, NamedNode)]
             rest = self._kb.match(head, NamedNode(_RDF + "rest"))
             if not rest:
                 break
             head = rest[0].object
-        return found
+        return values
 
     def _read_properties(self) -> None:
         for kind in _PROPERTIES:
@@ -223,24 +223,24 @@ class Vocabulary:
         """Return the classes that have none of the others below them."""
         kept = list(dict.fromkeys(names))
         return [
-            one
-            for one in kept
-            if not any(one in self.above[other] for other in kept if other != one)
+            iri
+            for iri in kept
+            if not any(iri in self.above[other] for other in kept if other != iri)
         ]
 
-    def are_disjoint(self, one: str, other: str) -> bool:
+    def are_disjoint(self, name: str, other: str) -> bool:
         """Return whether the ontology says that two classes have no common member."""
         if not self._disjoint:
             return False
         return any(
-            frozenset((a, b)) in self._disjoint for a in self.above[one] for b in self.above[other]
+            frozenset((a, b)) in self._disjoint for a in self.above[name] for b in self.above[other]
         )
 
-    def are_foreign(self, one: int, other: int) -> bool:
+    def are_foreign(self, mine: int, other: int) -> bool:
         """Return whether the classes of two sets have no superclass in common."""
         above = [
             {kind for top in self.most_general(bits) for kind in self.above[top]}
-            for bits in (one, other)
+            for bits in (mine, other)
         ]
         return not above[0] & above[1]
 
@@ -249,7 +249,7 @@ class Vocabulary:
         listed = self._general.get(bits)
         if listed is None:
             names = set(self.names(bits))
-            listed = [one for one in sorted(names) if not (self.above[one] - {one}) & names]
+            listed = [name for name in sorted(names) if not (self.above[name] - {name}) & names]
             self._general[bits] = listed
         return listed
 
@@ -260,10 +260,10 @@ class Vocabulary:
     @cached_property
     def by_local(self) -> dict[str, list[str]]:
         """Classes and properties by local name in lower case."""
-        found: dict[str, list[str]] = defaultdict(list)
+        by_local_name: dict[str, list[str]] = defaultdict(list)
         for iri in (*self.bit, *self.properties):
-            found[local(iri).lower()].append(iri)
-        return found
+            by_local_name[local(iri).lower()].append(iri)
+        return by_local_name
 
     @cached_property
     def namespaces(self) -> frozenset[str]:

@@ -32,5 +32,5 @@ def demanded(vocabulary: Vocabulary, demand: Demand) -> str:
 
 
 def label_of(vocabulary: Vocabulary, iri: str) -> str:
-    labels = sorted(vocabulary.labels.get(iri, ()), key=lambda one: (len(one), one))
+    labels = sorted(vocabulary.labels.get(iri, ()), key=lambda label: (len(label), label))
     return labels[0] if labels else local(iri)

@@ -18,6 +18,7 @@ from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
 from rtask.asking.questions.mentions import Mention, Select, find_mentions, tokens_of
 from rtask.asking.questions.periods import Period, find_period
 from rtask.asking.questions.sentences import names_of, sentence
+from rtask.asking.questions.why import why_of
 from rtask.asking.questions.words import split_name, stem
 from rtask.errors import UsageError
 from rtask.rdf.terms import Term, python_value
@@ -85,6 +86,8 @@ class Answer:
         The three questions that are nearest, the best first.
     is_cut
         Whether there are more rows.
+    why
+        Addresses, on a server, of what the numbers of each row rest on; empty for a row without.
     """
 
     text: str
@@ -98,6 +101,7 @@ class Answer:
     sentence: str
     nearest: tuple[Near, ...]
     is_cut: bool = False
+    why: tuple[str, ...] = ()
 
     @property
     def is_understood(self) -> bool:
@@ -118,6 +122,7 @@ class Answer:
             "variables": list(self.rows.variables),
             "rows": self.rows.to_dicts(),
             "names": dict(self.names),
+            "why": list(self.why),
             "more": self.is_cut,
             "nearest": [
                 {"question": item.key, "text": item.question, "likeness": round(item.likeness, 3)}
@@ -213,6 +218,7 @@ def answer(
         _answer_words(question, filled, reading, rows, names, is_cut),
         nearest,
         is_cut,
+        why_of(run, rows, sparql),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 from pydantic import Field
 
@@ -45,6 +46,8 @@ class Reply(PagedAnswer):
     sparql: str = ""
     columns: list[str] = Field(default_factory=list)
     rows: list[list[Value | None]] = Field(default_factory=list)
+    why: str = ""
+    """page on which each number leads to what it rests on"""
     questions: list[Question] = Field(default_factory=list)
 
 
@@ -89,13 +92,13 @@ def _nearest(asked: Asked, request: Ask, commit: int) -> Reply:
         assert isinstance(solutions, Solutions)
         return solutions
 
-    found = answer(asked.kb, request.text or "", select=select)
-    if not found.is_understood:
-        near = [Question(key=item.key, text=item.question) for item in found.nearest]
-        return Reply(commit=commit, ignored=list(found.ignored), questions=near)
-    solutions = select(found.sparql) if found.is_cut else found.rows
-    reply = _reply(asked, request, commit, found.key, found.sparql, solutions)
-    return reply.model_copy(update={"ignored": list(found.ignored)})
+    answered = answer(asked.kb, request.text or "", select=select)
+    if not answered.is_understood:
+        near = [Question(key=item.key, text=item.question) for item in answered.nearest]
+        return Reply(commit=commit, ignored=list(answered.ignored), questions=near)
+    solutions = select(answered.sparql) if answered.is_cut else answered.rows
+    reply = _reply(asked, request, commit, answered.key, answered.sparql, solutions)
+    return reply.model_copy(update={"ignored": list(answered.ignored)})
 
 
 def _reply(
@@ -110,7 +113,7 @@ def _reply(
     members: dict[str, Any] = {"more": rows.more} if rows.more.left else {}
     return Reply(
         commit=commit, understood=key, sparql=sparql, columns=rows.columns, rows=rows.rows,
-        **members,
+        why=f"{asked.site}/ask?{urlencode({'text': request.text or ''})}", **members,
     )  # fmt: skip
 
 

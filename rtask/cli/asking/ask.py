@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["ask"]
 
 _MAX_WIDTH = 40
+_MAX_PAGES = 5
 _ROWS = 20
 
 
@@ -79,7 +80,7 @@ def ask(
         with open_graph(data, server) as kb:
             from rtask.asking.questions import answer
 
-            _show_answer(answer(kb, " ".join(words)), limit, as_json)
+            _show_answer(answer(kb, " ".join(words)), limit, as_json, server)
         return
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
@@ -98,10 +99,11 @@ def ask(
         raise SystemExit(1)
 
 
-def _show_answer(result: Answer, limit: int | None, as_json: bool) -> None:
+def _show_answer(result: Answer, limit: int | None, as_json: bool, server: str | None) -> None:
     shown = shown_rows(result.rows, limit, as_json, default=_ROWS)
     if as_json:
-        print_json({**result.to_dict(), "rows": [row.to_dict() for row in shown]})
+        rows = [row.to_dict() for row in shown]
+        print_json({**result.to_dict(), "rows": rows, "why": list(result.why[: len(rows)])})
         exit_if_empty(len(result.rows))
         return
     if not result.is_understood:
@@ -112,6 +114,7 @@ def _show_answer(result: Answer, limit: int | None, as_json: bool) -> None:
     if len(result.rows):
         click.echo()
         _print_rows(result, shown)
+        _print_why(result, server)
     click.echo(f"\n{result.sparql.rstrip()}")
     exit_if_empty(len(result.rows))
 
@@ -128,6 +131,16 @@ def _print_rows(result: Answer, rows: Sequence[Row]) -> None:
     for line in table:
         padded = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
         click.echo("  ".join(padded).rstrip())
+
+
+def _print_why(result: Answer, server: str | None) -> None:
+    """Print the pages of what the numbers rest on; the query is printed anyway."""
+    pages = dict.fromkeys(why for why in result.why if why and not why.startswith("/sparql"))
+    for address in list(pages)[:_MAX_PAGES]:
+        site = server.rstrip("/") if server else "a page of rtask serve: "
+        click.echo(f"Why? {site}{address}")
+    if len(pages) > _MAX_PAGES:
+        click.echo(f"... {len(pages) - _MAX_PAGES} more pages; --json lists them", err=True)
 
 
 def _show_resolved(answer: ResolvedRequest) -> None:

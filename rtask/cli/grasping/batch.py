@@ -132,11 +132,11 @@ def _planned(
     return planned, time.monotonic() - began
 
 
-def _line(one: Planned) -> str:
-    if not one.found:
-        return f"{one.name}: no grasp: {one.error or one.found.reason}"
-    best = max(candidate.scores["confidence"] for candidate in one.found)
-    return f"{one.name}: {len(one.found)} grasps, the best with confidence {best:.2f}"
+def _line(plan: Planned) -> str:
+    if not plan.found:
+        return f"{plan.name}: no grasp: {plan.error or plan.found.reason}"
+    best = max(candidate.scores["confidence"] for candidate in plan.found)
+    return f"{plan.name}: {len(plan.found)} grasps, the best with confidence {best:.2f}"
 
 
 def _as_json(

@@ -87,8 +87,8 @@ def scene(cloud: Path, as_json: bool, **options: Any) -> None:
             proposals = _planned(points, hand, call)
         seconds = time.perf_counter() - began
         note = f"{len(points)} points"
-        found = report(proposals, hand, points, call, as_json, note, cloud.name, seconds, None)
-    exit_if_empty(found)
+        reported = report(proposals, hand, points, call, as_json, note, cloud.name, seconds, None)
+    exit_if_empty(reported)
 
 
 def _planned(points: NDArray[np.float64], hand: EndEffector, call: _SceneCall) -> Proposals:

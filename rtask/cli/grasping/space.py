@@ -139,8 +139,8 @@ def space(source: str, data: Path, as_json: bool, **options: Any) -> None:
         if call.store and stored_shape is not None:
             stored = _store(data, stored_shape, proposals, hand, call)
         name = Path(source).name if stored_shape is None else source
-        found = report(proposals, hand, shape, call, as_json, note, name, seconds, stored)
-    exit_if_empty(found)
+        reported = report(proposals, hand, shape, call, as_json, note, name, seconds, stored)
+    exit_if_empty(reported)
 
 
 def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, ObjectShape | None]:

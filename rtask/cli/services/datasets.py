@@ -108,12 +108,12 @@ def create(
 def show(name: str, server: str, limit: int | None, as_json: bool) -> None:
     """List the files of a dataset: NAME, NAME@3 or NAME@head."""
     with _connected(server) as client:
-        found = client.describe(name)
-    versions = ", ".join(map(str, found["versions"])) or "none"
-    rows = [f"{found['name']}  versions: {versions}  {found['message']}".rstrip()]
-    files = shown_rows(list(found["files"].items()), limit, as_json)
+        described = client.describe(name)
+    versions = ", ".join(map(str, described["versions"])) or "none"
+    rows = [f"{described['name']}  versions: {versions}  {described['message']}".rstrip()]
+    files = shown_rows(list(described["files"].items()), limit, as_json)
     rows += [f"{size:12d}  /{path}" for path, (_, size) in files]
-    _tell(as_json, {**found, "files": dict(files)}, "\n".join(rows))
+    _tell(as_json, {**described, "files": dict(files)}, "\n".join(rows))
 
 
 @dataset.command("put")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime as dt
 import logging
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -294,9 +295,10 @@ class _Writer:
         sighting = Sighting(
             object_iri, prepared.located, robot, self.agent, self.graph, time, event, moved=moved
         )
-        self.withdrawn += state_seen(self.context, self.triples, sighting)
         edit = self.pending.world = self.pending.world or WorldEdit(self.context.world, self.graph)
         exemplar = see_exemplar(self.context, edit, sighting, prepared.item.thing or "")
+        sighting = replace(sighting, exemplar=exemplar)
+        self.withdrawn += state_seen(self.context, self.triples, sighting)
         added, removed = edit.drain()
         self.triples.extend(added)
         self.withdrawn += removed

@@ -186,7 +186,7 @@ def recognise_for_grasp(
     }
     made = Decision(
         recognised.iri if recognised else "", recognition, offers, dict(clock.times),
-        request.seed, exemplar,
+        request.seed, exemplar=exemplar,
     )  # fmt: skip
     _remember_decision(context, task, made, gripper, access)
     return Recognition(**fields, thing=exemplar, task_id=task, decision=decision, times=times)

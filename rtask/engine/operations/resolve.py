@@ -78,6 +78,8 @@ class OfferedObject(Answer):
     mass_bound: float | None
     chance: float | None
     seen: str
+    thing: str
+    """IRI of the single thing that this robot saw last; empty if its place is not known"""
 
 
 class Reason(Answer):
@@ -99,6 +101,8 @@ class ResolvedRequest(Answer):
 
     task_response: str
     object: str
+    thing: str
+    """IRI of the single thing to take; empty if its place is not known"""
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
@@ -123,7 +127,10 @@ class ObjectCandidate:
     seen, seen_by
         Time of the last observation (ISO 8601) and its author; empty if there is none.
     place
-        ``x``, ``y``, ``z`` (m), ``frame_id`` of its latest pose, or None.
+        ``x``, ``y``, ``z`` (m), ``frame_id`` of its latest pose, or None; in a frame of this robot
+        or of none if there is one.
+    thing
+        IRI of the single thing that is there; empty if it is in a frame of another robot.
     chance
         Probability that its most reliable known grasp holds, 0..1; None without a grasp of this
         gripper type.
@@ -136,6 +143,7 @@ class ObjectCandidate:
     seen: str = ""
     seen_by: str = ""
     place: dict[str, Any] | None = None
+    thing: str = ""
     can_grasp: bool = False
     label: str = ""
     class_iri: str = ""
@@ -154,6 +162,7 @@ class ObjectCandidate:
             mass_bound=self.bounds.mass_bound,
             chance=self.chance,
             seen=self.seen,
+            thing=self.thing,
         )
 
 
@@ -191,6 +200,7 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     return ResolvedRequest(
         task_response="object" if best else "unmet",
         object=best.iri if best else "",
+        thing=best.thing if best else "",
         class_iri=remembered.class_iri,
         label=remembered.label,
         grasps=_grasps(context, memory, best, gripper, request.max_grasps),
@@ -226,7 +236,7 @@ def _find_candidates(
     fresh = now - dt.timedelta(seconds=min(request.seen_within_s, _EVER_S))
     seen_names: set[str] = set()
     candidates = []
-    for row in context.kb.select(_query(meant.senses, gripper, given)):
+    for row in context.kb.select(_query(meant.senses, gripper, given, context.kb.base)):
         name = str(row.value("object"))
         seen_names.add(name)
         if not row.value("fits"):
@@ -237,9 +247,11 @@ def _find_candidates(
         )
         bounds = Bounds(*(_number(row, column) for column in ("width", "mass", "bound")))
         verdict = can_hold(gripper.gripper, bounds)
+        place, thing = _place(row)
+        able = bool(row.value("able"))
         candidates.append(
             ObjectCandidate(
-                name, verdict, bounds, is_seen, last_seen, who, _place(row), bool(row.value("able"))
+                name, verdict, bounds, is_seen, last_seen, who, place, thing, can_grasp=able
             )
         )
     for name in given or ():
@@ -262,9 +274,12 @@ SELECT (COUNT(DISTINCT ?object) AS ?n) WHERE {{
 }}"""
 
 
-def _query(senses: Sequence[Sense], gripper: StoredGripper, given: Sequence[str] | None) -> str:
+def _query(
+    senses: Sequence[Sense], gripper: StoredGripper, given: Sequence[str] | None, base: str
+) -> str:
     """Return the query for the objects that fit, and for those that the robot names."""
     named = f"VALUES ?object {{ {values(given or ())} }}"
+    robots, own = (literal(text) for text in (f"{base}robot/", f"{gripper.robot.value}/"))
     return f"""{PREFIXES}
 SELECT ?object (MAX(?fit) AS ?fits) (MAX(?named) AS ?is_named) (MAX(?can) AS ?able)
   (MIN(?w) AS ?width) (MAX(?m) AS ?mass)
@@ -289,9 +304,15 @@ WHERE {{
     BIND(CONCAT(STR(?time), " ", COALESCE(?name, "")) AS ?look)
   }}
   OPTIONAL {{
-    ?object rt:currentPose ?p . ?p rt:inFrame/rt:frameId ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z
-    FILTER NOT EXISTS {{ ?estimate rt:estimatedPose ?p ; prov:invalidatedAtTime ?end }}
-    BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
+    {{ ?object rt:currentPose ?p . ?p rt:atTime ?since
+       FILTER NOT EXISTS {{ ?estimate rt:estimatedPose ?p ; prov:invalidatedAtTime ?end }} }}
+    UNION
+    {{ ?thing rt:exemplarOf ?object ; rt:currentPlacement ?there .
+       ?there rt:placementPose ?p ; time:hasBeginning/time:inXSDDateTimeStamp ?since }}
+    ?p rt:inFrame ?in ; rt:x ?x ; rt:y ?y ; rt:z ?z . ?in rt:frameId ?frame
+    BIND(STRSTARTS(STR(?in), {own}) || !STRSTARTS(STR(?in), {robots}) AS ?mine)
+    BIND(CONCAT(IF(?mine, "1", "0"), STR(?since), " ", STR(?x), " ", STR(?y), " ", STR(?z), " ",
+      COALESCE(STR(?thing), "-"), " ", ?frame) AS ?at)
   }}
 }}
 GROUP BY ?object ORDER BY DESC(?is_named) DESC(?last) ?object LIMIT {_MAX_CANDIDATES}"""
@@ -317,11 +338,14 @@ def _time(text: str) -> dt.datetime:
     return time if time.tzinfo else time.replace(tzinfo=dt.UTC)
 
 
-def _place(row: Row) -> dict[str, Any] | None:
+def _place(row: Row) -> tuple[dict[str, Any] | None, str]:
+    """Return the latest place, and the thing that is there if this robot may find it there."""
     if row["pose"] is None:
-        return None
-    x, y, z, frame = str(row.value("pose")).split(" ", 3)
-    return {"x": float(x), "y": float(y), "z": float(z), "frame_id": frame}
+        return None, ""
+    since, x, y, z, thing, frame = str(row.value("pose")).split(" ", 5)
+    is_mine = since.startswith("1") and thing != "-"
+    place = {"x": float(x), "y": float(y), "z": float(z), "frame_id": frame}
+    return place, thing if is_mine else ""
 
 
 # Choice

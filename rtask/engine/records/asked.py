@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -67,9 +67,9 @@ class PlaceRecord:
         """Whether the graph here has no estimate or no placement that still holds."""
         triples = Triples()
         sighting = self._sighting(context, author)
-        state_seen(context, triples, sighting)
         edit = WorldEdit(context.world, sighting.graph, self.exemplar)
-        see_exemplar(context, edit, sighting)
+        exemplar = see_exemplar(context, edit, sighting)
+        state_seen(context, triples, replace(sighting, exemplar=exemplar))
         return bool(triples) or bool(edit.statements)
 
     def exemplar_in(self, context: Context, author: Access) -> tuple[str, bool]:
@@ -83,9 +83,10 @@ class PlaceRecord:
         """Store it in the author's graph, unless a newer or the same place is known."""
         triples, sighting = Triples(), self._sighting(context, author)
         with context.writing:
-            withdrawn = state_seen(context, triples, sighting)
             edit = WorldEdit(context.world, sighting.graph, self.exemplar)
             exemplar = see_exemplar(context, edit, sighting)
+            sighting = replace(sighting, exemplar=exemplar)
+            withdrawn = state_seen(context, triples, sighting)
             if self.exemplar not in ("", exemplar) and not context.kb.match(iri(self.exemplar)):
                 # The robot was told of a new one by a copy that did not know this one yet.
                 triples.add(iri(self.exemplar), RT.mergedInto, iri(exemplar))
@@ -183,7 +184,7 @@ class DecisionRecord:
 
 AskedRecord: TypeAlias = PlaceRecord | RefusalRecord | DecisionRecord
 _KINDS: Mapping[str, type[AskedRecord]] = {
-    one.kind: one for one in (PlaceRecord, RefusalRecord, DecisionRecord)
+    record.kind: record for record in (PlaceRecord, RefusalRecord, DecisionRecord)
 }
 
 

@@ -7,6 +7,7 @@ as the placement of a single thing, which is what follows from all that is known
 from __future__ import annotations
 
 import datetime as dt
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rtask.engine.records.outcomes import Outcome
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.engine.grippers import StoredGripper
 
-__all__ = ["exemplar_handled", "move_exemplar", "see_exemplar"]
+__all__ = ["Left", "exemplar_handled", "leave_exemplar", "move_exemplar", "see_exemplar"]
 
 _CONTAINERS = frozenset(
     {"bag", "basket", "bin", "bowl", "box", "carton", "container", "crate", "drawer"}
@@ -67,6 +68,27 @@ def exemplar_handled(
     return exemplar
 
 
+@dataclass(frozen=True)
+class Left:
+    """How an attempt left the thing that it was made on.
+
+    Parameters
+    ----------
+    hand
+        IRI of the end effector.
+    held, placed
+        Whether it was held, and whether it reached its destination, if that is known.
+    place, place_name
+        Where it was put, as the robot named it; None and empty if it did not.
+    """
+
+    hand: NamedNode
+    held: bool
+    placed: bool | None
+    place: NamedNode | None = None
+    place_name: str = ""
+
+
 def move_exemplar(
     edit: WorldEdit,
     exemplar: str,
@@ -75,26 +97,35 @@ def move_exemplar(
     ended: dt.datetime,
     source: NamedNode,
 ) -> None:
-    """State where an attempt left a thing.
+    """State where an attempt left a thing; see :func:`leave_exemplar`."""
+    if not exemplar or not may_have_moved(outcome):
+        return
+    name = outcome.report.place or ""
+    place = place_iri(gripper.robot, name) if name else None
+    left = Left(gripper.iri, outcome.held, outcome.placed, place, name)
+    leave_exemplar(edit, exemplar, left, ended.timestamp(), gripper.robot, source)
+
+
+def leave_exemplar(
+    edit: WorldEdit, exemplar: str, left: Left, time_s: float, robot: NamedNode, source: NamedNode
+) -> None:
+    """State where an attempt that may have moved a thing left it.
 
     It is held by the end effector if nothing is said of placing it, and in or on the place where
     it was put if the robot names that. If it was lost, put down somewhere, or let go at a place
     without being seen there, its place is unknown until it is seen again.
     """
-    if not exemplar or not may_have_moved(outcome):
-        return
-    time_s, place = ended.timestamp(), outcome.report.place
     relation: Relation = "held_by"
     target: NamedNode | None = None
-    if outcome.held and outcome.placed is None and not place:
-        target = gripper.iri
-    elif outcome.held and outcome.placed and place:
-        target = place_iri(gripper.robot, place)
-        relation = "in" if _CONTAINERS & set(place.lower().split()) else "on"
+    if left.held and left.placed is None and left.place is None:
+        target = left.hand
+    elif left.held and left.placed and left.place is not None:
+        target = left.place
+        relation = "in" if _CONTAINERS & set(left.place_name.lower().split()) else "on"
     if target is None:
         edit.lose(exemplar, time_s)
         return
-    edit.put(exemplar, relation, target.value, time_s, gripper.robot.value, source.value)
+    edit.put(exemplar, relation, target.value, time_s, robot.value, source.value)
 
 
 def _hands(context: Context, robot: NamedNode) -> tuple[str, ...]:

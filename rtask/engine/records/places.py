@@ -33,10 +33,12 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
 __all__ = [
+    "Handled",
     "Located",
     "Sighting",
     "located",
     "may_have_moved",
+    "may_have_touched",
     "state_frame_of",
     "state_moved",
     "state_seen",
@@ -88,6 +90,8 @@ class Sighting:
         When an attempt that followed may have moved the object.
     estimate
         IRI of the estimate; None for a new one.
+    exemplar
+        IRI of the single thing that was seen; or empty.
     """
 
     object_iri: NamedNode
@@ -99,11 +103,15 @@ class Sighting:
     event: NamedNode | None = None
     moved: dt.datetime | None = None
     estimate: NamedNode | None = None
+    exemplar: str = ""
 
 
 @dataclass(frozen=True)
 class _Estimate:
-    """A stored estimate; ``is_over`` once the object may have been moved."""
+    """A stored estimate; ``is_over`` once the object may have been moved.
+
+    ``exemplar`` is empty in graphs older than single things.
+    """
 
     iri: NamedNode
     pose: NamedNode
@@ -111,6 +119,33 @@ class _Estimate:
     time: dt.datetime
     frame_from_object: NDArray[np.float64]
     is_over: bool
+    exemplar: str = ""
+
+    def may_be_of(self, exemplar: str) -> bool:
+        """Whether it is of this thing, as far as both are known."""
+        return not exemplar or self.exemplar in ("", exemplar)
+
+
+@dataclass(frozen=True)
+class Handled:
+    """The single thing that a robot handled, as far as it is known.
+
+    Parameters
+    ----------
+    robot
+        The robot that handled it.
+    exemplar
+        IRI of the thing; or empty.
+    """
+
+    robot: NamedNode
+    exemplar: str = ""
+
+    def voids(self, estimate: _Estimate) -> bool:
+        """Whether an estimate no longer holds after the thing was handled."""
+        if estimate.exemplar:
+            return estimate.exemplar == self.exemplar
+        return estimate.frame.value.startswith(f"{self.robot.value}/")
 
 
 def located(
@@ -141,7 +176,12 @@ def located(
 
 def may_have_moved(outcome: Outcome) -> bool:
     """Tell whether an attempt with this outcome may have touched its object."""
-    return outcome.reason not in UNJUDGED or outcome.reason in _AT_ANY_TIME
+    return may_have_touched(outcome.reason)
+
+
+def may_have_touched(reason: str) -> bool:
+    """Tell whether an attempt that ended for a reason, given by its code, may have touched it."""
+    return reason not in UNJUDGED or reason in _AT_ANY_TIME
 
 
 def state_frame_of(triples: Triples, robot: NamedNode, frame_id: str) -> NamedNode:
@@ -155,7 +195,7 @@ def state_seen(
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """Add an estimate of the pose, unless the last one in this frame still holds.
 
-    It no longer holds if the object is more than 2 cm or 15 degrees away from it, or may have been
+    It no longer holds if the thing is more than 2 cm or 15 degrees away from it, or may have been
     moved since. A robot keeps its last 20 estimates of an object.
 
     Returns
@@ -167,7 +207,8 @@ def state_seen(
     frame = state_frame_of(Triples(), sighting.robot, place.frame_id)
     is_new = context.names.is_new(object_iri)
     stored = [] if is_new else _estimates(context.kb, object_iri, sighting.graph)
-    last = next((earlier for earlier in stored if earlier.frame == frame), None)
+    same = (earlier for earlier in stored if earlier.may_be_of(sighting.exemplar))
+    last = next((earlier for earlier in same if earlier.frame == frame), None)
     if last is not None and (
         sighting.time <= last.time or not (last.is_over or _has_moved(last, place))
     ):
@@ -180,6 +221,7 @@ def state_seen(
         [RT.PoseEstimate],
         {
             RT.poseOf: object_iri,
+            RT.poseOfExemplar: iri(sighting.exemplar) if sighting.exemplar else None,
             RT.estimatedPose: pose,
             RT.poseConfidence: float(np.clip(place.confidence, 0.0, 1.0)),
             PROV.wasAttributedTo: sighting.agent,
@@ -205,19 +247,22 @@ def state_moved(
     context: Context,
     triples: Triples,
     object_iri: NamedNode,
+    handled: Handled,
     outcome: Outcome,
     ended: dt.datetime,
     graph: NamedNode,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """End the estimates of an object's pose that an attempt made void; return what to withdraw.
 
-    In which hand or place it left the object is the placement of a single thing; see
+    These are the estimates of the thing that was handled, whoever made them, and those of no thing
+    in the robot's own frames: what other robots see on their tables is where it was. In which hand
+    or place it left the object is the placement of a single thing; see
     :func:`rtask.engine.records.exemplars.move_exemplar`.
     """
     if not may_have_moved(outcome):
         return []
     for estimate in _estimates(context.kb, object_iri):
-        if not estimate.is_over and estimate.time <= ended:
+        if handled.voids(estimate) and not estimate.is_over and estimate.time <= ended:
             triples.add(estimate.iri, PROV.invalidatedAtTime, stamp(ended))
     # Of graphs older than placements.
     supports = _supports(context.kb, object_iri, graph)
@@ -269,9 +314,11 @@ def _estimate(kb: GraphCore, estimate: NamedNode, pose: object) -> _Estimate | N
     at = np.asarray(matrix_from_pose(position, turn), np.float64)
     time = dt.datetime.fromisoformat(str(python_value(properties[RT.atTime])))
     time = time if time.tzinfo else time.replace(tzinfo=dt.UTC)
+    things = [quad.object for quad in kb.match(estimate, RT.poseOfExemplar)]
     return _Estimate(
-        estimate, pose, frame, time, at, bool(kb.match(estimate, PROV.invalidatedAtTime))
-    )
+        estimate, pose, frame, time, at, bool(kb.match(estimate, PROV.invalidatedAtTime)),
+        things[0].value if things and isinstance(things[0], NamedNode) else "",
+    )  # fmt: skip
 
 
 def _supports(kb: GraphCore, object_iri: NamedNode, graph: NamedNode) -> list[NamedNode]:

@@ -26,7 +26,7 @@ from rtask.engine.records.attempts import (
 from rtask.engine.records.exemplars import exemplar_handled, move_exemplar
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.outcomes import Outcome
-from rtask.engine.records.places import state_moved
+from rtask.engine.records.places import Handled, state_moved
 from rtask.engine.records.received import Received
 from rtask.engine.records.task_tree import state_task_tree
 from rtask.engine.terms import find_task
@@ -284,7 +284,10 @@ def _handle(
     if not (exemplar and edit.is_of(exemplar, entry.object_iri.value)):
         exemplar = exemplar_handled(context, edit, entry.object_iri, entry.gripper, entry.outcome)
     move_exemplar(edit, exemplar, entry.gripper, entry.outcome, ended, attempt)
-    withdrawn = state_moved(context, triples, entry.object_iri, entry.outcome, ended, entry.graph)
+    handled = Handled(entry.gripper.robot, exemplar)
+    withdrawn = state_moved(
+        context, triples, entry.object_iri, handled, entry.outcome, ended, entry.graph
+    )
     added, removed = edit.drain()
     triples.extend(added)
     return exemplar, [*withdrawn, *removed]

@@ -194,14 +194,14 @@ class Validator:
 
     def _check(self, view: ShapeView, shapes: Shapes, report: ValidationReport) -> None:
         roles = {node: view.roles(node, shapes.objects_of) for node in view.touched(shapes)}
-        chosen = shapes.of({role for found in roles.values() for role in found})
+        chosen = shapes.of({role for violations in roles.values() for role in violations})
         if not chosen:
             return
         definitions = without_targets(shapes.definitions(chosen))
         targets = {role for shape in chosen for role in shape.targets}
-        focus = [node for node, found in roles.items() if not found.isdisjoint(targets)]
+        focus = [node for node, violations in roles.items() if not violations.isdisjoint(targets)]
         depth = max(shape.depth for shape in chosen)
-        found: list[Violation] = []
+        violations: list[Violation] = []
         for start in range(0, len(focus), _BATCH):
             part = focus[start : start + _BATCH]
             around = view.around(part, shapes, depth)
@@ -212,8 +212,8 @@ class Validator:
                 for shape in chosen
                 if not shape.targets.isdisjoint(roles[node])
             ]
-            found += run(around, [*definitions, *aimed], view.graph)
-        report += sorted(found, key=str)
+            violations += run(around, [*definitions, *aimed], view.graph)
+        report += sorted(violations, key=str)
         report.shapes = tuple(dict.fromkeys((*report.shapes, *(s.name for s in chosen))))
 
 

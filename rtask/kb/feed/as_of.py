@@ -41,14 +41,14 @@ def commit_at(files: Files, time: dt.datetime) -> int:
     UnsupportedError
         The store keeps no journal.
     """
-    found = first = None
+    latest = first = None
     for record in _journal(files).records(0):
         first = record.seq if first is None else first
         if moment(str(record.header.get("time") or "")) <= time:
-            found = record.seq
-    if found is None and first is not None and first > 1:
+            latest = record.seq
+    if latest is None and first is not None and first > 1:
         raise GoneError(f"the journal begins at commit {first}, which is after {time.isoformat()}")
-    return found or 0
+    return latest or 0
 
 
 def copy_as_of(

@@ -173,10 +173,10 @@ class Proposals:
         UnknownTermError
             There is none with this number.
         """
-        found = self._select("WHERE number = ?", (number,))
-        if not found:
+        rows = self._select("WHERE number = ?", (number,))
+        if not rows:
             raise UnknownTermError(f"there is no proposal {number}; see `rtask proposals list`")
-        return found[0]
+        return rows[0]
 
     def open(self) -> list[Proposal]:
         """Return the proposals that nobody has decided yet, the oldest first."""
@@ -227,10 +227,10 @@ class Proposals:
         UnknownTermError, ConflictError
             As :meth:`refuse`.
         """
-        found = self.get(number)
-        if not found.is_open:
-            raise ConflictError(f"proposal {number} is {found.state} already")
-        return found
+        proposal = self.get(number)
+        if not proposal.is_open:
+            raise ConflictError(f"proposal {number} is {proposal.state} already")
+        return proposal
 
     def _decide(
         self, number: int, state: State, by: str, remark: str, commit: int | None
@@ -242,10 +242,10 @@ class Proposals:
                 "WHERE number = ? AND state = 'proposed'",
                 (state, self._clock().isoformat(), by, remark[:2_000], commit, number),
             ).rowcount
-        found = self.get(number)
+        proposal = self.get(number)
         if not changed:
-            raise ConflictError(f"proposal {number} is {found.state} already")
-        return found
+            raise ConflictError(f"proposal {number} is {proposal.state} already")
+        return proposal
 
     def _select(self, where: str, values: tuple[object, ...]) -> list[Proposal]:
         if self._path is not None and not self._path.exists():

@@ -54,7 +54,8 @@ class Thing(Model):
     confidence
         The confidence in a statement, on its RDF 1.2 reifier, in [0, 1]. [UNITLESS]
     current_placement
-        The placement of the thing that has not ended (rule R9).
+        The placement of the thing that has not ended, exactly one: of several, the last to
+        begin (rule R9).
     current_pose
         The pose of the current placement; without placements, the latest pose by rt:atTime
         unless its estimate has ended (rule R5).
@@ -105,6 +106,9 @@ class Thing(Model):
         A handle for people and messages, such as "panda" or "coke can".
     note
         The reason for writing something, in the writer's own words.
+    open_placement_of
+        The thing, or the one that it turned out to be, of a placement without an end (rule
+        R9).
     orientation_sigma
         The standard deviation of an orientation; on poses and evaluations. [RAD]
     overlaps_in_time
@@ -189,6 +193,7 @@ class Thing(Model):
     merged_into: Links[ManipulableObject] = Links(_RT + "mergedInto", _RT + "ManipulableObject")
     name: Many[str] = Many(_RT + "name", _XSD + "string")
     note: Many[str] = Many(_RT + "note", _XSD + "string")
+    open_placement_of: Links[Thing] = Links(_RT + "openPlacementOf", _OWL + "Thing")
     orientation_sigma: One[float] = One(_RT + "orientationSigma", _XSD + "double", unit="RAD")
     overlaps_in_time: Links[Thing] = Links(_RT + "overlapsInTime", _OWL + "Thing")
     part: Links[Thing] = Links(_SUMO + "part", _OWL + "Thing")
@@ -1624,6 +1629,8 @@ class PoseEstimate(InformationEntity):
         The confidence s_T of the pose, in [0, 1]. [UNITLESS]
     pose_of
         The object whose pose was estimated.
+    pose_of_exemplar
+        The exemplar that was seen there; rt:poseOf names its product.
     principal_axis_angle
         The angle between the principal axes of model and view; above pi/10 the pose is
         rejected (Kehoe 2014, 4.6). [RAD]
@@ -1642,6 +1649,7 @@ class PoseEstimate(InformationEntity):
     fit_score: One[float] = One(_RT + "fitScore", _XSD + "double", functional=True, unit="UNITLESS")
     pose_confidence: One[float] = One(_RT + "poseConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
     pose_of: Link[ManipulableObject] = Link(_RT + "poseOf", _RT + "ManipulableObject", inverse=_RT + "poseEstimatedIn")
+    pose_of_exemplar: Links[Exemplar] = Links(_RT + "poseOfExemplar", _RT + "Exemplar")
     principal_axis_angle: One[float] = One(_RT + "principalAxisAngle", _XSD + "double", functional=True, unit="RAD")
     sum_squared_residual: One[float] = One(_RT + "sumSquaredResidual", _XSD + "double", functional=True, unit="M2")
     violation: One[float] = One(_RT + "violation", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))

@@ -177,7 +177,7 @@ class Segmentation(Service):
         look = look_of(seen, sensor_pose, None)
         height = None if np.isnan(look.table_height) else look.table_height
         table = None if look.table is None else _box(look.table)
-        rows = [cloud_rows(*points_of(one)) if points else None for one in seen.objects]
+        rows = [cloud_rows(*points_of(segment)) if points else None for segment in seen.objects]
         objects = [
             PerceivedObject(
                 pose=viewed.pose,

@@ -45,7 +45,7 @@ KINDS = {
     "rev": "SELECT ?s ?q WHERE {{ ?s <urn:bench:p1> <urn:bench:s{n}> . ?s <urn:bench:p3> ?q }}",
 }
 LONG = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f FILTER(?c != ?f && STRLEN(STR(?a)) > 3) }"
-TARGETS = {"star": 1.2, "two": 2.0, "rev": 2.0, "repeated": 0.6}
+TARGETS = {"star": 1.5, "two": 1.5, "rev": 1.5, "repeated": 0.8}
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,11 @@ from tests.servers import new_application
 pytestmark = pytest.mark.slow  # opens the ontology
 
 HTML = {"Accept": "text/html"}
+ATTEMPT = f"""PREFIX rt: <{ontology.NS}> INSERT DATA {{
+  <urn:lab/robot/nao> rt:name "nao" .
+  <urn:lab/attempt/1> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao> ;
+    rt:hasOutcome <urn:lab/outcome/1> .
+  <urn:lab/outcome/1> rt:success true }}"""
 CUPS = {"text": "which cups are there?"}
 
 
@@ -32,6 +37,7 @@ def client() -> Iterator[FlaskClient]:
         kb.update(
             f"INSERT DATA {{ <urn:cup> a <{ontology.NS}Cup> ; <{ontology.NS}name> 'red <b>' }}"
         )
+        kb.update(ATTEMPT)
         application = new_application(kb, engine, tokens, Config())
         yield create_app(application).test_client()
         application.close()
@@ -49,6 +55,19 @@ def test_people_get_the_same_as_a_page_that_leads_to_the_workbench(client: Flask
     assert "Cups: red &lt;b&gt;." in page
     assert "/resource?iri=urn%3Acup" in page
     assert "/sparql?query=" in page
+
+
+def test_each_number_of_an_answer_leads_to_what_it_rests_on(client: FlaskClient) -> None:
+    asked = {"text": "how often did each robot succeed in grasping?"}
+    answered = client.get("/ask", query_string=asked).get_json()
+    assert answered["rows"]
+    assert len(answered["why"]) == len(answered["rows"])
+    assert answered["why"] == ["/feedback?robot=urn%3Alab%2Frobot%2Fnao"]
+    page = client.get("/ask", query_string=asked, headers=HTML).text
+    assert page.count('data-figure href="/feedback?robot=urn%3Alab%2Frobot%2Fnao"') == 2
+    assert client.get(answered["why"][0], headers=HTML).status_code == 200
+    plain = client.get("/ask", query_string=CUPS).get_json()
+    assert plain["why"] == [""]
 
 
 def test_words_that_are_near_to_no_question_get_the_three_nearest(client: FlaskClient) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -78,6 +79,14 @@ def test_people_get_the_same_as_pages_that_lead_to_the_workbench(client: FlaskCl
     assert "/sparql?query=" in page
     assert "rt:hasGrasp" in client.get("/terms?words=has+grasp", headers=HTML).text
     assert "No class or property" in client.get("/terms?words=nonesuch", headers=HTML).text
+
+
+def test_cards_lead_to_terms_that_have_one(client: FlaskClient) -> None:
+    page = client.get("/terms", query_string={"term": "rt:graspWidth"}, headers=HTML).text
+    assert "xsd:double" in page
+    linked = set(re.findall(r'href="(/terms[?]term=[^"]+)"', page))
+    assert linked
+    assert {client.get(link, headers=HTML).status_code for link in linked} == {200}
 
 
 def test_what_is_no_term_is_refused_with_the_nearest_name(client: FlaskClient) -> None:

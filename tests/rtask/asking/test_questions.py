@@ -33,7 +33,8 @@ def test_the_nearest_question_is_answered(
 ) -> None:
     found = answer(kb, text, now=NOW)
     assert (found.key, found.nearest[0].key) == (key, key)
-    assert found.sentence.startswith(said)
+    for clause in said.lower().rstrip(".").split("; "):  # the query states no order of its rows
+        assert clause in found.sentence.lower()
     check_query(found.sparql)
 
 

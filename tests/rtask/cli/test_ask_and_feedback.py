@@ -76,6 +76,12 @@ def test_a_wish_without_a_hand_is_a_question_about_all_objects(run: Run) -> None
     assert found["filled"]["object"] == {"words": "cola", "terms": ["<urn:lab/object/1>"]}
 
 
+def test_a_number_says_where_to_see_what_it_rests_on(run: Run) -> None:
+    out = run("ask", "how often did each robot succeed in grasping?")[1]
+    assert "Why? a page of rtask serve: /feedback?robot=urn%3Alab%2Frobot%2Fnao-1\n" in out
+    assert "Why?" not in run("ask", "where", "is", "the", "cola?")[1]
+
+
 def test_a_question_that_is_none_of_the_ontology_s_names_the_nearest(run: Run) -> None:
     code, out, err = run("ask", "what", "is", "the", "weather", "like?")
     assert (code, out) == (1, "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from features.codec.pcd import write_pcd
 from features.geometry import Intrinsics, points_from_depth
 from features.imaging.masks import encode_rle
 from rtask.cli import main
+from tests.commands import run_command
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
@@ -57,18 +59,26 @@ def run(capsys, *arguments, code=0):
     return said.out + said.err
 
 
-@pytest.fixture
-def taught(tmp_path, capsys):
-    """Return a store with two products, one of them shown twice."""
-    store = tmp_path / "store"
-    folder = tmp_path / "tea"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def taught_once(tmp_path_factory):
+    """Return a folder with a store of two products, one of them shown twice, and what they are."""
+    place = tmp_path_factory.mktemp("taught")
+    (place / "tea").mkdir()
     for k, angle in enumerate((0, 8)):
-        save(folder / f"{k}.jpg", photograph(1, angle, k)[0])
-    said = run(capsys, "teach", "green tea", folder, "--kind", "tea box", "-d", store)
-    assert "2 views of green tea (new)" in said
-    run(capsys, "teach", "coffee", save(tmp_path / "coffee.jpg", photograph(2)[0]), "-d", store)
-    return store
+        save(place / "tea" / f"{k}.jpg", photograph(1, angle, k)[0])
+    coffee, store = str(save(place / "coffee.jpg", photograph(2)[0])), str(place / "store")
+    kind = ("--kind", "tea box")
+    said = run_command("teach", "green tea", str(place / "tea"), *kind, "-d", store, check=True)
+    assert "2 views of green tea (new)" in said.stdout + said.stderr
+    run_command("teach", "coffee", coffee, "-d", store, check=True)
+    return place
+
+
+@pytest.fixture
+def taught(taught_once, tmp_path):
+    """Return a copy of the store, which a test may change."""
+    shutil.copytree(taught_once, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "store"
 
 
 def test_two_photographs_of_one_thing_are_recognised_together(taught, tmp_path, capsys):

@@ -18,10 +18,10 @@ _FINAL = {
 _UNDONE = {
     "contributors withdraw", "dataset merge", "dataset prune", "dataset put", "dataset remove",
     "dataset restore", "episodes import", "feedback", "grasp push", "grasp space", "load",
-    "objects forget", "objects merge", "objects name", "objects split", "objects twins",
-    "objects undo", "ontology unload", "ontology upgrade", "plan", "proposals adopt", "robot add",
-    "robot remove", "robot restore", "rules add", "rules remove", "tasks cancel", "teach",
-    "token create", "token expire", "undo", "update",
+    "migrate", "objects forget", "objects merge", "objects name", "objects split",
+    "objects twins", "objects undo", "ontology unload", "ontology upgrade", "plan",
+    "proposals adopt", "robot add", "robot remove", "robot restore", "rules add", "rules remove",
+    "tasks cancel", "teach", "token create", "token expire", "undo", "update",
 }  # fmt: skip
 _OTHERS = {
     "rebuild": "states derived data again", "verify": "as rebuild",

@@ -198,6 +198,27 @@ def test_the_report_has_table_pictures_and_queries(finished: Any) -> None:
     assert json.loads((folder / "report" / "report.json").read_text()) == result
 
 
+@pytest.mark.deep
+def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> None:
+    """The demo as a newcomer starts it, with half of its products."""
+    done = subprocess.run(
+        [*_DEMO[:4], "--objects", "2", "--data", str(tmp_path / "run")],
+        capture_output=True, text=True, timeout=1500, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-3000:]
+    result = json.loads((tmp_path / "run/report/report.json").read_text("utf-8"))
+    assert [robot["name"] for robot in result["robots"]] == ["nao-1", "nao-2"]
+    assert {met["product"].split("-")[0] for met in result["objects"]} - {""} == {"carton", "rod"}
+    opening, *_ = done.stderr.splitlines()
+    assert "hide what decides a grasp" in opening
+    gain = result["gain"]
+    assert gain["robot"] == "nao-2"
+    assert gain["attempts"] >= gain["products"]
+    last = [line for line in done.stdout.splitlines() if line]
+    assert gain["sentence"] in last
+    assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
+
+
 @contextlib.contextmanager
 def _serving(store: Path) -> Iterator[str]:
     process = subprocess.Popen(

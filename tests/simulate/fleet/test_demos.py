@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rtask.errors import UsageError
+from simulate.demo.orchestrate import objects_on_table
 from simulate.fleet import demos
 from simulate.fleet.demos import (
     COLUMNS,
@@ -74,6 +75,11 @@ def test_products_of_a_set_have_the_robot_that_suits_them() -> None:
     assert demo_study(1, 2, 6, 0, "hard", (), 6, "fast").settings["kinds"] == ["panda"] * 2
     with pytest.raises(UsageError, match="--robots"):
         demo_study(1, 1, 6, 0, "light", (), 6, "fast")
+
+
+def test_a_table_has_as_many_light_products_as_a_nao_reaches_unless_a_number_is_given() -> None:
+    assert [objects_on_table(products) for products in ("light", "hard", "plain")] == [4, 6, 6]
+    assert objects_on_table("light", 2) == 2
 
 
 def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(

@@ -79,7 +79,9 @@ async function show(keepCamera) {
     return;
   }
   const size = cloud.high.map((value, axis) => ((value - cloud.low[axis]) * 100).toFixed(1));
-  note.textContent = `${cloud.count.toLocaleString("en")} points, ${size.join(" × ")} cm. ${place.dataset.kind}`;
+  // What one view shows of an object is another size than the object's, which the page states.
+  const extents = "sized" in root.dataset ? "" : `, ${size.join(" × ")} cm`;
+  note.textContent = `${cloud.count.toLocaleString("en")} points${extents}. ${place.dataset.kind}`;
   colour();
   if (!keepCamera) view.lookAt(cloud, state.get("camera")?.split(",").map(Number));
   view.showGrippers(grasps, selected);

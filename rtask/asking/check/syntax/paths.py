@@ -31,8 +31,8 @@ def steps_of(path: Path) -> list[Step]:
     if path.kind == "inverse":
         return [Step(step.node, not step.is_inverse) for step in steps_of(path.parts[0])]
     if path.kind == "alternative":
-        found = [steps_of(part) for part in path.parts]
-        return [step for steps in found for step in steps] if all(found) else []
+        step_lists = [steps_of(part) for part in path.parts]
+        return [step for steps in step_lists for step in steps] if all(step_lists) else []
     return []
 
 

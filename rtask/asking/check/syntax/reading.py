@@ -329,12 +329,12 @@ def _connect(reader: _Reader, group: Group, subject: Node, path: Path, value: No
 
 def _variables(outline: Outline) -> list[Node]:
     """Return every mention of a variable in a query, once each."""
-    found = [*outline.projected, *outline.defined, *outline.mentioned]
+    mentions = [*outline.projected, *outline.defined, *outline.mentioned]
     for group in outline.body.walk():
-        found += [end for edge in group.edges for end in edge.ends if end.kind == "variable"]
-        found += [node for nodes in group.filters for node in nodes]
+        mentions += [end for edge in group.edges for end in edge.ends if end.kind == "variable"]
+        mentions += [node for nodes in group.filters for node in nodes]
         for node, nodes in (*group.binds, *group.values):
-            found += [node, *(other for other in nodes if other.kind == "variable")]
+            mentions += [node, *(other for other in nodes if other.kind == "variable")]
         if group.graph is not None and group.graph.kind == "variable":
-            found.append(group.graph)
-    return list({id(node): node for node in found}.values())
+            mentions.append(group.graph)
+    return list({id(node): node for node in mentions}.values())

@@ -14,7 +14,7 @@ from rtask.rdf.terms import iri
 from rtask.tasks import Tasks, storing
 from rtask.tasks.behaviour_tree import behaviour_tree
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Flag, Iri, Json, Stamp, Text, Whole
+from rtask.wire.types import Flag, Iri, Json, Number, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -65,8 +65,8 @@ class StorePlan(Message):
     """in whose name; default: the caller"""
     priority: Annotated[Whole, Ge(-100), Le(100)] = 0
     """plans with a greater one are begun first"""
-    deadline: Stamp | None = None
-    """no step is begun later; default: none"""
+    deadline: Annotated[Number, Unit("s"), Ge(0)] | None = None
+    """Unix time after which no step is begun; default: none"""
     replaces: Iri | None = None
     """IRI of an earlier plan for the goal, of which nothing more is begun; default: none"""
 
@@ -214,7 +214,7 @@ def _order(context: Context, request: StorePlan, author: Access) -> storing.Orde
             raise ForbiddenError(f"{author.agent} may replace plans of its own alone")
     deadline = None
     if request.deadline is not None:
-        latest_s = min(max(request.deadline, 0.0), _LATEST_S)
+        latest_s = min(request.deadline, _LATEST_S)
         deadline = dt.datetime.fromtimestamp(latest_s, dt.UTC)
     return storing.Order(request.priority, deadline, earlier)
 

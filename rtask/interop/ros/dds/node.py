@@ -191,8 +191,8 @@ class DdsNode:
             writer.write(request.from_cdr(cdr))
 
         def servers() -> int:
-            found = len(reader.get_matched_publications())
-            return min(found, len(writer.get_matched_subscriptions()))
+            publications = len(reader.get_matched_publications())
+            return min(publications, len(writer.get_matched_subscriptions()))
 
         made = ServiceClient(self.types, type_, send, servers)
         response = self._structs.of_service(type_, "Response")

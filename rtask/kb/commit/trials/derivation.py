@@ -337,8 +337,8 @@ def _tried(closure: Any, change: LongDerivationError, budget: Any) -> tuple[_Out
     if change.cause_ms is None:
         return _Outcome(), None
     causes = staged.causes(budget_ms=change.cause_ms)
-    found = _Outcome(contradictions=tuple(staged.contradictions), causes=tuple(causes))
-    return found, None
+    outcome = _Outcome(contradictions=tuple(staged.contradictions), causes=tuple(causes))
+    return outcome, None
 
 
 def _stopping() -> BusyError:

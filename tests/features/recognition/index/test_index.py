@@ -212,7 +212,7 @@ def test_damage_is_named_and_repaired_by_rebuilding(tmp_path: Path, card_views, 
     with RecognitionIndex(tmp_path / "index") as index:
         fill(index, card_views, 3)
         index.save()
-    path = next((tmp_path / "index").glob(victim))
+    path = min((tmp_path / "index").glob(victim))
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 0xFF
     data[len(data) // 2 + 1] ^= 0xFF
@@ -234,7 +234,7 @@ def test_a_missing_segment_is_named(tmp_path: Path, card_views) -> None:
     with RecognitionIndex(tmp_path / "index") as index:
         fill(index, card_views, 2)
         index.save()
-    next((tmp_path / "index").glob("seg-*/kp.f32")).unlink()
+    min((tmp_path / "index").glob("seg-*/kp.f32")).unlink()
     with pytest.raises(IndexCorruptError, match=r"kp\.f32"):
         RecognitionIndex(tmp_path / "index")
 

@@ -17,7 +17,7 @@ _WITHOUT = {
     "prints a few lines about what it made, changed or moved": """
         backup, contributors withdraw, dataset create, dataset get, dataset merge, dataset prune,
         dataset put, dataset remove, dataset restore, dataset snapshot, episodes export,
-        episodes import, model generate, objects forget, objects merge, objects name,
+        episodes import, migrate, model generate, objects forget, objects merge, objects name,
         objects split, objects undo, ontology docs, promote, proposals adopt, proposals refuse,
         rebuild, restore, robot add, robot reach, robot remove, robot restore, ros messages,
         ros2 dds save, ros2 package, rules add, rules remove, service save, simulate fetch,
@@ -36,7 +36,7 @@ _WITHOUT = {
         simulate act-test reach, simulate act-test workspace, study attempts, study demo,
         study grasp-quality, study grasp-views, study grasping, study judging, study learn,
         study piles, study push-grasps, study requests, study sharing, study table4, study table5,
-        study trust""",
+        study tasks, study trust""",
     "runs until it is interrupted, or as long as a program of the user": """
         mcp, worker, ros node, ros2 node, ros2 dds serve, service run, simulate act-serve,
         simulate ros""",

@@ -37,14 +37,19 @@ def tried(bench, robot, thing, task_id, outcome, **more):
     return robot.insert(seen, grasp=first, outcome=outcome, task_id=task_id, **more)["objects"][0]
 
 
-@pytest.fixture
-def twice(bench, robots):
-    """Return a robot and one box that was stored as two objects, each with a try."""
+def fill_store(bench, robots):
+    """Store one box as two objects, each with a try."""
     robot = robots("nao-1")
     one = tried(bench, robot, bench.BOX, "t-1", bench.held())
     other = tried(bench, robot, bench.BOX.at(0.15, -0.05, 0.5), "t-2", bench.missed(), merge=False)
     assert one["object"] != other["object"]
-    return robot, one, other
+    return one, other
+
+
+@pytest.fixture
+def twice(bench, engine, filled):
+    """Return a robot and one box that was stored as two objects, each with a try."""
+    return bench.Robot("nao-1", engine), *filled
 
 
 def test_two_objects_become_one_and_the_old_name_still_answers(bench, engine, twice):

@@ -27,13 +27,17 @@ def owners(engine):
     return graph
 
 
-@pytest.fixture
-def boxes(bench, robots):
-    """Return a robot and three boxes, each stored with one view."""
+def fill_store(bench, robots):
+    """Store three boxes, each with one view."""
     robot = robots("nao-1")
     seen = [bench.BOX.at(0.15 + 0.005 * k, -0.05, 0.3 * k) for k in range(3)]
-    stored = [robot.insert(bench.sight(one), merge=False)["objects"][0] for one in seen]
-    return robot, *stored
+    return [robot.insert(bench.sight(one), merge=False)["objects"][0] for one in seen]
+
+
+@pytest.fixture
+def boxes(bench, engine, filled):
+    """Return a robot and three boxes, each stored with one view."""
+    return bench.Robot("nao-1", engine), *filled
 
 
 def test_what_was_moved_on_is_taken_back_first(engine, boxes):

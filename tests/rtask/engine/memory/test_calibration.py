@@ -19,9 +19,8 @@ def _told(engine):
     return own_outcomes(engine.context, _hand(engine).iri)
 
 
-@pytest.fixture
-def tried(bench, engine, robots):
-    """A robot that has tried grasps of a box twelve times, each third in vain."""
+def fill_store(bench, robots):
+    """Let a robot try grasps of a box twelve times, each third in vain."""
     robot = robots()
     seen = bench.sight(bench.BOX)
     grasps = robot.recognise(seen)["grasps"]
@@ -32,7 +31,12 @@ def tried(bench, engine, robots):
             grasp=grasps[k % 3], gripper_id="right_hand",
             outcome=bench.missed() if k % 3 == 0 else bench.held(),
         )  # fmt: skip
-    return robot, seen
+
+
+@pytest.fixture
+def tried(bench, engine, filled):
+    """A robot that has tried grasps of a box twelve times, and what it saw of it."""
+    return bench.Robot("nao-1", engine), bench.sight(bench.BOX)
 
 
 def test_a_stored_map_is_the_one_that_its_outcomes_give(engine, tried):

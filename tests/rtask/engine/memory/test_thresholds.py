@@ -20,15 +20,19 @@ from rtask.rdf.namespaces import RDF, RT
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
-def known(bench, robots):
-    """A robot that has held a box and seen a can, and its answer about the box."""
+def fill_store(bench, robots):
+    """Let a robot hold a box and see a can."""
     robot = robots()
     seen = bench.sight(bench.BOX)
     answer = robot.recognise(seen)
     robot.insert(seen, grasp=answer["grasps"][0], outcome=bench.held(), name="tea box")
     robot.insert(bench.sight(bench.CAN), name="soup")
-    return robot, seen
+
+
+@pytest.fixture
+def known(bench, engine, filled):
+    """A robot that has held a box and seen a can, and what it saw of the box."""
+    return bench.Robot("nao-1", engine), bench.sight(bench.BOX)
 
 
 def test_who_does_not_ask_gets_the_same_answer_as_before(known):
@@ -124,8 +128,8 @@ def test_an_object_that_nobody_knows_cannot_be_identified(bench, known):
     assert answer["decision"]["confidence"] < 0.7
 
 
-def test_a_server_may_ask_for_more(bench, kb, known):
-    _, seen = known
+def test_a_server_may_ask_for_more(bench, kb, filled):
+    seen = bench.sight(bench.BOX)
     with Engine(kb, policy=Policy(min_grasp=0.99)) as strict:
         request = {"gripper_id": "right_hand", **seen}
         asked = strict.call("recognise_for_grasp", {**request, "decide": True})
@@ -183,8 +187,8 @@ def test_why_a_robot_did_not_grasp_is_a_query(kb, known, field, lacking):
     assert "/graph/agent/" in str(row["graph"])
 
 
-def test_a_grasp_and_a_mere_reader_store_no_refusal(kb, known):
-    _, seen = known
+def test_a_grasp_and_a_mere_reader_store_no_refusal(bench, kb, filled):
+    seen = bench.sight(bench.BOX)
     before = kb.match(None, RDF.type, RT.GraspRefusal)
     with Engine(kb) as engine:
         request = {"gripper_id": "right_hand", **seen}

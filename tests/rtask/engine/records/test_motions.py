@@ -36,9 +36,8 @@ def motion(samples=4, joints=JOINTS, **changed):
     return {**given, **changed}
 
 
-@pytest.fixture
-def told(bench, robots):
-    """Two attempts whose joints were recorded, lost and held, and one without."""
+def fill_store(bench, robots):
+    """Store two attempts whose joints were recorded, lost and held, and one without."""
     seen = bench.sight(bench.CAN)
     reports = (
         ("nao-1", bench.missed(motion=motion(4), images=[{"phase": "lift", "data": bench.png(1)}])),
@@ -49,6 +48,11 @@ def told(bench, robots):
         robot = robots(name)
         answer = robot.recognise(seen)
         robot.insert(seen, grasp=answer["grasps"][0], outcome=outcome, task_id=answer["task_id"])
+
+
+@pytest.fixture
+def told(filled):
+    """Two attempts whose joints were recorded, lost and held, and one without, are stored."""
 
 
 def test_the_joints_of_an_attempt_are_kept_as_they_were_told(told, kb):

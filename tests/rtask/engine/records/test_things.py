@@ -8,7 +8,7 @@ import rtask
 from grasp.messages import pose_message
 from grasp.spatial.frames import surface_from_object
 from rtask.kb.commit.access import Access
-from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import iri
 
 pytestmark = pytest.mark.slow
@@ -77,6 +77,67 @@ SELECT DISTINCT ?mass ?grasp {{ <{second}> rt:effectiveMass ?mass ; rt:hasGrasp 
     )
     assert not kb.match(None, RT.placementOf)
     assert not kb.match(None, RT.exemplarOf)
+
+
+def test_what_one_robot_does_leaves_the_things_of_the_others_where_they_are(kb, robots, bench):
+    """Two robots at two tables see one product, of which the first has two; it moves one."""
+    one, two = robots("nao-1"), robots("nao-2")
+    product = one.insert(bench.sight(bench.BOX), name="tea")["objects"][0]["object"]
+    time_s = _now()
+    left, right = (
+        one.recognise(given(bench, x, y, time_s + k), object=product)["thing"]
+        for k, (x, y) in enumerate([(0.16, -0.06), (0.30, 0.10)], 1)
+    )
+    other = two.recognise(given(bench, 0.16, -0.06, time_s + 3), object=product)["thing"]
+    assert len({left, right, other}) == 3
+    before = kb.seq
+    again = [
+        one.recognise(given(bench, x, y, time_s + k), object=product)["thing"]
+        for k, (x, y) in enumerate([(0.16, -0.06), (0.30, 0.10)], 4)
+    ]
+    assert (again, kb.seq) == ([left, right], before), "two equal things that stay are no news"
+
+    answer = one.recognise(given(bench, 0.16, -0.06, time_s + 6), object=product)
+    told = one.call(
+        "report_outcome", object=product, task_id=answer["task_id"],
+        grasp=dict(answer["grasps"][0]), gripper_id=one.gripper,
+        outcome={"success": True, "placed": True, "place": "left box", "ended": time_s + 9},
+    )  # fmt: skip
+    assert told["thing"] == left
+    assert kb.seq == before + 1, "the end of one place and the begin of the next are one commit"
+    places = kb.world.where_is("tea", at=time_s + 10).exemplars
+    relations = {place.exemplar: place.relation for place in places}
+    assert relations == {left: "in", right: "at", other: "at"}
+    estimated = {
+        quad.object.value: bool(kb.match(quad.subject, PROV.invalidatedAtTime))
+        for quad in kb.match(None, RT.poseOfExemplar)
+    }
+    assert estimated == {left: True, right: False, other: False}
+    for thing in (left, right, other):
+        assert len(kb.match(iri(thing), RT.currentPlacement)) == 1
+    assert not kb.match(iri(product), RT.currentPose), "a product is nowhere"
+
+    wanted = one.call("resolve_request", wanted="box", gripper_id=one.gripper)
+    assert (wanted["object"], wanted["thing"]) == (product, right), "its own, not the other's"
+    wanted = two.call("resolve_request", wanted="box", gripper_id=two.gripper)
+    assert wanted["objects"][0]["thing"] == other
+    assert not kb.validate()
+
+
+def test_of_two_places_without_an_end_the_later_one_counts(kb, engine, robots, bench):
+    one, two = robots("nao-1"), robots("nao-2")
+    stored = one.insert(bench.sight(bench.BOX), name="tea")["objects"][0]
+    product, thing = stored["object"], stored["thing"]
+    two.insert(bench.sight(bench.BOX), object=product, thing=thing)
+    one.insert(bench.sight(bench.BOX), object=product, thing=thing)
+    engine.call("withdraw_contributor", {"contributor": "nao-2"}, Access("ann", "teacher"))
+    opened = kb.world.open_placements(thing)
+    assert len(opened) == 2, "the end that nao-2 had given to the first one went with it"
+    (current,) = kb.match(iri(thing), RT.currentPlacement)
+    assert current.object.value == opened[-1].iri
+    one.insert(bench.sight(bench.BOX.at(0.30, 0.10, 0.3)), object=product, thing=thing)
+    assert len(kb.world.open_placements(thing)) == 1, "the next one that comes ends both"
+    assert not kb.validate()
 
 
 def test_a_failed_grasp_loses_the_thing_until_it_is_seen_again(kb, robots, bench):

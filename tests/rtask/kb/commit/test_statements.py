@@ -102,9 +102,9 @@ def test_an_owner_retracts_without_a_reason(kb: KnowledgeBase) -> None:
         kb.retract(*derived, NamedNode(_RT + "Container"), agent="nao-1")
 
 
-def _wait_until_gone(kb: KnowledgeBase, within_s: float = 60.0) -> None:
+def _wait_until_gone(kb: KnowledgeBase, *pattern: Any, within_s: float = 60.0) -> None:
     end = time.monotonic() + within_s
-    while kb.match(*_ON):
+    while kb.match(*(pattern or _ON)):
         assert time.monotonic() < end, "it did not expire"
         time.sleep(0.02)
 
@@ -136,7 +136,8 @@ def test_a_renewed_statement_stays(kb: KnowledgeBase) -> None:
         tx.add(*_ON, valid_until=_later(0.3))
     with kb.transaction() as tx:
         tx.add(*_ON, valid_until=_later(3600))
-    time.sleep(0.6)
+        tx.add("urn:pen", "urn:on", NamedNode("urn:table"), valid_until=_later(0.4))
+    _wait_until_gone(kb, "urn:pen", "urn:on")  # which was to expire after the mug
     assert len(kb.match(*_ON)) == 1
 
 

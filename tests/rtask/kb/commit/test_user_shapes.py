@@ -63,7 +63,7 @@ def opened(validate: bool | str = False, *shapes: Path) -> KnowledgeBase:
     return found
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def plain() -> Iterator[KnowledgeBase]:
     with opened() as kb:
         yield kb

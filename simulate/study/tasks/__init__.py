@@ -1,0 +1,1 @@
+"""How often random goals are reached by robots that plan, act, and plan again."""

@@ -1,0 +1,108 @@
+"""``rtask study tasks``: how often random goals are reached although something comes between."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from simulate import options
+from simulate.study.commands import print_table
+from simulate.study.intervals import wilson
+
+__all__ = ["summary_of", "tasks"]
+
+_COLUMNS = ("event", "goals", "reached", "declined", "given up", "planned again")
+
+
+@click.command()
+@options.trials(20, "Number of goals; events take turns.")
+@options.seed("every goal")
+@options.workers
+@click.option("--things", default=6, show_default=True, help="Things in the lab.")
+@click.option(
+    "--slip", type=click.FloatRange(0, 1), default=0.1, show_default=True,
+    help="Chance that a thing slips from the hand.",
+)  # fmt: skip
+@click.option("--no-events", is_flag=True, help="Let nothing come between.")
+@options.out("rtask-tasks")
+@options.resume
+@options.json_flag()
+def tasks(
+    trials: int,
+    seed: int,
+    workers: int,
+    things: int,
+    slip: float,
+    no_events: bool,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often random goals are reached in a lab of two tables with two robots each.
+
+    In a third of the goals a thing has to change hands. In each, one event comes between: a person
+    moves the thing, it falls, it is taken away, a person says no, or a program is killed.
+    """
+    from simulate.study.runner import Study, run
+    from simulate.study.tasks.trial import EVENTS
+
+    events = [] if no_events else list(EVENTS)
+    settings = {"seed": seed, "things": things, "slip": slip, "events": events}
+    study = Study("tasks", "simulate.study.tasks.trial:run_trial", settings, trials)
+    summary = summary_of(run(study, out, workers, resume))
+    (out / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    rows = [[name or "none", *(str(row[column]) for column in _COLUMNS[1:])]
+            for name, row in summary["by_event"].items()]  # fmt: skip
+    print_table("Random goals", _COLUMNS, rows)
+    low, high = summary["reached_95"]
+    click.echo(
+        f"reached {summary['reached']} of {summary['possible']} that could be, "
+        f"{low:.2f} to {high:.2f}; {summary['handovers']} took several robots\n"
+        f"lost from memory {summary['lost']}, at another place than remembered "
+        f"{summary['wrong']}, stored twice {summary['twice']}; slowest repair "
+        f"{summary['slowest_repair_s']:.2f} s of processor time\nreport  {out / 'report.json'}"
+    )
+
+
+def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the figures of a study.
+
+    Goals that a person declined, and those whose thing was taken away, are counted apart: nobody
+    could reach them.
+    """
+    possible = [
+        result for result in results
+        if result["result"] != "declined" and result["event"] != "taken_away"
+    ]  # fmt: skip
+    reached = sum(result["result"] == "reached" for result in possible)
+    events = dict.fromkeys(result["event"] for result in results)
+    return {
+        "goals": len(results),
+        "possible": len(possible),
+        "reached": reached,
+        "reached_95": list(wilson(reached, len(possible))) if possible else [0.0, 1.0],
+        "handovers": sum(result["robots"] > 1 for result in results),
+        "lost": sum(result["lost"] for result in results),
+        "wrong": sum(result["wrong"] for result in results),
+        "twice": sum(result["twice"] for result in results),
+        "slowest_repair_s": max((result["repair_s"] for result in results), default=0.0),
+        "by_event": {event: _row(event, results) for event in events},
+        "trials": [dict(result) for result in results],
+    }
+
+
+def _row(event: str, results: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    chosen = [result for result in results if result["event"] == event]
+    ends = Counter(result["result"] for result in chosen)
+    return {
+        "goals": len(chosen), "reached": ends["reached"], "declined": ends["declined"],
+        "given up": ends["given_up"], "planned again": sum(r["repairs"] for r in chosen),
+    }  # fmt: skip

@@ -1,0 +1,151 @@
+"""Exit codes: 0 done, 1 "no" or nothing found, 2 a wrong call, 3 failed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+import pytest
+
+import rtask
+from rtask.cli import main
+from rtask.client import failures
+from tests.rtask.cli.each.tree import walk_commands
+
+pytestmark = pytest.mark.slow
+
+_CALLS = {
+    "ask": "a mug", "backup": "copy", "contributors withdraw": "nao-1", "dataset create": "lab/x",
+    "dataset diff": "lab/x 1", "dataset get": "lab/x a out", "dataset merge": "lab/x lab/y",
+    "dataset prune": "lab/x a", "dataset put": "lab/x f.ttl", "dataset remove": "lab/x a",
+    "dataset restore": "lab/x@1", "dataset show": "lab/x", "dataset snapshot": "lab/x",
+    "entails": "urn:a urn:p 1", "episodes ask": "1", "episodes export": "out.mcap",
+    "explain": "urn:a urn:p 1", "objects forget": "x", "objects merge": "x y",
+    "objects name": "x --as y", "objects show": "x", "objects split": "x v",
+    "objects undo": "c-1", "ontology show": "Mug", "ontology unload": "urn:o",
+    "ontology upgrade": "f.ttl", "plan": "every cup into the box", "proposals adopt": "1",
+    "proposals refuse": "1", "proposals show": "1", "query": "ASK{}", "recognise": "p.png",
+    "rules add": "r.rq", "rules remove": "x", "rules show": "x", "search": "x",
+    "service benchmark": "b.toml", "service call": "a/b c", "service save": "f.json",
+    "service show": "a/b", "tasks cancel": "urn:t --reason x", "teach": "x p.png",
+    "token expire": "x 1d", "token revoke": "x", "undo": "1", "update": "INSERT{}WHERE{}",
+    "where": "mug",
+}  # fmt: skip
+"""Arguments of a call that is right where there is a graph."""
+_RUNNING = {
+    "demo", "serve", "simulate act-serve", "simulate fetch", "ros node", "ros2 dds serve", "mcp",
+    "worker", "doctor", "ros doctor",
+}  # fmt: skip
+"""Commands that wait for others, or whose report is about what cannot be reached."""
+_MAKING = {"load", "rules add", "teach", "token create", "update", "episodes import"}
+"""Commands that make a knowledge base where there is none."""
+_OF_FILES = {"grasp push", "grasp space", "grasp batch"}
+"""Commands whose argument is a file first, so that a wrong one is a wrong call."""
+Run = Callable[..., int]
+
+
+def _with(option: str) -> dict[str, click.Command]:
+    return {
+        name: command
+        for name, command in walk_commands()
+        if any(option in parameter.opts for parameter in command.params)
+    }
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    monkeypatch.chdir(tmp_path)
+    for variable in ("RTASK_DATA", "RTASK_SERVER"):
+        monkeypatch.delenv(variable, raising=False)
+
+    def call(*arguments: str) -> int:
+        with pytest.raises(SystemExit) as caught:
+            main(list(arguments))
+        assert "Traceback" not in capsys.readouterr().err
+        return int(caught.value.code or 0)
+
+    return call
+
+
+def _write_files(folder: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    import numpy as np
+
+    noise = np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    cv2.imwrite(str(folder / "p.png"), noise)
+    (folder / "f.ttl").write_text("<urn:a> <urn:p> 1 .")
+    (folder / "f.json").write_text("{}")
+    (folder / "c.jsonl").write_text("{}\n")
+    (folder / "b.toml").write_text('method = "run"\nservices = ["a/b"]\ncases = "c.jsonl"\n')
+    (folder / "r.rq").write_text("CONSTRUCT { ?a <urn:q> ?b } WHERE { ?a <urn:p> ?b }")
+
+
+def test_a_wrong_call_of_any_command_ends_with_2(run: Run) -> None:
+    codes = {name: run(*name.split(), "--no-such-option") for name, _ in walk_commands()}
+    assert {name: code for name, code in codes.items() if code != 2} == {}
+    needing = {
+        name
+        for name, command in walk_commands()
+        if any(parameter.required for parameter in command.params)
+    }
+    codes = {name: run(*name.split()) for name in sorted(needing)}
+    assert {name: code for name, code in codes.items() if code != 2} == {}
+
+
+def test_where_there_is_no_graph_each_command_ends_with_3(run: Run, tmp_path: Path) -> None:
+    _write_files(tmp_path)
+    names = sorted(_with("--data").keys() - _RUNNING - _MAKING - _OF_FILES)
+    codes = {
+        name: run(*name.split(), *_CALLS.get(name, "").split(), "--data", "nowhere")
+        for name in names
+    }
+    assert {name: code for name, code in codes.items() if code != 3} == {}
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_no_graph_is_made_for_episodes_of_a_file_that_is_not_there(
+    run: Run, tmp_path: Path
+) -> None:
+    assert run("episodes", "import", "e.mcap", "--data", "new") == 2
+    assert not (tmp_path / "new").exists()
+
+
+class _Clock:
+    """Time that passes only while somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, pause_s: float) -> None:
+        self.now_s += pause_s
+
+
+def test_where_no_server_answers_each_command_ends_with_3(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _write_files(tmp_path)
+    monkeypatch.setattr(failures, "time", _Clock())  # a client tries again for half a minute
+    names = sorted(_with("--server").keys() - _RUNNING - _OF_FILES)
+    codes = {
+        name: run(*name.split(), *_CALLS.get(name, "").split(), "--server", "http://127.0.0.1:1")
+        for name in names
+    }
+    assert {name: code for name, code in codes.items() if code != 3} == {}
+
+
+def test_commands_that_find_nothing_end_with_1(run: Run, tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", base="urn:lab/") as kb:
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", "nao-1")
+    calls = (
+        "ask which robot fails at cartons", "contributors list", "entails urn:a urn:p 2",
+        "episodes ask 1", "episodes ask 1 --json", "episodes list", "explain urn:a urn:p 2",
+        "feedback", "history urn:b", "objects list", "objects show x", "proposals list",
+        "query ASK{<urn:a><urn:p>2}", "rules list", "rules show x", "search xyzzy", "tasks list",
+        "token list", "where mug", "objects show urn:b", "ontology unload urn:b",
+    )  # fmt: skip
+    codes = {call: run(*call.split(), "--data", "kb") for call in calls}
+    assert {call: code for call, code in codes.items() if code != 1} == {}
