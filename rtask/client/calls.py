@@ -1388,7 +1388,7 @@ class Calls(ABC):
         thing
             IRI of the thing
         place
-            IRI of the place or end effector; required unless it is lost
+            IRI of the place or end effector; default: none, which must be said by lost
         lost
             whether it is no longer where it was, and nobody knows where; default: False
         agent
@@ -1515,7 +1515,7 @@ class Calls(ABC):
         lost
             whether nobody knows where the thing is now; default: False
         comment
-            what happened
+            what happened; default: nothing to say
         """
         answer: EndedStep = self._operate("end_step", locals())
         return answer

@@ -119,7 +119,7 @@ def test_a_fault_is_underlined_and_its_repair_applied_by_a_click(
             head + "SELECT ?name { ?mug a rt:Mug ; rt:name ?name }"
         )
         page.get_by_role("button", name="Run").click()
-        assert page.locator("#answer").get_by_text(HOSTILE).count() == 1
+        page.locator("#answer").get_by_text(HOSTILE).wait_for()
 
 
 def test_a_running_query_is_stopped(browser: Any, server: RunningServer) -> None:

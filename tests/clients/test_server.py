@@ -116,7 +116,6 @@ def test_tokens_are_made_listed_and_revoked_by_command(tmp_path: Path) -> None:
         (["token", "create", "--data", "{}"], "--robot NAME"),
         (["token", "create", "--data", "{}", "--robot", "a", "--name", "b"], "not both"),
         (["token", "create", "--data", "{}", "--robot", "a", "--expires", "soon"], "--expires"),
-        (["token", "list", "--data", "{}/nothing"], "not a knowledge base"),
     ],
 )
 def test_wrong_usage_of_the_token_command_is_one_line(
@@ -125,4 +124,13 @@ def test_wrong_usage_of_the_token_command_is_one_line(
     done = rtask(*(argument.format(server.data) for argument in arguments))
     assert done.returncode == 2
     assert part in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_tokens_of_a_folder_that_is_no_knowledge_base_fail_in_one_line(
+    server: RunningServer,
+) -> None:
+    done = rtask("token", "list", "--data", f"{server.data}/nothing")
+    assert done.returncode == 3
+    assert "not a knowledge base" in done.stderr
     assert "Traceback" not in done.stderr

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["check_operator", "check_task"]
+__all__ = ["check_agent", "check_operator", "check_task"]
 
 
 def check_task(context: Context, task_id: str | None, access: Access, where: str = "") -> None:
@@ -88,4 +88,19 @@ def check_operator(context: Context, operator: str | None, access: Access, where
             f"{where}operator: the token belongs to {access.agent!r}: it cannot confirm for "
             f"{operator!r}, who has a token to do so (give_feedback)",
             field=f"{where}operator",
+        )
+
+
+def check_agent(named: str | None, access: Access, field: str = "agent") -> None:
+    """Refuse a robot that says that another one, or a person, acts.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming whose token it is.
+    """
+    if access.role == "robot" and access.agent and named and named != access.agent:
+        raise ForbiddenError(
+            f"{field}: the token belongs to {access.agent!r}: it cannot act for {named!r}",
+            field=field,
         )

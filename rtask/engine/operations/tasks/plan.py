@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Ge, Le, MaxLen, MinLen
 
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.identity import check_agent
 from rtask.errors import BusyError, ConflictError, ForbiddenError, UnknownTermError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import iri
@@ -176,8 +177,9 @@ def store_plan(context: Context, request: StorePlan, access: Access) -> StoredPl
     ConflictError
         What robots can do or where things are has changed since the digest was answered.
     ForbiddenError
-        A robot plans what another one is to do.
+        A robot plans what another one is to do, or in the name of another.
     """
+    check_agent(request.agent, access)
     author = context.author(access, request.agent, "teacher")
     plan = _plan(context, request.goal, access, request.assume_reach)
     if request.digest is not None and request.digest != plan.digest:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import datetime as dt
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from annotated_types import Gt, Le, MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 from pydantic import Field
 
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.world.state import moved
+from rtask.engine.records.identity import check_agent
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import CORA, RDF, RT
 from rtask.rdf.terms import NamedNode, iri
@@ -32,7 +33,7 @@ class ClaimStep(Message):
 
     robot: Text | None = None
     """name or IRI of the robot; default: the caller"""
-    lease: Annotated[Number, Unit("s"), Gt(0), Le(claiming.MAX_LEASE_S)] = claiming.LEASE_S
+    lease: Annotated[Number, Unit("s"), Ge(1), Le(claiming.MAX_LEASE_S)] = claiming.LEASE_S
     """how long the step is the robot's unless it asks again"""
 
 
@@ -87,7 +88,7 @@ class EndStep(Message):
     lost: Flag = False
     """whether nobody knows where the thing is now"""
     comment: Annotated[Text, MaxLen(_MAX_CHARS)] | None = None
-    """what happened"""
+    """what happened; default: nothing to say"""
 
 
 class EndedStep(Answer):
@@ -207,8 +208,9 @@ def cancel_plan(context: Context, request: CancelPlan, access: Access) -> Cancel
     Raises
     ------
     ForbiddenError
-        A robot cancels the plan of somebody else.
+        A robot cancels the plan of somebody else, or in the name of another.
     """
+    check_agent(request.operator, access, "operator")
     author = context.author(access, request.operator, "teacher")
     task = str(request.plan)
     if author.role == "robot":

@@ -6,6 +6,7 @@ import datetime as dt
 from typing import TYPE_CHECKING
 
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.identity import check_agent
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri
@@ -27,7 +28,7 @@ class StatePlace(Message):
     thing: Iri
     """IRI of the thing"""
     place: Text | None = None
-    """IRI of the place or end effector; required unless it is lost"""
+    """IRI of the place or end effector; default: none, which must be said by lost"""
     lost: Flag = False
     """whether it is no longer where it was, and nobody knows where"""
     agent: Text | None = None
@@ -46,11 +47,14 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
 
     Raises
     ------
+    ForbiddenError
+        A robot states it in the name of another.
     UsageError
         Neither a place nor that it is lost is given, or both.
     UnknownTermError
         The graph has no such thing or place.
     """
+    check_agent(request.agent, access)
     if (request.place is None) != request.lost:
         raise UsageError("give place, or lost", field="place")
     thing = iri(request.thing)

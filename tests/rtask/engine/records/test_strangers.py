@@ -26,6 +26,8 @@ TRIED = {
     "task_id": "test_a_robot_cannot_report_on_the_task_of_another",
     "operator": "test_a_robot_cannot_confirm_for_a_person_who_has_a_token",
     "refusal": "test_a_robot_cannot_answer_the_refusal_of_another",
+    "robot": "test_a_robot_cannot_work_or_state_places_for_another",
+    "agent": "test_a_robot_cannot_work_or_state_places_for_another",
 }
 NOBODY = {
     "task": "a purpose: pick, place",
@@ -179,3 +181,20 @@ def test_a_second_outcome_of_a_task_that_disagrees_is_a_conflict(bench, robots):
     assert robot.call("report_outcome", outcome=bench.held(), **common)["stored"] == 0
     with pytest.raises(ConflictError, match="failed"):
         robot.call("report_outcome", outcome=bench.missed(), **common)
+
+
+@pytest.mark.parametrize(
+    ("operation", "args"),
+    [
+        ("claim_step", {"robot": "nao-1"}),
+        ("end_step", {"robot": "nao-1", "task": "urn:t", "result": "done"}),
+        ("state_place", {"agent": "nao-1", "thing": "urn:x", "lost": True}),
+        ("store_plan", {"agent": "nao-1", "goal": "every pen into the left box"}),
+        ("cancel_plan", {"operator": "nao-1", "plan": "urn:p", "reason": "late"}),
+    ],
+)
+def test_a_robot_cannot_work_or_state_places_for_another(robots, operation, args):
+    robots("nao-1")
+    stranger = robots("nao-2")
+    with pytest.raises(ForbiddenError, match="the token belongs to 'nao-2': it cannot act for"):
+        stranger.call(operation, **args)
