@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 __all__ = ["Deed", "TaskBody"]
 
@@ -37,6 +37,10 @@ class TaskBody(Protocol):
     @property
     def hands(self) -> Mapping[str, str]:
         """Gripper id, as outcomes are reported with it, of each hand."""
+
+    @property
+    def physics(self) -> Literal["faithful", "fast", "real"]:
+        """In what its outcomes come about, as they say in reports."""
 
     def sees(self, item: str, place: str) -> bool:
         """Look whether a thing is at a place, or in a hand."""

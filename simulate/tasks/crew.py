@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rtask.errors import ConflictError, RtaskError
+from rtask.errors import ConflictError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
 from simulate.tasks.executor import Executor, Graph, Turn
 
@@ -66,7 +66,14 @@ class Crew:
     _repairs: Counter[str] = field(default_factory=Counter)
 
     def work(self) -> list[Ended]:
-        """Carry out all open plans until each is done, declined or given up; return all ends."""
+        """Carry out all open plans until each is done, declined or given up; return all ends.
+
+        Raises
+        ------
+        RtaskError
+            An operation failed, for instance because the server is out of reach or the search for
+            a plan met its bound. Plans stay as they are, so that the work can be taken up again.
+        """
         plans = self.planner.call("list_plans", state="all")["plans"]
         self._closed |= {plan["task"] for plan in plans if plan["state"] == "done"}
         for _ in range(_MAX_ROUNDS):
@@ -135,7 +142,8 @@ class Crew:
             )  # fmt: skip
         except ConflictError:
             return True  # the graph has changed meanwhile: the next round plans again
-        except RtaskError as error:
+        except (UsageError, UnknownTermError) as error:
+            # Whatever else goes wrong, such as a server out of reach, says nothing about the goal.
             return self._give_up(plan, str(error))
         return True
 

@@ -145,6 +145,7 @@ class Executor:
             "reason": deed.reason,
             "duration_s": deed.duration_s,
             "lifted_m": deed.lifted_m,
+            "preset": self.body.physics,
         }
         self.graph.call(
             "report_outcome", task_id=_report_id(claim["task"]), object=str(rows[0]["product"]),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -82,6 +82,11 @@ class LabRobot:
     def hands(self) -> Mapping[str, str]:
         """Gripper id of each hand."""
         return self.lab.hands[self.iri]
+
+    @property
+    def physics(self) -> Literal["fast"]:
+        """Coarser than any: reports from here must not count like those of real hands."""
+        return "fast"
 
     def sees(self, item: str, place: str) -> bool:
         """Look whether a thing is at a place within reach, or in an own hand."""

@@ -10,6 +10,7 @@ import pytest
 import rtask
 from rtask.cli import main
 from rtask.engine import Engine
+from rtask.errors import RemoteUnavailableError
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import iri
 from simulate.tasks.body import Deed
@@ -174,6 +175,35 @@ def test_an_ontology_and_one_class_add_an_action_that_robots_carry_out(world):
     assert world.kb.match(iri(LEFT), iri("https://example.org/kitchen#wipedBy"), iri(NAO))
 
 
+def test_what_comes_about_in_the_lab_is_stored_as_coarse_physics(world):
+    world.store()
+    world.crew().work()
+    presets = [
+        str(row.value("preset"))
+        for row in world.kb.select(f"{PREFIXES}SELECT ?preset {{ ?a rt:preset ?preset }}")
+    ]
+    assert presets == ["fast", "fast"]
+
+
+def test_a_server_out_of_reach_gives_up_no_plan(world):
+    world.store()
+    crew = world.crew()
+    world.lab.slip = 1.0  # so that the goal has to be planned again
+    call = crew.planner.call
+
+    def unreachable(operation, *args, **fields):
+        if operation == "plan_goal":
+            raise RemoteUnavailableError("nobody there")
+        return call(operation, *args, **fields)
+
+    crew.planner.call = unreachable
+    with pytest.raises(RemoteUnavailableError):
+        crew.work()
+    assert crew.ended == []
+    crew.planner.call, world.lab.slip = call, 0.0
+    assert [end.result for end in crew.work()] == ["reached"]
+
+
 class KilledError(RuntimeError):
     """The program of a robot ends here."""
 
@@ -222,6 +252,7 @@ def _watch(executor, die):
 
     class Body:
         hands, sees, find = body.hands, staticmethod(body.sees), staticmethod(body.find)
+        physics = body.physics
 
         def pick(self, *args):
             deed = body.pick(*args)
