@@ -30,14 +30,14 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.command()
 @options.seed()
 @options.objects_of_demo()
-@click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@options.robots_of_demo()
 @click.option(
     "--robot",
     "kinds",
     multiple=True,
     help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
 )
-@options.products(default="light")
+@options.products(default="fragile")
 @click.option(
     "--data",
     "-d",
@@ -69,7 +69,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 def demo(
     seed: int,
     objects: int | None,
-    robots: int,
+    robots: int | None,
     kinds: tuple[str, ...],
     products: str,
     data: Path,
@@ -92,12 +92,13 @@ def demo(
     SPARQL queries on the live store as well.
     """
     from simulate.demo.console import Console
-    from simulate.demo.orchestrate import Demo, Settings, objects_on_table
+    from simulate.demo.orchestrate import Demo, Settings, objects_on_table, robots_in_all
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
     settings = Settings(
-        data, seed, objects_on_table(products, objects), robots, attempts, keep, gui, port,
+        data, seed, objects_on_table(products, objects), robots_in_all(products, kinds, robots),
+        attempts, keep, gui, port,
         kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
         queries=queries,
     )  # fmt: skip

@@ -103,7 +103,8 @@ def clear_table(
     first_sight: dict[int, int] = {}
 
     def on_sight(encounter: Encounter, seen: Seen) -> None:
-        first_sight[encounter.number] = scorer.body_under(seen)
+        first_sight[encounter.number] = body_seen = scorer.body_under(seen)
+        encounter.name = scorer.name_of(body_seen)
 
     def waiting(operation: str) -> None:
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})

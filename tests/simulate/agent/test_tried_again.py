@@ -125,7 +125,7 @@ def test_what_is_nowhere_is_said_to_be_lost(run) -> None:
     body.look = lambda side: looks.append(side) or look(side)
     (met,) = run(body, Server(), [spot], on_event=lambda name, data: told.append((name, data)))
     assert met.lost
-    assert ("missing", {"object": 1, "last_seen": [0.15, -0.1]}) in told
+    assert ("missing", {"object": 1, "title": "object 1", "last_seen": [0.15, -0.1]}) in told
     assert looks[-2:] == ["right", "left"]
     assert looks.count("left") < 8  # it does not search for ever
 
