@@ -296,7 +296,7 @@ def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> No
 @pytest.mark.deep
 def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     children = list(_children(process.pid))
     assert len(children) == 3
     process.send_signal(signal.SIGINT)
@@ -323,7 +323,7 @@ def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
 @pytest.mark.deep
 def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     (robot,) = [pid for pid, line in _children(process.pid).items() if '"index": 0' in line]
     os.kill(robot, signal.SIGKILL)
     _, said = process.communicate(timeout=60)
@@ -337,7 +337,7 @@ def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> N
 @pytest.mark.deep
 def test_an_endpoint_that_goes_away_is_named_and_ends_the_demo(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     (server,) = [pid for pid, line in _children(process.pid).items() if " serve " in line]
     os.kill(server, signal.SIGKILL)
     _, said = process.communicate(timeout=120)

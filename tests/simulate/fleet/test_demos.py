@@ -96,12 +96,8 @@ def test_products_of_a_set_have_the_robot_that_suits_them() -> None:
 
 
 def test_a_table_has_as_many_light_products_as_a_nao_reaches_unless_a_number_is_given() -> None:
-    assert [objects_on_table(products) for products in ("light", "fragile", "hard", "plain")] == [
-        4,
-        4,
-        6,
-        6,
-    ]
+    numbers = [objects_on_table(name) for name in ("light", "fragile", "hard", "plain")]
+    assert numbers == [4, 4, 6, 6]
     assert objects_on_table("light", 2) == 2
 
 
