@@ -87,6 +87,8 @@ class Settings:
         Of :class:`simulate.agent.decisions.Thresholds`.
     details, queries
         Whether to print tables of what each robot did, and SPARQL queries with their answers.
+    small_pictures
+        Whether pictures are JPEG.
     """
 
     data: Path
@@ -104,6 +106,7 @@ class Settings:
     cautious: bool = Thresholds.cautious
     details: bool = False
     queries: bool = False
+    small_pictures: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -181,6 +184,7 @@ class Demo:
                 folder / _STORE,
                 endpoint.url,
                 self.settings.seed,
+                self.settings.products,
                 list(apart.values()),
                 [gain.to_dict() for gain in gains_of(done, apart, self.settings.keep)],
                 None if lessons is None else lessons.to_dict(),
@@ -266,6 +270,7 @@ class Demo:
             outbox=str(folder / _OUTBOX / f"{name}.jsonl"),
             gui=self.settings.gui and bool(url),
             preset=self.settings.preset,
+            small_pictures=self.settings.small_pictures,
             robot=self.settings.kind_of(index),
             products=self.settings.products,
             min_grasp=self.settings.min_grasp,

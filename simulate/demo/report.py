@@ -192,6 +192,7 @@ def summary(
     store: Path,
     url: str,
     seed: int,
+    products: str,
     apart: Sequence[Mapping[str, Any]] = (),
     gains: Sequence[Mapping[str, Any]] = (),
     lessons: Mapping[str, Any] | None = None,
@@ -200,6 +201,8 @@ def summary(
 
     Parameters
     ----------
+    products
+        Set of :data:`simulate.world.objects.PRODUCTS`.
     apart
         Work of some robots, such as the last, with a graph of their own.
     gains
@@ -221,6 +224,7 @@ def summary(
         "store": str(store),
         "url": url,
         "seed": seed,
+        "products": products,
     }
 
 
@@ -263,7 +267,7 @@ def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
     for encounter in result.get("objects", ()):
         for attempt in encounter["attempts"]:
             run = attempt.get("run", 0)
-            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*.png")) if run else []
+            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*-*.*")) if run else []
             if not pictures:
                 continue
             familiarity = (

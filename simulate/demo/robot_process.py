@@ -62,6 +62,7 @@ def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
         lighting=Lighting.sample(stream(job.seed, _LIGHT, job.index)),
         noise_seed=(job.seed, _NOISE, job.index),
         pictures=Path(job.pictures) if job.pictures else None,
+        small_pictures=job.small_pictures,
     )
     return SimulatedBody(placements, assets, conditions)
 

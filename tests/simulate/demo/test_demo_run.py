@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,8 @@ import rtask
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
+from tests.commands import run_command
+from tests.servers import running_server
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -29,9 +30,7 @@ _DEMO = [sys.executable, "-m", "rtask", "demo", "--products", "plain"]
 
 
 def _run(*arguments: str, timeout: float = 1500) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*_DEMO, *arguments], capture_output=True, text=True, timeout=timeout, check=False
-    )
+    return run_command(*_DEMO[3:], *arguments, timeout=timeout)
 
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
@@ -199,7 +198,7 @@ def test_the_report_has_table_pictures_and_queries(finished: Any) -> None:
 
 
 @pytest.mark.deep
-def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> None:
+def test_two_naos_and_a_panda_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> None:
     """The demo as a newcomer starts it, with half of its products."""
     done = subprocess.run(
         [*_DEMO[:4], "--objects", "2", "--data", str(tmp_path / "run")],
@@ -207,33 +206,23 @@ def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> No
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     result = json.loads((tmp_path / "run/report/report.json").read_text("utf-8"))
-    assert [robot["name"] for robot in result["robots"]] == ["nao-1", "nao-2"]
-    assert {met["product"].split("-")[0] for met in result["objects"]} - {""} == {"carton", "rod"}
+    assert [robot["name"] for robot in result["robots"]] == ["nao-1", "nao-2", "panda-3"]
+    assert {met["product"].split("-")[0] for met in result["objects"]} - {""} == {"carton"}
+    with rtask.open(tmp_path / "run/store", mode="r") as kb:
+        named = {row["name"].value for row in kb.query(
+            "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
+            "SELECT ?name { ?object rt:objectId ?id ; rt:name ?name }"
+        )}  # fmt: skip
+    assert {met["product"] for met in result["objects"]} - {""} <= named
     opening, *_ = done.stderr.splitlines()
     assert "hide what decides a grasp" in opening
-    gain = result["gain"]
-    assert gain["robot"] == "nao-2"
-    assert gain["attempts"] >= gain["products"]
     last = [line for line in done.stdout.splitlines() if line]
-    assert gain["sentence"] in last
-    assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
-
-
-@contextlib.contextmanager
-def _serving(store: Path) -> Iterator[str]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rtask", "serve", "--data", str(store), "-p", "0"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("ready "), line
-        yield line.split()[1].rstrip("/")
-    finally:
-        process.terminate()
-        process.communicate(timeout=30)
+    assert [gain["robot"] for gain in result["gains"]] == ["nao-2", "panda-3"]
+    assert result["gain"] == result["gains"][-1]
+    for gain in result["gains"]:
+        assert gain["attempts"] >= gain["products"]
+        assert gain["sentence"] in last
+        assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
 
 
 def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) -> None:
@@ -251,7 +240,8 @@ def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) 
                       prov:wasAssociatedWith ?agent }"""
     # An attempt for which the server had no grasp to offer has nothing to report.
     tried = sum(a["source"] != "none" for met in result["objects"] for a in met["attempts"])
-    with _serving(folder / "store") as url:
+    with running_server(folder / "store") as server:
+        url = server.url
         client = SPARQLWrapper(f"{url}/sparql")
         client.setQuery(
             "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
@@ -367,9 +357,6 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_window_without_a_display_is_refused(tmp_path: Path) -> None:
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run(
-        [*_DEMO, "--gui", "--data", str(tmp_path / "run")],
-        capture_output=True, text=True, env=env, timeout=60, check=False,
-    )  # fmt: skip
+    done = run_command(*_DEMO[3:], "--gui", "--data", str(tmp_path / "run"), environment=env)
     assert done.returncode == 3
     assert "display" in done.stderr
