@@ -6,6 +6,7 @@ people belong to Flask alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 

@@ -198,9 +198,7 @@ class QuickQueries:
         self, asked: _Asked, running: RunningQuery, outcome: Answer | ReaderStream | Instead
     ) -> None:
         exchange, caller = asked.exchange, asked.head.caller
-        request = replace(
-            asked.head.request, query_string=asked.query_string, body=exchange.body
-        )
+        request = replace(asked.head.request, query_string=asked.query_string, body=exchange.body)
         request.__dict__["id"] = asked.id
         job = self._application.admit_identified(
             request, caller, partial(self._context.limiter.leave, caller)
@@ -230,9 +228,7 @@ class QuickQueries:
         self._context.limiter.leave(head.caller)
         is_whole = channel.send(exchange, data)
         outcome = Outcome(request_id, 200, len(exchange.body), len(body), is_whole)
-        self._context.request_log.answered(
-            head.sender, outcome, judgement.form, text, started
-        )
+        self._context.request_log.answered(head.sender, outcome, judgement.form, text, started)
 
 
 def _text(exchange: Exchange, head: Head) -> str | None:
