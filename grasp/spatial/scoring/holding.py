@@ -19,7 +19,8 @@ from grasp.arrays import FloatArray
 from grasp.learning.calibration import ScoreMap
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.meshes.mesh import Mesh, enclosed_volume
+from grasp.spatial.meshes.bodies import enclosed_volume
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import PoseNoise
 from grasp.spatial.scoring.pads import ACROSS, ALONG, PadContacts, pad_contacts
 

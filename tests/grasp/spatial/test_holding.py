@@ -13,7 +13,8 @@ from grasp.spatial.frames import pose_from_planar
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper, panda_hand
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.meshes.mesh import Mesh, as_mesh, enclosed_volume
+from grasp.spatial.meshes.bodies import bodies_apart, enclosed_volume
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.shapes import box_mesh, lathed_mesh, sphere_mesh
 from grasp.spatial.scoring.confidence import PoseNoise, score_grasps
 from grasp.spatial.scoring.holding import (
@@ -172,6 +173,35 @@ def test_an_unknown_mass_is_assumed_and_said() -> None:
     assert any("assumed mass of 0.35 kg" in note for note in found.notes)
     told = plan_on_mesh(box_mesh((0.05, 0.1, 0.1)), HAND, options=SpatialOptions(mass=0.2))
     assert not any("assumed" in note for note in told.notes)
+
+
+def _two_boxes(offset: float) -> Mesh:
+    box = box_mesh((0.1, 0.06, 0.04))
+    moved = box.vertices + np.array([offset, 0.0, 0.0])
+    return as_mesh(
+        np.vstack([box.vertices, moved]), np.vstack([box.faces, box.faces + len(box.vertices)])
+    )
+
+
+@pytest.mark.parametrize("offset", [0.03, 0.05, 0.25])
+def test_space_that_two_bodies_share_counts_once(offset: float) -> None:
+    both = 0.06 * 0.04 * (0.1 + min(offset, 0.1))
+    assert enclosed_volume(_two_boxes(offset)) == pytest.approx(both, rel=0.02)
+
+
+def test_a_hollow_body_is_not_filled() -> None:
+    outer, inner = box_mesh((0.1, 0.1, 0.1)), box_mesh((0.08, 0.08, 0.08))
+    hollow = as_mesh(
+        np.vstack([outer.vertices, inner.vertices]),
+        np.vstack([outer.faces, inner.faces[:, ::-1] + len(outer.vertices)]),
+    )
+    assert enclosed_volume(hollow) == pytest.approx(1e-3 - 0.08**3, rel=0.05)
+
+
+def test_bodies_that_lie_apart_are_told_from_one_in_parts() -> None:
+    assert len(bodies_apart(_two_boxes(0.1))) == 1
+    first, second = bodies_apart(_two_boxes(0.25))
+    assert first.extent.tolist() == pytest.approx(second.extent.tolist())
 
 
 def test_a_flat_mesh_encloses_nothing() -> None:
