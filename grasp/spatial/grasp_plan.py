@@ -21,6 +21,7 @@ from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting
 from grasp.spatial.scoring.features import body_of, with_features
 from grasp.spatial.scoring.holding import with_holding
 from grasp.spatial.scoring.object_load import ObjectLoad
+from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import diverse, hedged, rank
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
@@ -61,6 +62,8 @@ class SpatialOptions:
         Whether opposed contacts on the surface of a cloud are looked for besides hands that fit it.
     find_support
         Whether a table that was left in a cloud is taken for its support where none is given.
+    promises
+        What is promised of a hand, grown from its outcomes; None = that of a hand without any.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -75,6 +78,7 @@ class SpatialOptions:
     hedge: bool = True
     pairs: bool = True
     find_support: bool = True
+    promises: Promises | None = None
 
     def __post_init__(self) -> None:
         if self.mass is not None and not 0 < self.mass < np.inf:
@@ -288,7 +292,7 @@ def _ranked(
     if mass is not None and options.quality == "closure":
         scored = with_holding(
             scored, surface, gripper, mass, options.noise, samples=options.samples,
-            seed=options.seed,
+            seed=options.seed, promises=options.promises,
         )  # fmt: skip
     up = None if support is None else support.up
     chosen = diverse(rank(scored, up), gripper, most=options.most)

@@ -19,7 +19,6 @@ from grasp.spatial.meshes.shapes import box_mesh, lathed_mesh, sphere_mesh
 from grasp.spatial.scoring.confidence import PoseNoise, score_grasps
 from grasp.spatial.scoring.holding import (
     CARRY_G,
-    FACTORY,
     LIFT_G,
     assumed_mass,
     demands,
@@ -27,6 +26,7 @@ from grasp.spatial.scoring.holding import (
     with_holding,
 )
 from grasp.spatial.scoring.pads import PadContacts, pad_contacts
+from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import rank, rank_by_holding
 
 HAND = panda_hand()
@@ -101,8 +101,15 @@ def test_holding_adds_its_scores_and_keeps_the_others() -> None:
     candidate = GraspCandidate(_down(), 0.04, opening=0.06, scores={"confidence": 0.5})
     (found,) = with_holding([candidate], box, HAND, 0.1, PoseNoise(0.0, 0.0), samples=1)
     assert found.scores["confidence"] == 0.5
-    for name in ("lift", "carry"):
-        assert found.scores[f"{name}_chance"] == FACTORY[name].chance(found.scores[name])
+    assert found.scores["load"] == pytest.approx(0.1 * 9.81 / (2 * HAND.friction * HAND.max_force))
+    promised = Promises.by(HAND).of(found.scores)
+    assert set(promised) == {"lift_chance", "lift_at_least", "carry_chance", "carry_at_least"}
+    assert promised.items() <= found.scores.items()
+    taught = Promises.by(HAND).after([(found.scores, {"lift": False, "carry": False})] * 30)
+    (less,) = with_holding(
+        [candidate], box, HAND, 0.1, PoseNoise(0.0, 0.0), samples=1, promises=taught
+    )
+    assert all(less.scores[name] < found.scores[name] for name in promised)
     assert 0 < found.scores["carry"] < found.scores["lift"] <= 0.65 + 0.35 * 0.5
     assert found.scores["lever"] == pytest.approx(0.0, abs=1e-9)
     assert with_holding([], box, HAND, 0.1) == []
