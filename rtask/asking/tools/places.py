@@ -17,7 +17,8 @@ __all__ = ["MAX_PLACES", "Place", "places_of"]
 
 MAX_PLACES = 1000
 
-_QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence ?estimate WHERE {
+_QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence ?estimate
+WHERE {
   {
     %(things)s GRAPH ?graph { ?estimate rt:poseOf ?thing }
     ?estimate rt:estimatedPose ?pose . BIND("at" AS ?relation)

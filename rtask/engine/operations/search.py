@@ -172,9 +172,7 @@ def similar_objects(
     return answer
 
 
-def _entry(
-    remembered: RememberedObject, confidence: float, why: str, **at: Any
-) -> SimilarObject:
+def _entry(remembered: RememberedObject, confidence: float, why: str, **at: Any) -> SimilarObject:
     """Return an entry of the answer, with the position of its best grasp or nulls."""
     return SimilarObject(
         class_=remembered.short_id,
