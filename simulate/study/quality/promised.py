@@ -116,7 +116,8 @@ def _quarters(chances: FloatArray, shares: FloatArray) -> list[dict[str, Any]]:
 
 
 def _widest(quarters: Sequence[Mapping[str, Any]]) -> float:
-    return round(max(abs(quarter["promised"] - quarter["held"]) for quarter in quarters), 4)
+    gaps = [abs(float(quarter["promised"]) - float(quarter["held"])) for quarter in quarters]
+    return round(max(gaps), 4)
 
 
 def _after_own_outcomes(
