@@ -1,0 +1,54 @@
+"""Stand-ins for the outlines of Kehoe 2014, chapter 3, and plans on them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps, sample_grasps
+from grasp.push.parts import stand_in
+from grasp.push.trials import Trials
+
+__all__ = ["CONFIGURATIONS", "STAND_INS", "plan", "timed", "trials_of", "usual"]
+
+T = TypeVar("T")
+
+CONFIGURATIONS = ((0.0, 1.5, 5), (0.03, 7.5, 9), (0.09, 20.0, 15))
+"""Filter distance, density and angles of the three settings of Table 3.2."""
+
+STAND_INS = "the thesis's outlines are not published: ours are stand-ins of the same kinds"
+
+
+def usual(name: str) -> tuple[Part, PushTest, Tolerance]:
+    """Return a stand-in, the usual test and the usual tolerance."""
+    part = as_part(stand_in(name))
+    return part, PushTest(0.25 * part.diameter), Tolerance.default(part)
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """Return a result and the least of three processor times, s."""
+    spans = []
+    for _ in range(3):
+        began = time.process_time()
+        result = work()
+        spans.append(time.process_time() - began)
+    return result, min(spans)
+
+
+def plan(name: str, setting: tuple[float, float, int], **more: object) -> PushPlan:
+    """Return the plan of a stand-in at a setting."""
+    part, test, _ = usual(name)
+    distance, density, angles = setting
+    return plan_push_grasps(
+        part.vertices, jaw_width=test.jaw_width, filter_distance=distance, density=density,
+        angles=angles, **more,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def trials_of(name: str, setting: tuple[float, float, int]) -> Trials:
+    """Return the trials of a stand-in at a setting of Table 3.2."""
+    part, test, tolerance = usual(name)
+    distance, density, angles = setting
+    grasps = sample_grasps(part, filter_distance=distance, density=density, angles=angles)
+    return Trials.of(part, grasps, test, tolerance, 0)
