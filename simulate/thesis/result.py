@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from simulate.study.intervals import wilson
@@ -28,10 +29,13 @@ class Setting:
         result says what was made smaller.
     seed
         Determines every draw.
+    images
+        Folder of photographs of 640 x 480 that stand in for the first thesis's; None = simulated.
     """
 
     fast: bool = True
     seed: int = 0
+    images: Path | None = None
 
     def size(self, whole: int, fast: int) -> int:
         """Return the size to use."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps, sample_grasps
 from grasp.push.parts import stand_in
@@ -36,14 +36,14 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
     return result, min(spans)
 
 
-def plan(name: str, setting: tuple[float, float, int], **more: object) -> PushPlan:
+def plan(name: str, setting: tuple[float, float, int], **more: Any) -> PushPlan:
     """Return the plan of a stand-in at a setting."""
     part, test, _ = usual(name)
     distance, density, angles = setting
     return plan_push_grasps(
         part.vertices, jaw_width=test.jaw_width, filter_distance=distance, density=density,
         angles=angles, **more,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
 
 
 def trials_of(name: str, setting: tuple[float, float, int]) -> Trials:

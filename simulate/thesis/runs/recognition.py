@@ -55,8 +55,8 @@ def _hundred(setting: Setting) -> tuple[list[_View], int]:
     names = [
         f"{kind}-{n}" for n in range(40, 60) for kind in ("box", "can", "bottle", "ball", "pen")
     ]
-    names = names[: setting.size(100, 10)]
-    step = 30 if setting.fast else 5
+    names = names[: setting.size(100, 6)]
+    step = 45 if setting.fast else 5
     return [v for name in names for v in _views(name, step, setting.seed)], len(names)
 
 
@@ -114,7 +114,7 @@ def table_4_1(setting: Setting) -> Result:
     rows = []
     wrong = asked = 0
     for title, theirs, is_stored, _, training_s, recall_s in sets:
-        answered = _ask(views, is_stored)
+        answered = _ask(views, is_stored, setting.size(1000, 40))
         n = len(answered.answers)
         wrong, asked = wrong + answered.wrong, asked + n
         what = f"{title} ({answered.stored} of {len(views)} views stored)"
@@ -129,7 +129,11 @@ def table_4_1(setting: Setting) -> Result:
         (
             f"{STAND_INS}, {_LIGHT}; sets A, B, C were chosen by hand there, by angle here",
             "times: theirs of a call over the network, ours processor seconds without describing",
-            *((f"a view every {step} degrees instead of 5 (--fast)",) if step > 5 else ()),
+            *(
+                (f"a view every {step} degrees instead of 5, 40 asked for each set (--fast)",)
+                if setting.fast
+                else ()
+            ),
         ),
     )
 
@@ -145,7 +149,7 @@ def _every(views: Sequence[_View], degrees: int, above: bool) -> Callable[[int],
 def not_identified(setting: Setting) -> Result:
     """Images on which no object is identified."""
     views, _ = _six(setting)
-    answered = _ask(views, _every(views, 90, False))
+    answered = _ask(views, _every(views, 90, False), setting.size(1000, 40))
     missed = [v for v, a in answered.answers if not a.accepted]
     pictures = {
         f"{v.name}, {_seen_from(v)}": v.png for v in missed[:: max(len(missed) // 6, 1)][:6]
@@ -163,7 +167,7 @@ def curves(setting: Setting) -> Result:
     """Recall and wrong answers over the share of views that are stored."""
     views, products = _hundred(setting)
     shares = (0.02, 0.1, 0.2, 0.35, 0.5)
-    most = setting.size(2000, 100)
+    most = setting.size(2000, 50)
     recall, false, rows = [], [], []
     for share in shares:
         rng = np.random.default_rng([setting.seed, int(1000 * share)])
@@ -201,7 +205,7 @@ def confidences(setting: Setting) -> Result:
     """Confidences of right and of wrong first matches, with a fifth of the views stored (4.6)."""
     views, products = _hundred(setting)
     drawn = np.random.default_rng([setting.seed, 200]).random(len(views)) < 0.2
-    answered = _ask(views, lambda k: bool(drawn[k]), setting.size(2000, 200))
+    answered = _ask(views, lambda k: bool(drawn[k]), setting.size(2000, 80))
     rows = []
     for title, is_right, first_theirs, second_theirs in (
         ("right", True, 0.49, 0.30), ("wrong", False, 0.06, 0.79),
