@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,10 +13,15 @@ from simulate.study.intervals import wilson
 
 __all__ = ["Compared", "Result", "Setting", "Stopwatch", "Verdict", "overall", "share_of"]
 
-Verdict = Literal["reproduced", "better", "worse", "different", "not compared"]
+Verdict = Literal["reproduced", "better", "worse", "different", "too few to tell", "not compared"]
 
-_GRAVITY: tuple[Verdict, ...] = ("worse", "different", "not compared", "reproduced", "better")
+_GRAVITY: tuple[Verdict, ...] = (
+    "worse", "different", "too few to tell", "not compared", "reproduced", "better",
+)  # fmt: skip
 """Verdicts, the one to lead with first."""
+
+_WIDEST_SHARE = 0.4
+"""A share known no better than this agrees with nearly every figure."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,8 @@ class Compared:
         Difference up to which both count as equal, and why so much.
     better
         Which way is better; "" where neither is.
+    widest
+        Width of the interval above which it says nothing, although it holds theirs.
     """
 
     what: str
@@ -76,6 +84,7 @@ class Compared:
     tolerance: float | None = None
     reason: str = ""
     better: Literal["higher", "lower", ""] = ""
+    widest: float = math.inf
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and not self.reason:
@@ -87,7 +96,8 @@ class Compared:
         if self.ours is None or self.theirs is None:
             return "not compared"
         if self.interval is not None and self.interval[0] <= self.theirs <= self.interval[1]:
-            return "reproduced"
+            is_wide = self.interval[1] - self.interval[0] > self.widest
+            return "too few to tell" if is_wide else "reproduced"
         off = self.ours - self.theirs
         if off == 0 or (self.tolerance is not None and abs(off) <= self.tolerance):
             return "reproduced"
@@ -146,7 +156,8 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
 
 def share_of(what: str, hits: int, n: int, theirs: float | None = None, **more: Any) -> Compared:
     """Return a share with its interval (Wilson 1927) beside the thesis's."""
-    return Compared(what, hits / n if n else None, theirs, interval=wilson(hits, n), **more)
+    share = hits / n if n else None
+    return Compared(what, share, theirs, interval=wilson(hits, n), widest=_WIDEST_SHARE, **more)
 
 
 class Stopwatch:

@@ -11,6 +11,7 @@ VERDICTS = {
     "better": "ours is better by more than that",
     "worse": "ours is worse by more than that",
     "different": "they differ, and neither way is better",
+    "too few to tell": "our interval holds the thesis's figure, and nearly any other",
     "not compared": "the thesis gives no figure",
     "failed": "the run broke",
     "done differently": "no run: ours is another thing, and it says which",

@@ -49,23 +49,17 @@ def ontology(setting: Setting) -> Result:
 
 def task_properties(setting: Setting) -> Result:
     """What a task has: agent, interval, motion, manipulation (Fig. 16)."""
+    text = "SELECT DISTINCT ?p WHERE { ?p rdfs:domain rt:Task FILTER STRSTARTS(STR(?p), STR(rt:)) }"
     with rtask.open(":memory:") as kb:
-        answer = list(
-            kb.select(
-                prologue(terms.PREFIXES)
-                + "SELECT DISTINCT ?p ?range WHERE { ?p rdfs:domain rt:Task ; rdfs:range ?range "
-                "FILTER isIRI(?range) } ORDER BY ?p"
-            )
-        )
-    names = sorted({_local(str(row["p"])) + " to " + _local(str(row["range"])) for row in answer})
+        answer = list(kb.select(prologue(terms.PREFIXES) + text))
+    names = sorted(str(row["p"]).strip("<>").replace("#", "/").rsplit("/", 1)[-1] for row in answer)
     return Result(
         (Compared("properties whose domain is a task", float(len(names))),),
-        ("the thesis's task has an agent, an interval, a motion and a manipulation", *names),
+        (
+            "the thesis's task has an agent, an interval, a motion and a manipulation",
+            f"ours: {', '.join(names)}",
+        ),
     )
-
-
-def _local(iri: str) -> str:
-    return iri.replace("#", "/").rstrip(">").rsplit("/", 1)[-1]
 
 
 def learners(setting: Setting) -> Result:

@@ -114,7 +114,7 @@ def table_4_1(setting: Setting) -> Result:
     rows = []
     wrong = asked = 0
     for title, theirs, is_stored, _, training_s, recall_s in sets:
-        answered = _ask(views, is_stored, setting.size(1000, 40))
+        answered = _ask(views, is_stored, setting.size(1000, 16))
         n = len(answered.answers)
         wrong, asked = wrong + answered.wrong, asked + n
         what = f"{title} ({answered.stored} of {len(views)} views stored)"
@@ -130,7 +130,7 @@ def table_4_1(setting: Setting) -> Result:
             f"{STAND_INS}, {_LIGHT}; sets A, B, C were chosen by hand there, by angle here",
             "times: theirs of a call over the network, ours processor seconds without describing",
             *(
-                (f"a view every {step} degrees instead of 5, 40 asked for each set (--fast)",)
+                (f"a view every {step} degrees instead of 5, 16 asked for each set (--fast)",)
                 if setting.fast
                 else ()
             ),
@@ -149,7 +149,7 @@ def _every(views: Sequence[_View], degrees: int, above: bool) -> Callable[[int],
 def not_identified(setting: Setting) -> Result:
     """Images on which no object is identified."""
     views, _ = _six(setting)
-    answered = _ask(views, _every(views, 90, False), setting.size(1000, 40))
+    answered = _ask(views, _every(views, 90, False), setting.size(1000, 16))
     missed = [v for v, a in answered.answers if not a.accepted]
     pictures = {
         f"{v.name}, {_seen_from(v)}": v.png for v in missed[:: max(len(missed) // 6, 1)][:6]
@@ -167,7 +167,7 @@ def curves(setting: Setting) -> Result:
     """Recall and wrong answers over the share of views that are stored."""
     views, products = _hundred(setting)
     shares = (0.02, 0.1, 0.2, 0.35, 0.5)
-    most = setting.size(2000, 50)
+    most = setting.size(2000, 16)
     recall, false, rows = [], [], []
     for share in shares:
         rng = np.random.default_rng([setting.seed, int(1000 * share)])
@@ -196,6 +196,11 @@ def curves(setting: Setting) -> Result:
             f"{STAND_INS}, {_LIGHT}",
             *setting.shrunk("products", 100, products),
             *setting.shrunk("views asked for each share", 2000, most),
+            *(
+                ("a view every 45 degrees, so that a share is of 20 views instead of 148 (--fast)",)
+                if setting.fast
+                else ()
+            ),
         ),
         chart,
     )
@@ -205,7 +210,7 @@ def confidences(setting: Setting) -> Result:
     """Confidences of right and of wrong first matches, with a fifth of the views stored (4.6)."""
     views, products = _hundred(setting)
     drawn = np.random.default_rng([setting.seed, 200]).random(len(views)) < 0.2
-    answered = _ask(views, lambda k: bool(drawn[k]), setting.size(2000, 80))
+    answered = _ask(views, lambda k: bool(drawn[k]), setting.size(2000, 30))
     rows = []
     for title, is_right, first_theirs, second_theirs in (
         ("right", True, 0.49, 0.30), ("wrong", False, 0.06, 0.79),
