@@ -37,6 +37,7 @@ _LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 CHECK_EVERY_S = 0.5
+_STANDS_S = 0.05
 _MAX_REMEMBERED = 10_000
 Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
@@ -139,7 +140,8 @@ class TokenStore:
         self._handle = -1
         self._clock = clock
         self._file_version = b""
-        self._check_again = -math.inf
+        self._standing = (b"", False, False)
+        self._check_again = self._stands_until = -math.inf
         self.is_current: Callable[[], bool] = lambda: True
         """Whether revocations still arrive here; a follower out of contact lets no token in."""
         if self._path:
@@ -211,6 +213,7 @@ class TokenStore:
             )
         self._ever_issued = True
         self._ever_limited |= token.access.reads is not None
+        self._stands_until = -math.inf
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
@@ -283,7 +286,7 @@ class TokenStore:
         if token is not None and token.is_valid(time.time()):
             return token
         # Whoever has learnt here that a token is void must not be let in by what is remembered.
-        self._check_again = -math.inf
+        self._check_again = self._stands_until = -math.inf
         return None
 
     def _version(self) -> bytes:
@@ -299,6 +302,20 @@ class TokenStore:
             self._check_again = now + CHECK_EVERY_S
             self._file_version = os.pread(self._handle, 4, 24)
         return self._file_version
+
+    def revision(self) -> tuple[bytes, bool, bool]:
+        """Return a value that differs once any token was created, revoked or changed.
+
+        Whoever was identified while it was the same is identified likewise, until the token
+        expires.
+        """
+        now = self._clock()
+        if now >= self._stands_until:
+            self._look()
+            version = self._version() if self.is_current() else b""
+            self._standing = (version, self._ever_issued, self._ever_limited)
+            self._stands_until = min(now + _STANDS_S, self._check_again)
+        return self._standing
 
     def ever_issued(self) -> bool:
         """Tell whether any token was ever issued; from then on, nobody writes without one.
@@ -411,7 +428,7 @@ class TokenStore:
                 yield connection
         finally:
             connection.close()
-            self._check_again = -math.inf
+            self._check_again = self._stands_until = -math.inf
 
 
 def parse_lifetime(text: str, what: str = "") -> timedelta:
