@@ -10,7 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from simulate.thesis.result import Setting
+from simulate.thesis.result import Compared, Setting
 from simulate.thesis.running import Outcome
 from simulate.thesis.words import VERDICTS, cells
 
@@ -34,13 +34,24 @@ _LARGEST_PICTURE = 60_000
 def _heading(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Outcome]) -> str:
     counts = Counter(outcome.verdict for outcome in outcomes)
     verdicts = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
+    figures = Counter(row.verdict for row in _distinct_rows(outcomes))
+    compared = ", ".join(
+        f"{figures[v]} {v}" for v in VERDICTS if figures[v] and v != "not compared"
+    )
     spent = sum({o.entry.run: o.seconds for o in outcomes if o.entry.run}.values())
     sizes = "smaller sizes (--fast), named in each entry" if setting.fast else "full sizes"
     return (
-        f"{len(outcomes)} entries: {verdicts}. Seed {setting.seed}, {sizes}; {spent / 60:.0f} "
+        f"{len(outcomes)} entries, each with the gravest verdict of its figures: {verdicts}. Figures "
+        f"that the theses give: {compared}. Seed {setting.seed}, {sizes}; {spent / 60:.0f} "
         f"minutes by the clock on {machine['cores']} cores of {machine['processor']}, load "
         f"{machine['load']} at the end, Python {machine['python']}."
     )
+
+
+def _distinct_rows(outcomes: Sequence[Outcome]) -> list[Compared]:
+    """Return the figures of all runs, each run once."""
+    runs = {o.entry.run: o.result for o in outcomes if o.result is not None}
+    return [row for result in runs.values() for row in result.rows]
 
 
 def to_html(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Outcome]) -> str:
