@@ -41,8 +41,8 @@ def _heading(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Ou
     spent = sum({o.entry.run: o.seconds for o in outcomes if o.entry.run}.values())
     sizes = "smaller sizes (--fast), named in each entry" if setting.fast else "full sizes"
     return (
-        f"{len(outcomes)} entries, each with the gravest verdict of its figures: {verdicts}. Figures "
-        f"that the theses give: {compared}. Seed {setting.seed}, {sizes}; {spent / 60:.0f} "
+        f"{len(outcomes)} entries, each with the gravest verdict of its figures: {verdicts}. "
+        f"Figures that the theses give: {compared}. Seed {setting.seed}, {sizes}; {spent / 60:.0f} "
         f"minutes by the clock on {machine['cores']} cores of {machine['processor']}, load "
         f"{machine['load']} at the end, Python {machine['python']}."
     )
