@@ -34,7 +34,7 @@ _LARGEST_PICTURE = 60_000
 def _heading(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Outcome]) -> str:
     counts = Counter(outcome.verdict for outcome in outcomes)
     verdicts = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
-    figures = Counter(row.verdict for row in _distinct_rows(outcomes))
+    figures: Counter[str] = Counter(row.verdict for row in _distinct_rows(outcomes))
     compared = ", ".join(
         f"{figures[v]} {v}" for v in VERDICTS if figures[v] and v != "not compared"
     )
