@@ -16,6 +16,20 @@ Kind = Literal["table", "fig", "algorithm", "listing", "experiment"]
 State = Literal["compared", "shown", "done differently", "not applicable"]
 
 
+_MODULES = {
+    "features": "simulate.thesis.runs.features",
+    "model": "simulate.thesis.runs.model",
+    "poses": "simulate.thesis.runs.poses",
+    "push_figures": "simulate.thesis.runs.push_figures",
+    "push_nodes": "simulate.thesis.runs.push_nodes",
+    "push_pose": "simulate.thesis.runs.push_pose",
+    "push_tables": "simulate.thesis.runs.push_tables",
+    "recognition": "simulate.thesis.runs.recognition",
+    "robots": "simulate.thesis.runs.robots",
+    "sense": "simulate.thesis.runs.sense",
+}
+
+
 @dataclass(frozen=True)
 class Entry:
     """A table, figure, algorithm, listing or experiment.
@@ -77,6 +91,6 @@ class Entry:
             raise LookupError(f"{self.name} has no run: {self.why}")
         module, _, function = self.run.partition(":")
         work: Callable[[Setting], Result] = getattr(
-            importlib.import_module(f"simulate.thesis.runs.{module}"), function
+            importlib.import_module(_MODULES[module]), function
         )
         return work(setting)

@@ -24,11 +24,11 @@ def entries_named(name: str) -> list[Entry]:
     >>> [entry.name for entry in entries_named("kehoe-3.1")]
     ['kehoe-fig-3.1', 'kehoe-table-3.1']
     """
-    wanted = name.strip().lower().replace("figure", "fig").replace(" ", "-")
-    exact = [entry for entry in ENTRIES if entry.name == wanted]
+    typed = name.strip().lower().replace("figure", "fig").replace(" ", "-")
+    exact = [entry for entry in ENTRIES if entry.name == typed]
     if exact:
         return exact
-    thesis, _, number = wanted.partition("-")
+    thesis, _, number = typed.partition("-")
     numbered = [e for e in ENTRIES if e.thesis == thesis and e.number == number]
     if numbered:
         return numbered

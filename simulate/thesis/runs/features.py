@@ -76,14 +76,14 @@ def table_2(setting: Setting) -> Result:
                 described, cpu = zip(*pool.map(_describe, images), strict=True)
                 took[workers] = time.perf_counter() - start
             if workers == 1:
-                all_s, one_s = sum(cpu), float(np.median(cpu))
+                all_s, each_s = sum(cpu), float(np.median(cpu))
     finally:
         cv2.setNumThreads(threads_before)
     scale = _IMAGES / len(images)
     return Result(
         (
             Compared(f"{_IMAGES} images, 1 thread", scale * all_s, 45.1554, "s", better="lower"),
-            Compared("1 image, 1 thread", one_s, 0.379014, "s", better="lower"),
+            Compared("1 image, 1 thread", each_s, 0.379014, "s", better="lower"),
             Compared("gain of 2 threads, by the clock", took[1] / took[2], 45.1554 / 21.8381,
                      tolerance=0.3, reason="whatever else runs on the machine", better="higher"),
             Compared("keypoints an image, mean",
@@ -96,13 +96,13 @@ def table_2(setting: Setting) -> Result:
 class Pairs:
     """Matches two images at a time, by hashing or exactly, with cross-check and homography."""
 
-    def __init__(self, found: list[Described]) -> None:
-        self.found = found
+    def __init__(self, images: list[Described]) -> None:
+        self.images = images
         hasher = Hasher.seeded()
         build_tables(np.zeros((4, TABLES), np.uint32), 8)  # compiles before the clock runs
         start = time.thread_time()
-        self.codes = [hasher.encode(descriptors) for _, descriptors in found]
-        bits = [used_table_bits(len(d)) for _, d in found]
+        self.codes = [hasher.encode(descriptors) for _, descriptors in images]
+        bits = [used_table_bits(len(d)) for _, d in images]
         self.tables = [
             build_tables(np.ascontiguousarray(buckets), b)
             for (_, buckets), b in zip(self.codes, bits, strict=True)
@@ -115,7 +115,7 @@ class Pairs:
         The ratio rule holds in one direction, as in :meth:`exact`; only what was matched is
         matched back.
         """
-        forward = _kept(*self._by_tables(i, j, np.arange(len(self.found[i][1]))))
+        forward = _unambiguous(*self._by_tables(i, j, np.arange(len(self.images[i][1]))))
         rows = np.flatnonzero(forward >= 0)
         targets, where = np.unique(forward[rows], return_inverse=True)
         mutual = self._by_tables(j, i, targets)[0][where] == rows
@@ -126,24 +126,24 @@ class Pairs:
     ) -> tuple[Rows, Rows, Rows]:
         """Return the nearest row, and squared distances to it and to the next."""
         codes, buckets = self.codes[i]
-        stored, stored_codes = self.found[j][1], self.codes[j][0]
+        stored, stored_codes = self.images[j][1], self.codes[j][0]
         own = np.arange(len(stored), dtype=np.int32)
         alive = np.ones(len(stored), np.uint8)
         offsets, rows = self.tables[j]
         best, nearest, _, rival = match_tables(
-            self.found[i][1][chosen], codes[chosen], buckets[chosen], stored, stored_codes,
+            self.images[i][1][chosen], codes[chosen], buckets[chosen], stored, stored_codes,
             offsets, rows, own, own, alive, True,
         )  # fmt: skip
         return best, nearest, rival
 
     def exact(self, i: int, j: int) -> tuple[Rows, Rows]:
         """Return the same by the full product, which serves both directions."""
-        distances = squared_distances(self.found[i][1], self.found[j][1])
+        distances = squared_distances(self.images[i][1], self.images[j][1])
         best, back = distances.argmin(axis=1).astype(np.int32), distances.argmin(axis=0)
         rows = np.arange(len(best))
         nearest = distances[rows, best].astype(np.int32)
         distances[rows, best] = 2**30
-        forward = _kept(best, nearest, distances.min(axis=1).astype(np.int32))
+        forward = _unambiguous(best, nearest, distances.min(axis=1).astype(np.int32))
         rows = np.flatnonzero((forward >= 0) & (back[best] == rows))
         return rows.astype(np.int32), forward[rows]
 
@@ -151,12 +151,12 @@ class Pairs:
         """Return how many matches agree on one homography."""
         if len(rows) < 8:
             return 0
-        source, target = self.found[i][0][rows, :2], self.found[j][0][columns, :2]
+        source, target = self.images[i][0][rows, :2], self.images[j][0][columns, :2]
         _, agreed = cv2.findHomography(source, target, cv2.USAC_FAST, 4.0)
         return 0 if agreed is None else int(np.sum(agreed))
 
 
-def _kept(best: Rows, nearest: Rows, rival: Rows) -> Rows:
+def _unambiguous(best: Rows, nearest: Rows, rival: Rows) -> Rows:
     good = (nearest < _CAP) & (nearest < _RATIO * np.minimum(rival, 2**30))
     return np.where(good, best, -1).astype(np.int32)
 
@@ -168,7 +168,7 @@ def table_3(setting: Setting) -> Result:
     numbers = [(i, j) for i in range(len(images)) for j in range(i + 1, len(images))]
     pairs.hashed(0, 1)  # compiles before the clock runs
     matching = verifying = exact = 0.0
-    agreed, common, wanted, given = [], 0, 0, 0
+    agreed, common, right, given = [], 0, 0, 0
     for i, j in numbers:
         start = time.thread_time()
         ours = pairs.hashed(i, j)
@@ -180,20 +180,24 @@ def table_3(setting: Setting) -> Result:
         truth = pairs.exact(i, j)
         exact += time.thread_time() - start
         both = [set(zip(*map(np.ndarray.tolist, rows), strict=True)) for rows in (truth, ours)]
-        common, wanted, given = (
-            common + len(both[0] & both[1]), wanted + len(both[0]), given + len(both[1])
+        common, right, given = (
+            common + len(both[0] & both[1]), right + len(both[0]), given + len(both[1])
         )  # fmt: skip
     scale = _PAIRS / len(numbers)
     whole = scale * (matching + verifying)
-    found = np.array(agreed)
+    inliers = np.array(agreed)
     return Result(
         (
             Compared(f"{_PAIRS} pairs at 15 inliers: time", whole, 4.82, "s", better="lower"),
             Compared(f"{_PAIRS} pairs at 300 inliers: time", whole, 4.485, "s", better="lower"),
-            Compared("pairs that match at 15 inliers", scale * float((found >= 15).sum()), 1592.0),
-            Compared("pairs that match at 300 inliers", scale * float((found >= 300).sum()), 18.0),
+            Compared(
+                "pairs that match at 15 inliers", scale * float((inliers >= 15).sum()), 1592.0
+            ),
+            Compared(
+                "pairs that match at 300 inliers", scale * float((inliers >= 300).sum()), 18.0
+            ),
             Compared("exact matching: time", scale * exact, unit="s"),
-            Compared("matches of the exact way that hashing gives", common / max(wanted, 1)),
+            Compared("matches of the exact way that hashing gives", common / max(right, 1)),
             Compared("matches of hashing that the exact way gives", common / max(given, 1)),
         ),
         (

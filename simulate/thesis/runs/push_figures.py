@@ -45,14 +45,14 @@ def filtering(setting: Setting) -> Result:
     ring = _densified(part.vertices, 12)
     rng = np.random.default_rng(setting.seed)
     noisy = ring + rng.normal(scale=0.006 * part.radius, size=ring.shape)
-    kept = noisy[filter_polygon(noisy, 0.03 * part.radius)]
+    filtered = noisy[filter_polygon(noisy, 0.03 * part.radius)]
     canvas = Canvas(noisy.min(axis=0), noisy.max(axis=0), title="noisy, and filtered at .03 R")
     canvas.polygon(noisy, "#1f77b4", width=1)
-    canvas.polygon(kept, "#d62728", width=2)
+    canvas.polygon(filtered, "#d62728", width=2)
     return Result(
         (
             Compared("stand-in A with noise: vertices before", float(len(noisy))),
-            Compared("vertices after", float(len(kept))),
+            Compared("vertices after", float(len(filtered))),
             Compared("vertices of the outline without noise", float(len(part.vertices))),
         ),
         (STAND_INS, "the thesis draws one outline and gives no counts"),

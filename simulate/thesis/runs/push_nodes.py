@@ -98,13 +98,13 @@ def speed_up(setting: Setting) -> Result:
                 trials = trials_of(name, configuration)
                 list(executor.finished(trials, [(0, 2)] * workers))
                 spans = {nodes: _shard_times(executor, trials, nodes) for nodes in NODES}
-                one = float(spans[1][0])
+                alone = float(spans[1][0])
                 if name == "A":
-                    slower = MATLAB_S[number] / one
-                curves["average"].append([one / spans[n].mean() for n in NODES])
-                curves["slowest"].append([one / spans[n].max() for n in NODES])
+                    slower = MATLAB_S[number] / alone
+                curves["average"].append([alone / spans[n].mean() for n in NODES])
+                curves["slowest"].append([alone / spans[n].max() for n in NODES])
                 curves["with start-up"].append(
-                    [_with_start(slower * one, slower * spans[n], rng) for n in NODES]
+                    [_with_start(slower * alone, slower * spans[n], rng) for n in NODES]
                 )
     theirs = {"average": 515.0, "slowest": 393.0, "with start-up": 97.0}
     rows = tuple(
@@ -127,12 +127,12 @@ def speed_up(setting: Setting) -> Result:
     return Result(rows, notes, pictures)
 
 
-def _with_start(one: float, spans: np.ndarray, rng: np.random.Generator) -> float:
+def _with_start(alone: float, spans: np.ndarray, rng: np.random.Generator) -> float:
     """Return the speed-up where each node starts first; one alone takes the middle of the range."""
     if len(spans) == 1:
         return 1.0
     slowest = float((spans + rng.uniform(*START_UP_S, len(spans))).max())
-    return (one + float(np.mean(START_UP_S))) / slowest
+    return (alone + float(np.mean(START_UP_S))) / slowest
 
 
 def early_shards(setting: Setting) -> Result:

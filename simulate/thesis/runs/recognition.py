@@ -83,12 +83,12 @@ def _ask(views: Sequence[_View], is_stored: Callable[[int], bool], most: int = 1
     warm_up()
     with tempfile.TemporaryDirectory(prefix="rtask-views-") as folder:
         index = RecognitionIndex(Path(folder))
-        kept = [k for k in range(len(views)) if is_stored(k)]
+        stored = [k for k in range(len(views)) if is_stored(k)]
         began = time.process_time()
-        for k in kept:
+        for k in stored:
             index.add(f"v:{k}", views[k].name, "class:product", views[k].features)
         index.save()
-        adding = (time.process_time() - began) / max(len(kept), 1)
+        adding = (time.process_time() - began) / max(len(stored), 1)
         recogniser = Recogniser(index)
         others = [k for k in range(len(views)) if not is_stored(k)]
         others = others[:: max(len(others) // most, 1)]
@@ -96,7 +96,7 @@ def _ask(views: Sequence[_View], is_stored: Callable[[int], bool], most: int = 1
         answers = [(views[k], recogniser.recognise(views[k].features)) for k in others]
         asking = (time.process_time() - began) / max(len(others), 1)
         index.close()
-    return _Asked(answers, len(kept), adding, asking)
+    return _Asked(answers, len(stored), adding, asking)
 
 
 def table_4_1(setting: Setting) -> Result:
