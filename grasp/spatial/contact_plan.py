@@ -36,6 +36,7 @@ def plan_contacts(
     Examples
     --------
     >>> from grasp.spatial.meshes.shapes import box_mesh
+    >>> from grasp.spatial.three_finger.hand import ThreeFingerHand
     >>> box = box_mesh((0.1, 0.06, 0.04))
     >>> [len(plan_contacts(box, hand)) > 0
     ...  for hand in (SuctionCup("cup"), ThreeFingerHand("three", max_opening=0.1))]
