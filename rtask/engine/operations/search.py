@@ -16,6 +16,7 @@ from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import place
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.engine.stored import view_features
+from rtask.engine.words import likeness_words
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
@@ -23,6 +24,7 @@ from rtask.wire.message import Answer, named
 from rtask.wire.types import Probability, Text, Whole
 
 if TYPE_CHECKING:
+    from features.recognition.confidence import Evidence
     from features.recognition.recogniser import Match, Recognition
     from features.recognition.views.view import ViewFeatures
     from rtask.engine.context import Context
@@ -66,6 +68,8 @@ class SimilarObject(Answer):
     Z: float | None
     rad: float | None
     grasp: str | None
+    why: str = ""
+    """what the confidence rests on, in words"""
 
 
 class SimilarObjects(Answer):
@@ -163,11 +167,12 @@ def similar_objects(
             x, y, theta = placement.to_frame(best.x, best.y, best.theta)
             z = float(placement.frame_from_object[2, 3]) + best.z
             at = {"X": x, "Y": y, "Z": z, "rad": theta, "grasp": best.grasp}
-        answer.append(_entry(remembered, float(match.confidence), **at))
+        why = likeness_words(match.inliers, match.appearance, match.size_ok)
+        answer.append(_entry(remembered, float(match.confidence), why, **at))
     return answer
 
 
-def _entry(remembered: RememberedObject, confidence: float, **at: Any) -> SimilarObject:
+def _entry(remembered: RememberedObject, confidence: float, why: str, **at: Any) -> SimilarObject:
     """Return an entry of the answer, with the position of its best grasp or nulls."""
     return SimilarObject(
         class_=remembered.short_id,
@@ -175,6 +180,7 @@ def _entry(remembered: RememberedObject, confidence: float, **at: Any) -> Simila
         object=remembered.iri,
         label=remembered.label,
         confidence=confidence,
+        why=why,
         **{**dict.fromkeys(("X", "Y", "Z", "rad", "grasp")), **at},
     )
 
@@ -223,11 +229,15 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
     )
     memory = recall(context.kb, question).objects
     similar = [
-        _entry(memory[others[k][1]], float(sure[k]))
+        _entry(memory[others[k][1]], float(sure[k]), _why(others[k][0].evidence))
         for k in sorted(range(len(others)), key=lambda k: -sure[k])
         if others[k][1] in memory
     ]
     return SimilarObjects(similar_objects=similar, suggestions=[])
+
+
+def _why(evidence: Evidence) -> str:
+    return likeness_words(evidence.inliers, evidence.appearance, evidence.size_ok)
 
 
 def _newest(context: Context, object_iri: NamedNode) -> ViewFeatures:

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 _DEMO = [sys.executable, "-m", "rtask", "demo", "--products", "plain"]
 
 
-def _run(*arguments: str, timeout: float = 1500) -> subprocess.CompletedProcess[str]:
-    return run_command(*_DEMO[3:], *arguments, timeout=timeout)
+def _run(
+    *arguments: str, timeout: float = 1500, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    return run_command(*_DEMO[3:], *arguments, timeout=timeout, environment=environment)
 
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
@@ -357,6 +360,6 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_window_without_a_display_is_refused(tmp_path: Path) -> None:
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = run_command(*_DEMO[3:], "--gui", "--data", str(tmp_path / "run"), environment=env)
+    done = _run("--gui", "--data", str(tmp_path / "run"), environment=env, timeout=60)
     assert done.returncode == 3
     assert "display" in done.stderr
