@@ -79,7 +79,12 @@ def _alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
         return [], []
     sure = {row["object"]: row["confidence"] for row in answer["similar_objects"]}
     rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
-    matches = [{**row, "confidence": sure[row["object"]]} for row in rows]
+    seen = {row["object"]: row["picture"] for row in answer["similar_objects"]}
+    matches = [
+        # The side that looks alike says more than the side that was stored first.
+        {**row, "confidence": sure[row["object"]], "image": seen[row["object"]] or row["image"]}
+        for row in rows
+    ]
     return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 

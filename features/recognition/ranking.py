@@ -36,6 +36,13 @@ class Candidate:
     printed: PrintedView | None = None
     is_in_other_light: bool = False
 
+    @property
+    def views(self) -> tuple[int, ...]:
+        """Numbers of the stored views that match, the one that stands for the object first."""
+        printed = () if self.printed is None else (self.printed.view,)
+        matching = tuple(dict.fromkeys([*printed, *(fit.view for fit in self.fits)]))
+        return matching or (self.most_similar_view,)
+
 
 class First(NamedTuple):
     """Best objects by their places, and by their look or their likeness."""
