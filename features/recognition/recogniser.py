@@ -302,7 +302,7 @@ class Recogniser:
         if agreement is None:
             return candidate
         odds = odds_of_views(odds, agreement, params)
-        odds = within_requirements(odds, printed.evidence, self.params.printed)
+        odds = within_requirements(odds, printed.evidence, self.params.printed, True)
         return replace(candidate, evidence=replace(candidate.evidence, print_odds=odds))
 
     def _printed(
