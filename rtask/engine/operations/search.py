@@ -233,9 +233,11 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
     memory = recall(context.kb, question)
     similar = [
         _entry(
-            memory.objects[others[k][1]], float(sure[k]),
-            view=views[k], picture=memory.pictures.get(views[k], ""),
-        )  # fmt: skip
+            memory.objects[others[k][1]],
+            float(sure[k]),
+            view=views[k],
+            picture=memory.pictures.get(views[k], ""),
+        )
         for k in sorted(range(len(others)), key=lambda k: -sure[k])
         if others[k][1] in memory.objects
     ]
