@@ -6,6 +6,7 @@ people belong to Flask alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -89,6 +90,22 @@ class Application:
         job = Job(request, Plan.ready(Response()), version=self.context.versions.current())
         try:
             self._route(job)
+        except Exception as error:  # noqa: BLE001 - every error is an answer
+            job.plan = Plan.ready(self._problem(error, job))
+        return job
+
+    def admit_identified(self, request: Request, caller: Caller, leave: Callable[[], None]) -> Job:
+        """Plan the answer to a query whose caller has been identified and admitted already.
+
+        Parameters
+        ----------
+        leave
+            Called when the request has ended.
+        """
+        job = Job(request, Plan.ready(Response()), caller, [leave])
+        job.version = self.context.versions.current()
+        try:
+            self._plan(job, request, caller, request.raw_path.rstrip("/"))
         except Exception as error:  # noqa: BLE001 - every error is an answer
             job.plan = Plan.ready(self._problem(error, job))
         return job
@@ -185,20 +202,23 @@ class Application:
         # A query has at least what had been committed when it came; a write has its own commit.
         is_query = job.plan.form not in ("", "UPDATE")
         version = job.version if is_query else self.context.versions.current()
-        headers = [
-            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
-            *cors_headers(job.request, self.context.config),
-            ("RTASK-Request-Id", job.request.id),
-        ]
-        if job.request.method in ("GET", "HEAD"):
-            sent = job.request.headers
-            private = "authorization" in sent or "cookie" in sent
-            headers.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
+        headers = [*self.steady_fields(job.request), ("RTASK-Request-Id", job.request.id)]
         if not any(name.lower() == "rtask-version" for name, _ in response.headers):
             headers.append(("RTASK-Version", version))
         if self.context.following is not None:
             headers += staleness_headers(self.context.following)
         return response.with_headers(*headers)
+
+    def steady_fields(self, request: Request) -> list[tuple[str, str]]:
+        """Return the header fields of a response that depend on the header of the request only."""
+        fields = [
+            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
+            *cors_headers(request, self.context.config),
+        ]
+        if request.method in ("GET", "HEAD"):
+            private = "authorization" in request.headers or "cookie" in request.headers
+            fields.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
+        return fields
 
     def _route(self, job: Job) -> None:
         context, request = self.context, job.request

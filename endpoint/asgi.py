@@ -164,10 +164,21 @@ class AsgiApplication:
         else:
             loop = asyncio.get_running_loop()
             job = await loop.run_in_executor(application.lanes.work, application.admit, request)
-        await self._complete(job, wire)
+        await self.complete(job, wire)
 
-    async def _complete(self, job: Job, wire: Wire) -> None:
-        """Do the work of a request that was admitted, and send the answer."""
+    async def complete(
+        self,
+        job: Job,
+        wire: Wire,
+        outcome: Response | Answer | ReaderStream | Instead | None = None,
+    ) -> None:
+        """Do the work of a request that was admitted, and send the answer.
+
+        Parameters
+        ----------
+        outcome
+            What the protocol has already got: the response, or what a query met at a reader's pipe.
+        """
         application = self._application
         try:
             if job.plan.progress is not None:
@@ -177,7 +188,12 @@ class AsgiApplication:
                 )
                 application.report(job, response, sent, whole=whole)
                 return
-            if job.plan.lane == "loop":
+            if isinstance(outcome, Response):
+                response = outcome
+            elif outcome is not None:
+                stream = outcome if isinstance(outcome, ReaderStream) else None
+                response = await self._work(job, wire, stream)
+            elif job.plan.lane == "loop":
                 response = application.run(job)
             else:
                 response = await self._answer(job, wire)
@@ -312,19 +328,26 @@ class AsgiApplication:
         """The application that answers programs."""
         return self._application
 
-    def request_of(self, scope: Message, body: bytes = b"") -> Request:
-        """Return the request that a connection's scope describes."""
+    def request_of(self, scope: Message) -> Request:
+        """Return the request that a connection's scope describes, without its body."""
+        raw_path = scope.get("raw_path") or scope["path"].encode()
+        method = scope.get("method", "GET")
+        return self.request_from(scope, method, raw_path, scope["query_string"], b"")
+
+    def request_from(
+        self, scope: Message, method: str, raw_path: bytes, query_string: bytes, body: bytes
+    ) -> Request:
+        """Return a request from its parts; the scope has its headers and the connection."""
         headers: dict[str, str] = {}
         for name, value in scope["headers"]:
             key, text = name.decode("latin-1"), value.decode("latin-1")
             headers[key] = f"{headers[key]}, {text}" if key in headers else text
         host = headers.get("host") or "{}:{}".format(*(scope.get("server") or ("localhost", 80)))
         client = scope.get("client")
-        raw_path = scope.get("raw_path") or scope["path"].encode()
         return Request(
-            scope.get("method", "GET"),
+            method,
             raw_path.decode("latin-1"),
-            scope["query_string"].decode("latin-1"),
+            query_string.decode("latin-1"),
             headers,
             body,
             self._context.config.site(scope["scheme"], host),

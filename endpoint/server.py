@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -22,7 +23,7 @@ from endpoint.activity.watch import watch
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
-from endpoint.http.server_protocol import GuardedProtocol
+from endpoint.direct import DirectProtocol, QuickQueries
 from endpoint.rosbridge.activity_topic import announce_activity
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
@@ -148,9 +149,10 @@ def _allow_open_files() -> None:
 
 
 def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
+    queries = QuickQueries(asgi.application, asgi.points)
     return uvicorn.Config(
         asgi,
-        http=GuardedProtocol,
+        http=partial(DirectProtocol, asgi=asgi, queries=queries),  # type: ignore[arg-type]
         log_config=None,
         access_log=False,
         server_header=False,

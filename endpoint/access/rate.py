@@ -136,6 +136,17 @@ class Limiter:
             return lambda: None
         return self._admit(caller.key)
 
+    def try_admit(self, caller: Caller) -> bool:
+        """Admit a request if no limit is reached; call :meth:`leave` when it has ended."""
+        if caller.access.role == "anonymous":
+            return True
+        return not self._requests.take(caller.key) and self._in_flight.enter(caller.key)
+
+    def leave(self, caller: Caller) -> None:
+        """Note that a request has ended that was admitted by :meth:`try_admit`."""
+        if caller.access.role != "anonymous":
+            self._in_flight.leave(caller.key)
+
     def admit_stranger(self, address: str) -> None:
         """Rate-limit unauthenticated callers by their address; raises as :meth:`admit` does."""
         self._admit(f"stranger {address}")()

@@ -33,10 +33,9 @@ FILE_NAME = "tokens.sqlite"
 ROLES = ("reader", "robot", "teacher", "admin")
 _TOKEN = re.compile(r"rtk_([0-9a-f]{12})_([0-9a-f]{32})")
 _AGENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
-_HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 CHECK_EVERY_S = 0.5
+_STANDS_S = 0.05
 _MAX_REMEMBERED = 10_000
 Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
@@ -139,7 +138,8 @@ class TokenStore:
         self._handle = -1
         self._clock = clock
         self._file_version = b""
-        self._check_again = -math.inf
+        self._standing = (b"", False, False)
+        self._check_again = self._stands_until = -math.inf
         self.is_current: Callable[[], bool] = lambda: True
         """Whether revocations still arrive here; a follower out of contact lets no token in."""
         if self._path:
@@ -211,6 +211,7 @@ class TokenStore:
             )
         self._ever_issued = True
         self._ever_limited |= token.access.reads is not None
+        self._stands_until = -math.inf
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
@@ -283,7 +284,7 @@ class TokenStore:
         if token is not None and token.is_valid(time.time()):
             return token
         # Whoever has learnt here that a token is void must not be let in by what is remembered.
-        self._check_again = -math.inf
+        self._check_again = self._stands_until = -math.inf
         return None
 
     def _version(self) -> bytes:
@@ -299,6 +300,20 @@ class TokenStore:
             self._check_again = now + CHECK_EVERY_S
             self._file_version = os.pread(self._handle, 4, 24)
         return self._file_version
+
+    def revision(self) -> tuple[bytes, bool, bool]:
+        """Return a value that differs once any token was created, revoked or changed.
+
+        Whoever was identified while it was the same is identified likewise, until the token
+        expires.
+        """
+        now = self._clock()
+        if now >= self._stands_until:
+            self._look()
+            version = self._version() if self.is_current() else b""
+            self._standing = (version, self._ever_issued, self._ever_limited)
+            self._stands_until = min(now + _STANDS_S, self._check_again)
+        return self._standing
 
     def ever_issued(self) -> bool:
         """Tell whether any token was ever issued; from then on, nobody writes without one.
@@ -411,52 +426,7 @@ class TokenStore:
                 yield connection
         finally:
             connection.close()
-            self._check_again = -math.inf
-
-
-def parse_lifetime(text: str, what: str = "") -> timedelta:
-    """Parse a lifetime in hours, days or weeks; errors begin with `what`.
-
-    Examples
-    --------
-    >>> parse_lifetime("30d").days, parse_lifetime("12h").total_seconds()
-    (30, 43200.0)
-
-    Raises
-    ------
-    UsageError
-        Not of that form, or longer than a hundred years.
-    """
-    match = _LIFETIME.fullmatch(text)
-    if not match or int(match.group(1)) > 876_000:
-        raise UsageError(
-            f"{what}expected a lifetime in hours, days or weeks (12h, 30d, 4w), got {text!r}"
-        )
-    return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
-
-
-def parse_expiry(text: str) -> datetime | None:
-    """Parse when a token expires: a lifetime from now, a time of ISO 8601, or never.
-
-    Examples
-    --------
-    >>> parse_expiry("never"), parse_expiry("2027-01-31T12:00:00Z").year
-    (None, 2027)
-
-    Raises
-    ------
-    UsageError
-        None of these, or a time without its zone.
-    """
-    if text == "never":
-        return None
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        return datetime.now(UTC) + parse_lifetime(text)
-    if time.tzinfo is None:
-        raise UsageError(f"{text!r} has no time zone; write {text}Z")
-    return time.astimezone(UTC)
+            self._check_again = self._stands_until = -math.inf
 
 
 def _digest(secret: str) -> bytes:

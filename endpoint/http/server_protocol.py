@@ -12,7 +12,7 @@ import re
 from http import HTTPStatus
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from endpoint.http.cork import CORK, Cork
 
@@ -91,9 +91,13 @@ class GuardedProtocol(HttpToolsProtocol):
         super().on_headers_complete()
         if self.cycle is not None and self.cycle.scope is self.scope:
             # The task that answers has been created, and begins later.
-            cork = Cork(self.transport)
-            self.cycle.transport = cork  # type: ignore[assignment]
-            self.scope["extensions"] = {CORK: cork}  # type: ignore[dict-item]
+            self.cork(self.cycle)
+
+    def cork(self, cycle: RequestResponseCycle) -> None:
+        """Let the application of a cycle send head and body in one piece."""
+        cork = Cork(self.transport)
+        cycle.transport = cork  # type: ignore[assignment]
+        cycle.scope["extensions"] = {CORK: cork}  # type: ignore[dict-item]
 
     def send_400_response(self, msg: str) -> None:
         """Answer a request that cannot be parsed, and close the connection."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from typing import NamedTuple
 
 from endpoint.access.auth import Caller
 from endpoint.http.messages import Request, Response
@@ -17,6 +18,57 @@ from rtask.kb.commit.commit import Change
 
 SLOW_S = 1.0
 _MAX_TEXT = 10_000
+
+
+class Sender(NamedTuple):
+    """Part of a log line known before the answer; equal for many requests of a client.
+
+    Attributes
+    ----------
+    method, path
+        Labels of metrics.
+    asked, who
+        Members of the log line, as JSON.
+    """
+
+    method: str
+    path: str
+    asked: str
+    who: str
+
+    @classmethod
+    def of(cls, request: Request, caller: Caller | None) -> Sender:
+        """Return what is said of a request, whose caller may be unknown."""
+        path = redacted(request.raw_path)
+        asked = f'"method": {as_json(request.method)}, "path": {as_json(path)}'
+        who = f'"client": {as_json(request.client)}'
+        if caller is not None:
+            who += f', "role": "{caller.access.role}"'
+            if caller.access.agent:
+                who += f', "agent": {as_json(caller.access.agent)}'
+            if caller.token:
+                who += f', "token": "{caller.token.id}"'
+        return cls(request.method, request.raw_path, asked, who)
+
+
+class Outcome(NamedTuple):
+    """End of a request: status, sizes, completeness.
+
+    Attributes
+    ----------
+    id
+        Request id.
+    received, sent
+        Bytes of the bodies.
+    whole
+        Whether the client received the whole answer.
+    """
+
+    id: str
+    status: int
+    received: int
+    sent: int
+    whole: bool = True
 
 
 class RequestLog:
@@ -69,27 +121,42 @@ class RequestLog:
         whole
             Whether the client received the whole answer.
         """
+        self.answered(
+            Sender.of(request, caller),
+            Outcome(request.id, response.status, len(request.body), sent, whole),
+            plan.form,
+            plan.text,
+            started,
+        )
+
+    def answered(
+        self, sender: Sender, outcome: Outcome, form: str, text: str, started: float
+    ) -> None:
+        """Record a request that has ended, given by its parts; see :meth:`request`.
+
+        Parameters
+        ----------
+        form, text
+            Of SPARQL requests; else empty.
+        """
         seconds = time.perf_counter() - started
         query, how = "", ""
-        if plan.form and plan.form != "UPDATE" and response.status < 400:
-            query, how = plan.form, "ok" if whole else "broken-off"
-        self._metrics.request(
-            request.raw_path, request.method, response.status, seconds, query, how
-        )
+        if form and form != "UPDATE" and outcome.status < 400:
+            query, how = form, "ok" if outcome.whole else "broken-off"
+        self._metrics.request(sender.path, sender.method, outcome.status, seconds, query, how)
         if self._writer is None:
             return
         line = (
-            f'{{"time": "{timestamp(time.time())}", "level": "info", "id": "{request.id}", '
-            f'"method": {as_json(request.method)}, "path": {as_json(redacted(request.raw_path))}, '
-            f'"status": {response.status}, "ms": {seconds * 1e3:.2f}, '
-            f'"in": {len(request.body)}, "out": {sent}, {_sender(request, caller)}'
+            f'{{"time": "{timestamp(time.time())}", "level": "info", "id": "{outcome.id}", '
+            f'{sender.asked}, "status": {outcome.status}, "ms": {seconds * 1e3:.2f}, '
+            f'"in": {outcome.received}, "out": {outcome.sent}, {sender.who}'
         )
-        if plan.form:
-            digest = hashlib.sha256(plan.text.encode()).hexdigest()[:16]
-            line += f', "form": "{plan.form}", "seq": {self._kb.seq}, "text_sha256": "{digest}"'
+        if form:
+            digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+            line += f', "form": "{form}", "seq": {self._kb.seq}, "text_sha256": "{digest}"'
             if seconds >= SLOW_S or self._config.log_queries:
-                line += f', "text": {as_json(redacted(plan.text[:_MAX_TEXT]))}'
-        if not whole:
+                line += f', "text": {as_json(redacted(text[:_MAX_TEXT]))}'
+        if not outcome.whole:
             line += ', "broken_off": true'
         self._writer.put(line + "}")
 
@@ -114,15 +181,3 @@ class RequestLog:
         for kind in ("added", "removed", "derived"):
             self._metrics.count("rtask_commit_quads_total", getattr(commit, kind), kind=kind)
         self._audit.commit(change)
-
-
-def _sender(request: Request, caller: Caller | None) -> str:
-    """Return the members of a log line that say who asked; the caller may be unknown."""
-    members = f'"client": {as_json(request.client)}'
-    if caller is not None:
-        members += f', "role": "{caller.access.role}"'
-        if caller.access.agent:
-            members += f', "agent": {as_json(caller.access.agent)}'
-        if caller.token:
-            members += f', "token": "{caller.token.id}"'
-    return members

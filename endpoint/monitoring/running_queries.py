@@ -36,18 +36,25 @@ class RunningQueries:
         RefusedError
             503 if as many queries run and wait as may.
         """
+        if not self.try_begin(query):
+            raise RefusedError(
+                503,
+                "busy",
+                f"{self.allowed} queries are running and as many are waiting; try again",
+                headers=(("Retry-After", "1"),),
+            )
+        return lambda: self.end(query)
+
+    def try_begin(self, query: RunningQuery) -> bool:
+        """Register a query if there is room; call :meth:`end` when it has ended."""
         with self._lock:
             if len(self._running) >= 2 * self.allowed:
-                raise RefusedError(
-                    503,
-                    "busy",
-                    f"{self.allowed} queries are running and as many are waiting; try again",
-                    headers=(("Retry-After", "1"),),
-                )
+                return False
             self._running[id(query)] = query
-        return lambda: self._end(query)
+            return True
 
-    def _end(self, query: RunningQuery) -> None:
+    def end(self, query: RunningQuery) -> None:
+        """Forget a query that has ended."""
         with self._lock:
             self._running.pop(id(query), None)
 
@@ -85,6 +92,11 @@ class RunningQueries:
         """Tell whether threads of abandoned queries are still running."""
         return any(not work.done() for work in self._abandoned)
 
+    @property
+    def has_room(self) -> bool:
+        """Whether few enough abandoned queries are still running."""
+        return len(self._abandoned) < MAX_ABANDONED
+
     def check_room(self) -> None:
         """Refuse a query while too many abandoned ones are still running.
 
@@ -93,7 +105,7 @@ class RunningQueries:
         RefusedError
             503, with the time to wait.
         """
-        if len(self._abandoned) >= MAX_ABANDONED:
+        if not self.has_room:
             raise RefusedError(
                 503,
                 "busy",

@@ -4,14 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from endpoint.pages.render import embedded_graph
+from endpoint.pages.render import embedded_graph, knowledge_base
+from rtask.asking.terms import Reader, reader_of
 from rtask.engine.terms import folded
-from rtask.rdf.terms import iri, literal
+from rtask.errors import DataError, UsageError
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import NamedNode, iri, literal
 
-__all__ = ["by_iri", "by_words", "unnamed", "without"]
+__all__ = ["by_iri", "by_words", "read_resource", "unnamed", "without"]
 
 MAX_WORDS = 8
 _NAMED = "{ ?object rt:name ?said } UNION { ?object a/(rdfs:label|skos:altLabel) ?said }"
+
+
+def read_resource(text: str) -> NamedNode:
+    """Return what a text in an address names, in any form that a page or a command prints.
+
+    Of a graph that is stored elsewhere, names in quotes are not known.
+
+    Raises
+    ------
+    DataError, UnknownTermError
+        It is no term, or nothing has that name.
+    """
+    kb = knowledge_base()
+    reader = reader_of(kb) if isinstance(kb, KnowledgeBase) else Reader(kb.base)
+    try:
+        return reader.resource(text)
+    except UsageError as error:
+        raise DataError(str(error)) from error
 
 
 def by_iri(names: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ from endpoint.pages.render import (
     Model,
     blueprint,
     context,
+    current_request,
     embedded_graph,
     page,
     select,
@@ -22,6 +23,7 @@ from endpoint.pages.render import (
 from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
 from rtask.engine.operations.curate import CurateObject
+from rtask.errors import UnknownTermError
 from rtask.wire.forms import read_form
 from rtask.wire.message import Answer
 
@@ -33,7 +35,7 @@ _RECENT_COMMITS = 2_000
 
 @page("/object/merge", "merge.html")
 def merge() -> Model:
-    """Return candidates for a merge or, with ``into``, both objects side by side."""
+    """Return candidates for a merge or, with ``into``, both side by side and how alike they are."""
     subject = resolve_object("iri")
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
@@ -43,7 +45,8 @@ def merge() -> Model:
     into = resolve_object("into")
     if into == subject:
         raise RefusedError(422, "usage", f"both names mean {subject}: there is nothing to merge")
-    return {"iri": subject, "object": side(subject), "into": side(into)}
+    likeness = next((row for row in objects_alike(subject, "")[0] if row["object"] == into), None)
+    return {"iri": subject, "object": side(subject), "into": side(into), "likeness": likeness}
 
 
 @page("/object/split", "split.html")
@@ -66,6 +69,31 @@ def side(name: str) -> Model:
     if not rows:
         raise RefusedError(404, "not-found", f"no object {name}; see /objects")
     return {**rows[0], "pictures": select("object_views", object=by_iri([name]))}
+
+
+def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
+    """Return the objects of the described kind that look like one, and suggested words."""
+    caller = context().auth.identify(current_request())
+    search_request: dict[str, Any] = {"operation": "search", "object": subject}
+    if description:
+        search_request["class_description"] = description
+    try:
+        answer = context().engine.call("teach_object", search_request, caller.access)
+    except UnknownTermError:  # nothing was seen of it that can be compared
+        return [], []
+    alike = {row["object"]: row for row in answer["similar_objects"]}
+    rows = list_objects(len(alike), chosen=by_iri(alike)) if alike else []
+    matches = [
+        # The side that looks alike says more than the side that was stored first.
+        {
+            **row,
+            "confidence": alike[row["object"]]["confidence"],
+            "why": alike[row["object"]]["why"],
+            "image": alike[row["object"]]["picture"] or row["image"],
+        }
+        for row in rows
+    ]
+    return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 
 @page(_ADDRESS, "curation.html")

@@ -10,6 +10,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.activity.words import AFTER
+from endpoint.pages.choosing import read_resource
 from endpoint.pages.render import Model, blueprint, context, page, select
 from endpoint.pages.signin import require_form
 from rtask.engine.memory.statistics import lower_95
@@ -17,7 +18,6 @@ from rtask.engine.operations.feedback import GiveFeedback
 from rtask.engine.words import PHASES
 from rtask.errors import MissingExtraError, UsageError
 from rtask.extras import naming_extras
-from rtask.rdf.terms import iri
 from rtask.wire.forms import read_form
 
 _ADDRESS = "/feedback"
@@ -118,11 +118,11 @@ def feedback() -> Model:
         raise UsageError(f"show={show}: one of {', '.join(_FILTERS)} is expected")
     about = []
     if asked.get("robot"):
-        about.append(f"?attempt rt:performedBy {iri(asked['robot'])}")
+        about.append(f"?attempt rt:performedBy {read_resource(asked['robot'])}")
     if asked.get("object"):
-        about.append(f"{iri(asked['object'])} rt:hasGrasp/rt:triedIn ?attempt")
+        about.append(f"{read_resource(asked['object'])} rt:hasGrasp/rt:triedIn ?attempt")
     if asked.get("grasp"):
-        about.append(f"{iri(asked['grasp'])} rt:triedIn ?attempt")
+        about.append(f"{read_resource(asked['grasp'])} rt:triedIn ?attempt")
     patterns = [_FILTERS[show], *about]
     reasons = [row["code"] for row in select("reasons")]
     return {

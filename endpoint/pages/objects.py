@@ -5,7 +5,7 @@ from __future__ import annotations
 import flask
 
 from endpoint.http.messages import RefusedError
-from endpoint.pages.choosing import by_iri
+from endpoint.pages.choosing import by_iri, read_resource
 from endpoint.pages.drawn import belief_over, clouds_of, curve, gripper_lines, has_viewer
 from endpoint.pages.render import (
     PAGE_SIZE,
@@ -60,7 +60,7 @@ def resolve_object(argument: str) -> str:
     if not asked:
         raise RefusedError(400, "usage", f"which object? {flask.request.path}?{argument}=<IRI>")
     kb = knowledge_base()
-    name = present_name(kb, iri(asked).value)
+    name = present_name(kb, read_resource(asked).value)
     if kb.match(name, RDF.type, RT.ManipulableObject):
         return name
     gone = kb.match(name, PROV.invalidatedAtTime)

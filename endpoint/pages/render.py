@@ -199,20 +199,19 @@ def select(name: str, **options: Any) -> list[Model]:
 
 @blueprint.app_template_filter("short")
 def short(iri: str) -> str:
-    """Shorten an IRI for people: prefixed, or relative to the base of the knowledge base.
+    """Shorten an IRI for people, in a form that every page and command reads.
+
+    That is a prefixed name, with ``kb:`` for the base of the knowledge base.
 
     Examples
     --------
     >>> short(ontology.NS + "Mug")
     'rt:Mug'
     """
-    for name, start in ontology.PREFIXES.items():
-        if iri.startswith(start) and len(iri) > len(start):
+    own = {"kb": knowledge_base().base} if flask.has_app_context() else {}
+    for name, start in {**ontology.PREFIXES, **own}.items():
+        if start and iri.startswith(start) and len(iri) > len(start):
             return f"{name}:{iri[len(start) :]}"
-    own = [knowledge_base().base] if flask.has_app_context() else []
-    for start in (*own, ontology.BASE, ontology.ONTOLOGY.removesuffix("onto")):
-        if iri.startswith(start) and len(iri) > len(start):
-            return iri[len(start) :]
     return iri
 
 

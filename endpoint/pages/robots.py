@@ -10,6 +10,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
+from endpoint.pages.choosing import read_resource
 from endpoint.pages.drawn import belief_over
 from endpoint.pages.feedback import list_attempts
 from endpoint.pages.render import (
@@ -78,7 +79,7 @@ def robot() -> Model:
     asked = flask.request.args.get("iri", "")
     if not asked:
         raise RefusedError(400, "usage", f"which robot? {flask.request.path}?iri=<IRI>")
-    term = iri(asked)
+    term = read_resource(asked)
     facts = _facts_of(term)
     parts = select("robot", robot=term)
     outcomes = select("robot_outcomes", robot=term)

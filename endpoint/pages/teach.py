@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.pages.choosing import by_iri, by_words, unnamed, without
-from endpoint.pages.curation import back_to, carry_out, side
+from endpoint.pages.choosing import by_words, unnamed, without
+from endpoint.pages.curation import back_to, carry_out, objects_alike, side
 from endpoint.pages.objects import list_objects, resolve_object
-from endpoint.pages.render import Model, blueprint, context, current_request, page
+from endpoint.pages.render import Model, blueprint, context, page
 from rtask.engine.engine import Engine
 from rtask.engine.operations.teach import TeachObject
 from rtask.engine.terms import folded
-from rtask.errors import UnknownTermError
 from rtask.wire.forms import read_form
 
 _ADDRESS = "/teach"
@@ -38,12 +35,12 @@ def teach() -> Model:
     }
     if name or description:
         return {**model, **_candidates(subject, name, description)}
-    return {**model, "candidates": _alike(subject, "")[0]}
+    return {**model, "candidates": objects_alike(subject, "")[0]}
 
 
 def _candidates(subject: str, name: str, description: str) -> Model:
     """Return the objects and kinds that match the words, those that look alike first."""
-    alike, suggestions = _alike(subject, description)
+    alike, suggestions = objects_alike(subject, description)
     seen = {candidate["object"] for candidate in alike}
     worded = [
         candidate
@@ -65,27 +62,6 @@ def _candidates(subject: str, name: str, description: str) -> Model:
         "kinds": [kind.label for kind in kinds],
         "is_known_kind": any(folded_words in map(folded, kind.names) for kind in kinds),
     }
-
-
-def _alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
-    """Return the objects of the described kind that look like one, and suggested words."""
-    caller = context().auth.identify(current_request())
-    search_request: dict[str, Any] = {"operation": "search", "object": subject}
-    if description:
-        search_request["class_description"] = description
-    try:
-        answer = context().engine.call("teach_object", search_request, caller.access)
-    except UnknownTermError:  # nothing was seen of it that can be compared
-        return [], []
-    sure = {row["object"]: row["confidence"] for row in answer["similar_objects"]}
-    rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
-    seen = {row["object"]: row["picture"] for row in answer["similar_objects"]}
-    matches = [
-        # The side that looks alike says more than the side that was stored first.
-        {**row, "confidence": sure[row["object"]], "image": seen[row["object"]] or row["image"]}
-        for row in rows
-    ]
-    return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 
 def _engine() -> Engine:

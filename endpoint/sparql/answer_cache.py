@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from endpoint.http.conditional import is_current, is_unsteady
+from endpoint.http.encoding import encode_fields
 from endpoint.http.messages import Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import Metrics
@@ -21,7 +22,7 @@ from endpoint.served import ServedGraph
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["AnswerCache"]
+__all__ = ["AnswerCache", "CachedAnswer", "key_part"]
 
 MAX_BYTES = 32 << 20
 MAX_ANSWER_BYTES = 64 << 10
@@ -36,9 +37,17 @@ Version = tuple[int, int]
 
 @dataclass(frozen=True)
 class CachedAnswer:
-    """One answer, ready to be sent."""
+    """One answer, ready to be sent.
+
+    Parameters
+    ----------
+    fields
+        The header fields of the response, as sent.
+    """
 
     plan: Plan
+    response: Response
+    fields: bytes
     etag: str
     size: int
 
@@ -82,14 +91,15 @@ class AnswerCache:
         """Return the plan of a request whose answer is kept for callers of these rights."""
         if self._kb is None or request.method == "HEAD":
             return None
-        entry = self._lookup(_key(request, access))
+        entry = self.lookup(_key(request, access))
         if entry is None:
             return None
         if is_current(request, entry.etag):
             return Plan.ready(Response(304, headers=(("ETag", entry.etag),)))
         return entry.plan
 
-    def _lookup(self, key: Key) -> CachedAnswer | None:
+    def lookup(self, key: Key) -> CachedAnswer | None:
+        """Return the answer that is kept for requests of a key."""
         kb = self._kb
         if kb is None:
             return None
@@ -110,10 +120,17 @@ class AnswerCache:
 
         Call it before the query is evaluated.
         """
-        kb = self._kb
-        if kb is None or request.method == "HEAD" or is_unsteady(text):
+        if self._kb is None or request.method == "HEAD" or is_unsteady(text):
             return None
-        key = _key(request, access)
+        return self.keeper_of(_key(request, access), form, text, etag)
+
+    def keeper_of(
+        self, key: Key, form: str, text: str, etag: str
+    ) -> Callable[[Response], None] | None:
+        """Do what :meth:`keeper` does, for a query whose answer is not different each time."""
+        kb = self._kb
+        if kb is None:
+            return None
         self._metrics.count("rtask_answer_cache_total", outcome="miss")
         with self._lock:
             if key not in self._asked:
@@ -129,7 +146,10 @@ class AnswerCache:
                 return
             if len(response.body) <= MAX_ANSWER_BYTES and self._current(kb) == version:
                 plan = Plan(lambda: response, None, "loop", form, text)
-                self._keep(key, version, CachedAnswer(plan, etag, _size(key, response)))
+                fields = encode_fields(response.header_list())
+                self._keep(
+                    key, version, CachedAnswer(plan, response, fields, etag, _size(key, response))
+                )
 
         return keep
 
@@ -148,10 +168,10 @@ class AnswerCache:
 
 
 def _key(request: Request, access: Access) -> Key:
-    return request.raw_path, request.query_string, request.body, _key_part(request, access)
+    return request.raw_path, request.query_string, request.body, key_part(request, access)
 
 
-def _key_part(request: Request, access: Access) -> Part:
+def key_part(request: Request, access: Access) -> Part:
     """Return the part of a key that does not depend on the question."""
     headers = request.headers
     given = (headers.get(name, "") for name in _HEADERS)

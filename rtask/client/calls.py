@@ -444,8 +444,7 @@ SimilarObject = TypedDict(
         "Z": float | None,
         "rad": float | None,
         "grasp": str | None,
-        "view": NotRequired[str],
-        "picture": NotRequired[str],
+        "why": NotRequired[str],
     },
 )
 """A similar known object, with position and yaw of its best grasp, m and rad, or nulls."""
@@ -730,6 +729,8 @@ class PlanStep(TypedDict):
     attempts: int
     after: list[int]
     because: list[PlanReason]
+    why: str
+    outcomes: str
 
 
 class PlanRefusal(TypedDict):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["PHASES", "REASONS", "phase_words", "reason_words"]
+__all__ = ["PHASES", "REASONS", "likeness_words", "phase_words", "reason_words"]
 
 PHASES = {  # in the order of time; robots may store others
     "pre_grasp": "before the grasp",
@@ -71,3 +71,30 @@ def phase_words(phase: str) -> str:
     ('put down', 'half way', 'as it was seen')
     """
     return "as it was seen" if phase == "view" else PHASES.get(phase, phase.replace("_", " "))
+
+
+def likeness_words(inliers: int, appearance: float, size_ok: bool | None) -> str:
+    """Say what a confidence that a view shows an object rests on.
+
+    Parameters
+    ----------
+    inliers
+        Places that agree on one movement with a stored view.
+    appearance
+        Similarity of colours and shapes to the most similar view, 0 to 1.
+    size_ok
+        Whether the measured size fits; None without depth.
+
+    Examples
+    --------
+    >>> likeness_words(1, 0.831, True)
+    '1 place agrees with a stored view; colours and shapes are alike to 83 %; the size fits'
+    """
+    places = "1 place agrees" if inliers == 1 else f"{inliers or 'no'} places agree"
+    size = {
+        True: "the size fits",
+        False: "the size does not fit",
+        None: "the size was not measured",
+    }[size_ok]
+    alike = f"colours and shapes are alike to {100 * appearance:.0f} %"
+    return f"{places} with a stored view; {alike}; {size}"

@@ -8,9 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rtask.rdf.namespaces import PREFIXES, values
+from rtask.rdf.terms import literal
 from rtask.tasks.actions import ActionClass, Select
 
-__all__ = ["Counts", "Experience", "read_experience"]
+__all__ = ["Counts", "Evidence", "Experience", "read_experience"]
 
 _PRIOR = 2.0
 """Weight, in attempts, of what is known of all hands and products about one hand and product."""
@@ -24,6 +25,15 @@ SELECT ?action ?hand ?product ?ok (COUNT(DISTINCT ?outcome) AS ?n) WHERE {
   OPTIONAL { ?attempt rt:activates/rt:gripperType ?hand }
   OPTIONAL { ?task rt:handles ?product }
 } GROUP BY ?action ?hand ?product ?ok"""
+_BEHIND = """
+# The tasks of one kind that were judged; those of the same kind of hand and product first.
+SELECT ?robot ?attempt ?succeeded ?hand ?product WHERE {
+  ?task a <%s> ; rt:carriedOutBy ?attempt .
+  ?attempt rt:hasOutcome ?outcome ; rt:performedBy ?robot .
+  ?outcome rt:judgedSuccess ?succeeded
+  OPTIONAL { ?attempt rt:activates/rt:gripperType ?hand }
+  OPTIONAL { ?task rt:handles ?product }
+} ORDER BY DESC(COALESCE(STR(?hand) = %s && STR(?product) = %s, false)) ?robot ?attempt"""
 _DURATIONS = """
 SELECT ?action ?begin ?end WHERE {
   VALUES ?action { %s }
@@ -51,6 +61,22 @@ class Counts:
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """What the chance of a step rests on.
+
+    Parameters
+    ----------
+    text
+        In words.
+    query
+        SPARQL for the outcomes, with their robots.
+    """
+
+    text: str
+    query: str
+
+
+@dataclass(frozen=True)
 class Experience:
     """Outcomes and durations of tasks, by their class.
 
@@ -66,9 +92,13 @@ class Experience:
 
     def counts(self, action: ActionClass, arguments: Mapping[str, str]) -> Counts:
         """Return the outcomes of this kind of hand with this product."""
-        hand = self.kinds.get(arguments.get(action.parameter("engages"), ""), "")
-        product = self.kinds.get(arguments.get(action.parameter("handlesExemplar"), ""), "")
-        return self.by_pair.get((action.iri, hand, product), Counts())
+        return self.by_pair.get((action.iri, *self._pair(action, arguments)), Counts())
+
+    def _pair(self, action: ActionClass, arguments: Mapping[str, str]) -> tuple[str, str]:
+        """Return the type of the hand and the product; empty where there is none."""
+        names = (action.parameter("engages"), action.parameter("handlesExemplar"))
+        hand, product = (self.kinds.get(arguments.get(name, ""), "") for name in names)
+        return hand, product
 
     def chance(self, action: ActionClass, arguments: Mapping[str, str]) -> float:
         """Return the chance of success, 0..1."""
@@ -76,6 +106,23 @@ class Experience:
         prior = (overall.successes + 1) / (overall.attempts + 2)
         counts = self.counts(action, arguments)
         return (counts.successes + _PRIOR * prior) / (counts.attempts + _PRIOR)
+
+    def evidence(
+        self, action: ActionClass, arguments: Mapping[str, str], name: Callable[[str], str]
+    ) -> Evidence:
+        """Return what the chance rests on.
+
+        Parameters
+        ----------
+        name
+            Returns the name of a product.
+        """
+        hand, product = self._pair(action, arguments)
+        overall, counts = self.by_class.get(action.iri, Counts()), self.counts(action, arguments)
+        query = _BEHIND % (action.iri, literal(hand), literal(product))
+        subject = " with ".join(part for part in (hand, product and name(product)) if part)
+        text = _in_words(overall, counts, subject)
+        return Evidence(text, PREFIXES + query.lstrip())
 
     def duration_s(self, action: ActionClass) -> float:
         """Return the mean duration of tasks of the class, else what its description says."""
@@ -97,6 +144,28 @@ class Experience:
             return duration_s, chances[key]
 
         return of
+
+
+def _in_words(overall: Counts, counts: Counts, subject: str) -> str:
+    """Say what a chance rests on.
+
+    Parameters
+    ----------
+    subject
+        The kind of hand and the product; empty where a task has neither.
+
+    Examples
+    --------
+    >>> _in_words(Counts(10, 14), Counts(3, 4), "nao_hand with cup")
+    'nao_hand with cup: 3 of 4 succeeded; of all tasks of this kind 10 of 14, weighed as 2 attempts'
+    >>> _in_words(Counts(), Counts(), "nao_hand with cup")
+    'no task of this kind was judged yet, so that it is taken for even'
+    """
+    if not overall.attempts:
+        return "no task of this kind was judged yet, so that it is taken for even"
+    own = f"{counts.successes} of {counts.attempts} succeeded" if counts.attempts else "untried"
+    every = f"of all tasks of this kind {overall.successes} of {overall.attempts}"
+    return f"{subject or 'this'}: {own}; {every}, weighed as {_PRIOR:.0f} attempts"
 
 
 def read_experience(select: Select, actions: Sequence[ActionClass]) -> Experience:

@@ -69,6 +69,8 @@ class PlannedStep:
         Why each precondition holds.
     after
         Numbers of the steps that must have ended before.
+    why, outcomes
+        What the chance rests on: in words, and the SPARQL query for the outcomes.
     """
 
     number: int
@@ -84,6 +86,8 @@ class PlannedStep:
     start_s: float
     supports: tuple[Support, ...]
     after: tuple[int, ...] = ()
+    why: str = ""
+    outcomes: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-able values."""
@@ -94,6 +98,7 @@ class PlannedStep:
             "chance": round(self.chance, 4), "successes": self.successes,
             "attempts": self.attempts, "after": list(self.after),
             "because": [item.to_dict() for item in self.supports],
+            "why": self.why, "outcomes": self.outcomes,
         }  # fmt: skip
 
 

@@ -86,13 +86,14 @@ def planned_steps(
             [ends[n] for n in before] + [free.get(robot, 0.0) for robot in robots] + [0.0]
         )
         counts = experience.counts(action, arguments)
+        evidence = experience.evidence(action, arguments, wording.name)
         result.append(
             PlannedStep(
                 number, step.action, arguments, statements, robots,
                 wording.step(action, arguments), step.duration_s, step.chance,
                 counts.successes, counts.attempts, start_s,
                 tuple(_support(atom, made, assumed, wording) for atom in step.preconditions),
-                tuple(sorted({n for n in before if n})),
+                tuple(sorted({n for n in before if n})), evidence.text, evidence.query,
             )
         )  # fmt: skip
         ends[number] = start_s + step.duration_s

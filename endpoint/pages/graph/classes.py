@@ -13,6 +13,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 import ontology
 from endpoint.http.messages import RefusedError
+from endpoint.pages.choosing import read_resource
 from endpoint.pages.graph.naming import names_of
 from endpoint.pages.graph.resource import expand
 from endpoint.pages.render import (
@@ -140,7 +141,8 @@ def _terms() -> list[Model]:
 def classes() -> Model:
     """Return the tree, open at the class that the address names, and what is stated of that."""
     tree = class_tree()
-    asked = expand(flask.request.args.get("iri", "").strip())
+    given = flask.request.args.get("iri", "").strip()
+    asked = read_resource(given).value if given else ""
     if not asked:
         return {"tree": _branches(tree, "", ()), "chosen": None, "total": len(tree.parents)}
     if asked not in tree.parents:

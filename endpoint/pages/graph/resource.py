@@ -8,6 +8,7 @@ import flask
 
 import ontology
 from endpoint.http.messages import RefusedError
+from endpoint.pages.choosing import read_resource
 from endpoint.pages.graph.naming import names_of
 from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
 from rtask.rdf.namespaces import RDF, RT
@@ -32,7 +33,7 @@ def resource() -> Model:
     asked = flask.request.args.get("iri", "").strip()
     if not asked:
         raise RefusedError(400, "usage", "which one? /resource?iri=<IRI>, or a prefixed name")
-    name = expand(asked)
+    name = read_resource(asked).value
     outgoing = solutions("resource_outgoing", resource=iri(name))
     incoming = solutions("resource_incoming", resource=iri(name))
     if not outgoing and not incoming and not name.startswith(_VOCABULARIES):

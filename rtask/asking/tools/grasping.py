@@ -8,6 +8,7 @@ from annotated_types import Ge, Le
 from pydantic import Field
 
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, rest, tool
+from rtask.asking.tools.evidence import outcomes_page, statements_page
 from rtask.asking.tools.places import MAX_PLACES, Place, places_of
 from rtask.asking.tools.values import Value
 from rtask.rdf.namespaces import RT
@@ -41,6 +42,8 @@ class Spot(Answer):
     confidence: float | None
     by: str
     proof: str
+    why: str
+    """page of the estimate that has the confidence"""
 
 
 class Places(PagedAnswer):
@@ -72,6 +75,8 @@ class GraspEntry(Answer):
     successes: int
     expected: float
     proof: str
+    why: str
+    """page of the outcomes behind it"""
 
 
 class GraspEntries(PagedAnswer):
@@ -104,6 +109,8 @@ class Offer(Answer):
     """proven, likely, or the code of what is in the way"""
     chance: float | None
     proof: str
+    why: str
+    """page of the outcomes behind the chance"""
 
 
 class Offers(PagedAnswer):
@@ -149,6 +156,7 @@ def _spot(asked: Asked, place: Place) -> Spot:
         confidence=place.confidence,
         by=author,
         proof=proof,
+        why="" if place.estimate is None else statements_page(asked, place.estimate),
     )
 
 
@@ -193,6 +201,7 @@ def _grasp(asked: Asked, subject: NamedNode, grasp: Any) -> GraspEntry:
         successes=grasp.statistics["successes"],
         expected=round(grasp.confidence.mean, 3),
         proof=asked.terms.proof((subject, RT.hasGrasp, name)),
+        why=outcomes_page(asked, grasp=name),
     )
 
 
@@ -226,12 +235,13 @@ def find_object(asked: Asked, request: FindObject) -> Offers:
 
 
 def _offer(asked: Asked, candidate: Any, reason: str, fits: bool, chance: float | None) -> Offer:
-    proof, short = "", ""
+    proof, short, why = "", "", ""
     if candidate.object:
         subject = iri(candidate.object)
         kind = getattr(candidate, "class_iri", "")
         proof = asked.terms.proof((subject, RDF_TYPE, iri(kind))) if kind else ""
         short = asked.terms.short(subject)
+        why = "" if chance is None else outcomes_page(asked, object=subject)
     return Offer(
         object=short,
         label=asked.terms.text(candidate.label, _ENGINE),
@@ -239,4 +249,5 @@ def _offer(asked: Asked, candidate: Any, reason: str, fits: bool, chance: float 
         reason=reason,
         chance=chance,
         proof=proof,
+        why=why,
     )

@@ -17,7 +17,8 @@ __all__ = ["MAX_PLACES", "Place", "places_of"]
 
 MAX_PLACES = 1000
 
-_QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence WHERE {
+_QUERY = """SELECT ?thing ?graph ?relation ?place ?frame ?x ?y ?z ?time ?confidence ?estimate
+WHERE {
   {
     %(things)s GRAPH ?graph { ?estimate rt:poseOf ?thing }
     ?estimate rt:estimatedPose ?pose . BIND("at" AS ?relation)
@@ -70,6 +71,8 @@ class Place:
         Of the estimate, 0..1; None without one.
     graph
         Graph that states it.
+    estimate
+        What has the confidence; None without one.
     """
 
     thing: NamedNode
@@ -80,6 +83,7 @@ class Place:
     time: str
     confidence: float | None
     graph: NamedNode
+    estimate: Term | None = None
 
 
 def places_of(
@@ -126,6 +130,7 @@ def _place(row: Row) -> Place:
         time=str(row.value("time") or ""),
         confidence=_number(row, "confidence"),
         graph=graph,
+        estimate=row["estimate"],
     )
 
 

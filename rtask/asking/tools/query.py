@@ -10,6 +10,7 @@ from rtask.asking.check.checker import check
 from rtask.asking.check.findings import Finding
 from rtask.asking.shorthand import Expansion, expand
 from rtask.asking.tools.declaration import Asked, Paged, PagedAnswer, tool
+from rtask.asking.tools.evidence import with_evidence
 from rtask.asking.tools.values import Fact, Value
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.results import Solutions, Triples, read_answer
@@ -85,6 +86,9 @@ def ask_sparql(asked: Asked, request: AskSparql) -> Rows:
     is_empty = not answer
     shown = [fault for fault in faults if is_empty or fault.severity == "certain"]
     answered = rows_of(asked, answer, commit, request.offset)
+    if isinstance(answer, Solutions):
+        terms = [list(row) for row in answer[request.offset : request.offset + PAGE]]
+        answered = answered.model_copy(update={"rows": with_evidence(asked, terms, answered.rows)})
     return answered.model_copy(update={"faults": shown}) if shown else answered
 
 

@@ -48,6 +48,8 @@ class Value(Answer):
     datatype: str = ""
     cut: int = 0
     """characters left out"""
+    why: str = ""
+    """page of what a number rests on"""
 
 
 class Fact(Answer):

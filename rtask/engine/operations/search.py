@@ -16,6 +16,7 @@ from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import place
 from rtask.engine.remembered import Memory, Remembered, RememberedObject
 from rtask.engine.stored import view_features
+from rtask.engine.words import likeness_words
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
@@ -23,6 +24,7 @@ from rtask.wire.message import Answer, named
 from rtask.wire.types import Probability, Text, Whole
 
 if TYPE_CHECKING:
+    from features.recognition.confidence import Evidence
     from features.recognition.recogniser import Match, Recognition
     from features.recognition.views.view import ViewFeatures
     from rtask.engine.context import Context
@@ -70,6 +72,8 @@ class SimilarObject(Answer):
     """IRI of the stored view that matches best"""
     picture: str = ""
     """SHA-256 of the picture of that view, at /api/blobs; empty if there is none"""
+    why: str = ""
+    """what the confidence rests on, in words"""
 
 
 class SimilarObjects(Answer):
@@ -170,11 +174,12 @@ def similar_objects(
             z = float(placement.frame_from_object[2, 3]) + best.z
             at = {"X": x, "Y": y, "Z": z, "rad": theta, "grasp": best.grasp}
         shown = {"view": match.view_iri, "picture": memory.pictures.get(match.view_iri, "")}
-        answer.append(_entry(remembered, float(match.confidence), **shown, **at))
+        why = likeness_words(match.inliers, match.appearance, match.size_ok)
+        answer.append(_entry(remembered, float(match.confidence), why, **shown, **at))
     return answer
 
 
-def _entry(remembered: RememberedObject, confidence: float, **at: Any) -> SimilarObject:
+def _entry(remembered: RememberedObject, confidence: float, why: str, **at: Any) -> SimilarObject:
     """Return an entry of the answer; nulls stand for the position of a grasp that is not given."""
     return SimilarObject(
         class_=remembered.short_id,
@@ -182,6 +187,7 @@ def _entry(remembered: RememberedObject, confidence: float, **at: Any) -> Simila
         object=remembered.iri,
         label=remembered.label,
         confidence=confidence,
+        why=why,
         **{**dict.fromkeys(("X", "Y", "Z", "rad", "grasp")), **at},
     )
 
@@ -235,6 +241,7 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
         _entry(
             memory.objects[others[k][1]],
             float(sure[k]),
+            _why(others[k][0].evidence),
             view=views[k],
             picture=memory.pictures.get(views[k], ""),
         )
@@ -242,6 +249,10 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
         if others[k][1] in memory.objects
     ]
     return SimilarObjects(similar_objects=similar, suggestions=[])
+
+
+def _why(evidence: Evidence) -> str:
+    return likeness_words(evidence.inliers, evidence.appearance, evidence.size_ok)
 
 
 def _newest(context: Context, object_iri: NamedNode) -> ViewFeatures:

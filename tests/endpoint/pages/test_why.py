@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import html
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
+from typing import Any
 
 import pytest
 from flask.testing import FlaskClient
 
 import ontology
+from rtask.asking.tools.toolbox import TOOLS, Toolbox
+from rtask.engine.context import SCOPES
+from rtask.kb.commit.access import Access
 from tests.endpoint.sites import HOST, Site
+from tests.rtask.tasks.conftest import LAB
 
-ROBOTS = ("nao-1", "panda-1")
-ATTEMPTS = ((1, "nao-1", "true"), (2, "nao-1", "false"), (3, "panda-1", "true"), (4, "panda-1", ""))
+ROBOTS = ("nao-7", "panda-7")
+ATTEMPTS = ((1, "nao-7", "true"), (2, "nao-7", "false"), (3, "panda-7", "true"), (4, "panda-7", ""))
 
 
 def _attempt(number: int, robot: str, held: str) -> str:
@@ -38,15 +45,33 @@ PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
 PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
 INSERT DATA {{
   {"".join(f'<urn:lab/robot/{name}> a cora:Robot ; rt:name "{name}" .' for name in ROBOTS)}
-  <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue mug" ;
+  <urn:lab/robot/nao-7> rt:hasEndEffector <urn:lab/hand/1> .
+  <urn:lab/hand/1> a rt:Hand ; rt:name "nao hand" ; rt:gripperType "nao" ; rt:maxOpening 0.08e0 .
+  <urn:lab/object/1> a rt:Mug ; rt:objectId "mine/1" ; rt:name "blue mug" ;
     rt:hasGrasp <urn:lab/grasp/1> .
   <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" ; rt:graspQuality 0.8e0 .
   {"".join(_attempt(*one) for one in ATTEMPTS)}
 }}"""
+POSE = f"""
+PREFIX rt: <{ontology.NS}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
+INSERT DATA {{
+  <urn:lab/estimate/1> a rt:PoseEstimate ; rt:poseOf <urn:lab/object/1> ;
+    rt:estimatedPose <urn:lab/pose/1> ; rt:poseConfidence 0.9e0 .
+  <urn:lab/grasp/1> rt:graspPose <urn:lab/pose/2> ; rt:contactWidth 0.04e0 ; rt:jawOpening 0.06e0 .
+  <urn:lab/pose/2> a rt:PlanarPose ; rt:x 0e0 ; rt:y 0e0 ; rt:z 0.02e0 ; rt:theta 0e0 .
+  <urn:lab/pose/1> a rt:Pose ; rt:inFrame <urn:lab/frame/1> ; rt:x 0.1e0 ; rt:y 0e0 ; rt:z 0e0 ;
+    rt:atTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
+}}"""
 PAGES = (
-    "/", "/objects", "/object?iri=urn:lab/object/1", "/robots", "/robot?iri=urn:lab/robot/nao-1",
+    "/", "/objects", "/object?iri=urn:lab/object/1", "/robots", "/robot?iri=urn:lab/robot/nao-7",
     "/learning", "/activity", "/feedback", "/search?q=mug",
+    "/plan?goal=every cup into the left box",
+    "/ask?text=Which grasps are proven, on which gripper type?",
 )  # fmt: skip
+NOT_LEARNT = re.compile(r"/(benchmarks|setup|operations|explain|resource|static|.*\\.json)")
+"""Figures of another machine, units in forms, proofs, and statements with their graphs."""
+MAX_ALIKE = 3
+"""Pages of one kind that a walk looks at."""
 LEARNT = re.compile(r"\d+ of \d+ held|(?<!\d)(?!9[05] %)\d{1,3} %|\b0\.\d\d\b")
 BLOCKS = {"tr", "p", "figcaption", "li", "dd", "td"}
 
@@ -83,9 +108,15 @@ class Figures(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[FlaskClient]:
-    with Site.opened(FACTS) as site:
-        yield site.signed_in("ann")
+def site() -> Iterator[Site]:
+    with Site.opened(FACTS) as opened:
+        opened.kb.update(LAB)
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def browser(site: Site) -> FlaskClient:
+    return site.signed_in("ann")
 
 
 def text_of(browser: FlaskClient, address: str) -> str:
@@ -94,12 +125,134 @@ def text_of(browser: FlaskClient, address: str) -> str:
     return str(answer.text)
 
 
+def bare_figures(page: str) -> list[str]:
+    """Return what states a learnt number without a link, apart from the evidence itself."""
+    before, _, rest = page.partition('id="evidence"')
+    shown = before + rest.partition("</section>")[2]
+    return [words for words, links in Figures(shown).blocks if LEARNT.search(words) and not links]
+
+
 @pytest.mark.parametrize("address", PAGES)
 def test_each_learnt_number_has_a_link(browser: FlaskClient, address: str) -> None:
-    page = text_of(browser, address).partition('id="evidence"')
-    shown = page[0] + page[2].partition("</section>")[2]
-    bare = [words for words, links in Figures(shown).blocks if LEARNT.search(words) and not links]
-    assert bare == []
+    assert bare_figures(text_of(browser, address)) == []
+
+
+def test_so_it_is_on_every_page_that_links_lead_to(browser: FlaskClient) -> None:
+    waiting, seen, alike = list(PAGES), set(PAGES), Counter[str]()
+    while waiting:
+        address = waiting.pop(0)
+        answer = browser.get(address, base_url=HOST, headers={"Accept": "text/html"})
+        if answer.status_code != 200 or answer.mimetype != "text/html":
+            continue
+        assert bare_figures(answer.text) == [], address
+        for link in map(html.unescape, re.findall(r'href="(/[^"#]*)', answer.text)):
+            kind = link.partition("?")[0]
+            if link not in seen and alike[kind] < MAX_ALIKE and not NOT_LEARNT.match(kind):
+                alike[kind] += 1
+                seen.add(link)
+                waiting.append(link)
+    assert {"/sparql", "/robot", "/object", "/feedback", "/terms"} <= alike.keys()
+    assert len(seen) > 40
+
+
+def test_a_likeness_leads_to_both_objects_side_by_side_and_says_what_agrees(
+    browser: FlaskClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def alike(subject: str, description: str) -> Any:
+        counts = dict.fromkeys(("views", "grasps", "attempts", "successes"), 1)
+        row = {"object": "urn:lab/object/1", "name": "blue mug", "classes": "mug", "image": None}
+        return [{**row, **counts, "confidence": 0.62, "why": "31 places agree"}], []
+
+    monkeypatch.setattr("endpoint.pages.teach.objects_alike", alike)
+    monkeypatch.setattr("endpoint.pages.curation.objects_alike", alike)
+    shown = text_of(browser, "/teach?iri=kb:object/1")
+    assert bare_figures(shown) == []
+    links = [link for _, own in Figures(shown).blocks for link in own]
+    (link,) = {link for link in links if link.startswith("/object/merge")}
+    assert link.endswith("#why")
+    into = "/object/merge?iri=https://example.org/kb/object/1&into=urn:lab/object/1"
+    why = text_of(browser, into).partition('id="why"')[2]
+    assert "62 %" in why
+    assert "31 places agree" in why
+
+
+def test_a_chance_of_a_plan_leads_to_the_outcomes_of_such_tasks(browser: FlaskClient) -> None:
+    page = text_of(browser, "/plan?goal=every cup into the left box")
+    figures = Figures(page).blocks
+    link = next(
+        own[0] for words, own in figures if "picks red cup up" in words and "chance" in words
+    )
+    assert "of all tasks of this kind 2 of 3, weighed as 2 attempts" in " ".join(page.split())
+    rows = browser.get(link, base_url=HOST, headers={"Accept": "text/csv"}).text
+    assert rows.count("urn:lab/robot/") == 3
+
+
+class Waiting:
+    """A call that nobody stops."""
+
+    is_stopped = False
+
+    def on_stop(self, stop: Callable[[], None]) -> None:
+        """Nobody stops it."""
+
+    def report(self, share: float, words: str) -> None:
+        """Nobody asked."""
+
+
+CALLS: dict[str, list[dict[str, Any]]] = {
+    "ask": [{"text": "Which grasps are proven, on which gripper type?"}],
+    "ask_sparql": [
+        {"query": "SELECT ?g ?q { ?g rt:graspQuality ?q }"},
+        {
+            "query": "SELECT ?name (COUNT(?a) AS ?n) { ?a rt:performedBy/rt:name ?name }"
+            " GROUP BY ?name"
+        },
+    ],
+    "check_sparql": [],
+    "search": [{"words": "mug"}],
+    "describe": [{"term": "kb:grasp/1"}, {"term": "kb:attempt/1"}],
+    "explain": [{"s": "kb:grasp/1", "p": "rt:graspQuality", "o": "0.8"}],
+    "history": [{"term": "kb:grasp/1"}],
+    "where_is": [{"object": "kb:object/1"}],
+    "recall_grasps": [{"object": "kb:object/1"}],
+    "find_object": [{"wish": "a mug", "gripper": "nao hand", "objects": ["kb:object/1"]}],
+    "propose_change": [],
+}
+STATED = {"confidence", "expected", "chance", "attempts", "successes"}
+
+
+def learnt_in(part: Any, why: str = "") -> Iterator[tuple[Any, str]]:
+    """Yield each learnt number of an answer, with the nearest address of what it rests on."""
+    if isinstance(part, list):
+        for item in part:
+            yield from learnt_in(item, why)
+    elif isinstance(part, dict):
+        why = part.get("why") or part.get("proof") or why
+        if part.get("type") == "number":
+            yield part["value"], why
+        for name, value in part.items():
+            if name in STATED and value is not None:
+                yield value, why
+            else:
+                yield from learnt_in(value, why)
+
+
+def test_each_learnt_number_in_an_answer_of_a_tool_has_an_address(
+    site: Site, browser: FlaskClient
+) -> None:
+    site.kb.update(POSE, "nao-1")
+    toolbox = Toolbox(site.kb, site.engine, lambda access: SCOPES[access.role])
+    assert set(CALLS) == set(TOOLS)
+    learnt = Counter[str]()
+    for name, calls in CALLS.items():
+        for arguments in calls:
+            result = toolbox.call(name, arguments, Access("nao-7", "robot"), "", Waiting())
+            assert not result["isError"], result
+            for number, why in learnt_in(result["structuredContent"]):
+                learnt[name] += 1
+                assert why, (name, number)
+                assert "<h1>" in text_of(browser, why), why
+    assert learnt.keys() >= {"ask_sparql", "describe", "where_is"}
 
 
 def test_the_links_lead_to_the_robots_and_agree_with_the_numbers(browser: FlaskClient) -> None:
@@ -118,7 +271,7 @@ def test_the_links_lead_to_the_robots_and_agree_with_the_numbers(browser: FlaskC
     page = " ".join(
         re.sub("<[^>]+>", " ", text_of(browser, "/feedback?grasp=urn:lab/grasp/1")).split()
     )
-    assert "2 of 3 held (67 %): nao-1 1 of 2, panda-1 1 of 1." in page
+    assert "2 of 3 held (67 %): nao-7 1 of 2, panda-7 1 of 1." in page
     assert "1 more does not count, because nothing decided whether it held." in page
 
 

@@ -184,6 +184,7 @@ def test_the_past_of_a_term_and_its_state_after_a_commit(
 def test_a_place_has_its_frame_time_and_author(toolbox: Toolbox) -> None:
     latest = call(toolbox, "where_is", object="mug")["places"][0]
     assert latest["frame_id"]["value"] == "camera_depth_optical_frame"
+    assert latest["why"].startswith(f"{SITE}/resource?iri=")
     assert (latest["position"], latest["confidence"]) == ([0.5, 0.0, 0.8], 0.9)
     assert latest["time"] == "2026-01-01T10:00:00Z"
     assert latest["by"].endswith("pr2>")
@@ -222,6 +223,7 @@ def test_grasps_are_recalled_with_their_proofs_page_by_page(
     recalled = call(toolbox, "recall_grasps", object="mug")
     assert [grasp["gripper_type"] for grasp in recalled["grasps"]] == ["parallel_jaw_90"] * 2
     assert all("rt:hasGrasp" in grasp["proof"] for grasp in recalled["grasps"])
+    assert all(f"{SITE}/feedback?grasp=" in grasp["why"] for grasp in recalled["grasps"])
     assert "more" not in recalled
     monkeypatch.setattr("rtask.asking.tools.grasping.PAGE", 1)
     first = call(toolbox, "recall_grasps", object="mug")

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +22,18 @@ import rtask
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
+from tests.commands import run_command
+from tests.servers import running_server
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 _DEMO = [sys.executable, "-m", "rtask", "demo", "--products", "plain"]
 
 
-def _run(*arguments: str, timeout: float = 1500) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*_DEMO, *arguments], capture_output=True, text=True, timeout=timeout, check=False
-    )
+def _run(
+    *arguments: str, timeout: float = 1500, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    return run_command(*_DEMO[3:], *arguments, timeout=timeout, environment=environment)
 
 
 def _start(*arguments: str) -> subprocess.Popen[str]:
@@ -219,23 +221,6 @@ def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> No
     assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
 
 
-@contextlib.contextmanager
-def _serving(store: Path) -> Iterator[str]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rtask", "serve", "--data", str(store), "-p", "0"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("ready "), line
-        yield line.split()[1].rstrip("/")
-    finally:
-        process.terminate()
-        process.communicate(timeout=30)
-
-
 def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) -> None:
     """With two clients that nobody here wrote: curl and SPARQLWrapper."""
     from SPARQLWrapper import JSON, SPARQLWrapper
@@ -251,7 +236,8 @@ def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) 
                       prov:wasAssociatedWith ?agent }"""
     # An attempt for which the server had no grasp to offer has nothing to report.
     tried = sum(a["source"] != "none" for met in result["objects"] for a in met["attempts"])
-    with _serving(folder / "store") as url:
+    with running_server(folder / "store") as server:
+        url = server.url
         client = SPARQLWrapper(f"{url}/sparql")
         client.setQuery(
             "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
@@ -367,9 +353,6 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_window_without_a_display_is_refused(tmp_path: Path) -> None:
     env = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run(
-        [*_DEMO, "--gui", "--data", str(tmp_path / "run")],
-        capture_output=True, text=True, env=env, timeout=60, check=False,
-    )  # fmt: skip
+    done = _run("--gui", "--data", str(tmp_path / "run"), environment=env, timeout=60)
     assert done.returncode == 3
     assert "display" in done.stderr

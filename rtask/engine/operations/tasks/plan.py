@@ -109,6 +109,10 @@ class PlanStep(Answer):
     after: list[int]
     """steps that must have ended before"""
     because: list[PlanReason]
+    why: str
+    """what the chance rests on, in words"""
+    outcomes: str
+    """SPARQL query for the outcomes that it rests on, with their robots"""
 
 
 class PlanRefusal(Answer):
