@@ -11,17 +11,14 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.grasp_plan import SpatialOptions
+from grasp.spatial.gripper_files import OtherHand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.select import rank
 from grasp.spatial.suction import plan_suction, plan_suction_on_cloud
 from grasp.spatial.suction_cup import SuctionCup
-from grasp.spatial.three_finger.hand import ThreeFingerHand
 from grasp.spatial.three_finger.planning import plan_three_finger, plan_three_finger_on_cloud
 
 __all__ = ["OtherHand", "plan_contacts", "plan_contacts_on_cloud", "plan_contacts_on_scene"]
-
-OtherHand = SuctionCup | ThreeFingerHand
-"""Hands that are no jaws."""
 
 _FEWEST = 30
 """Points of a thing on which anything is planned."""

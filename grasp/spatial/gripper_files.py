@@ -18,6 +18,7 @@ from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import ThreeFingerHand
 
 __all__ = [
+    "OtherHand",
     "end_effector_from_data",
     "end_effector_named",
     "gripper_from_data",
@@ -26,6 +27,9 @@ __all__ = [
     "read_end_effector",
     "read_gripper",
 ]
+
+OtherHand = SuctionCup | ThreeFingerHand
+"""Hands that are no jaws."""
 
 _ENDINGS = (".json", ".toml", ".urdf")
 _MAX_BYTES = 1_000_000

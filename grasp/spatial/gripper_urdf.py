@@ -9,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from grasp.arrays import FloatArray
 from grasp.spatial.gripper import ParallelGripper
@@ -254,6 +253,9 @@ def _mesh_path(name: str, folder: Path) -> Path:
 
 
 def _origin(tag: ElementTree.Element) -> FloatArray:
+    # Here, because servers import this file at their start and read no URDF.
+    from scipy.spatial.transform import Rotation
+
     origin = tag.find("origin")
     pose = np.eye(4)
     if origin is not None:

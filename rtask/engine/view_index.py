@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.stored import stored_views
 from rtask.engine.upkeep import Upkeep
-from rtask.errors import MissingExtraError
-from rtask.extras import naming_extras
+from rtask.extras import missing_libraries, naming_extras
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
@@ -36,6 +35,9 @@ class ViewIndex:
 
     Without the extra ``perception`` there is no index: its use is refused, and everything else
     works. The next start with the extra builds the index from the graph.
+
+    The index is opened when it is first used, or at the start if there are views: the libraries
+    that it needs take a quarter of the time in which a server starts.
 
     Parameters
     ----------
@@ -64,12 +66,13 @@ class ViewIndex:
         self._writing = writing
         self.embeddings = embeddings
         self.generation = 0
+        self._opening = threading.RLock()
         self._opened: tuple[RecognitionIndex, Recogniser] | None = None
+        self._may_hold_others = False
+        self._keeps_compared = False
         self._upkeep: Upkeep | None = None
-        try:
-            self._require()
-        except MissingExtraError as error:
-            log.info("views are not indexed: %s", error)
+        if missing := missing_libraries("perception"):
+            log.info("views are not indexed: not installed: %s", ", ".join(missing))
 
     @property
     def index(self) -> RecognitionIndex:
@@ -119,9 +122,11 @@ class ViewIndex:
         Views that came in bulk, from the graph or from another index, were not compared when they
         were added; without this the first query that meets one does it.
         """
-        if self._opened is not None and self._upkeep is None:
-            self._upkeep = Upkeep("rtask-views", self._compare_some)
-            self._upkeep.announce()
+        with self._opening:
+            self._keeps_compared = True
+            if self._opened is not None and self._upkeep is None:
+                self._upkeep = Upkeep("rtask-views", self._compare_some)
+                self._upkeep.announce()
 
     def _compare_some(self) -> int:
         return self.recogniser.compare_outdated(_COMPARED_AT_ONCE)
@@ -139,12 +144,15 @@ class ViewIndex:
 
     def sync(self) -> int:
         """Synchronise the index with the graph; return the number of added views."""
-        if self._opened is None:
+        if self._opened is None and missing_libraries("perception"):
             return 0
         if self.embeddings is not None:
             self.embeddings.sync()
         with self._writing:
             stored = {row.view: row for row in stored_views(self._kb)}
+            if not stored and self._opened is None:
+                self._may_hold_others = True
+                return 0
             present = {name.view_iri: name for name in self.index.views()}
             for view, name in present.items():
                 if view not in stored:
@@ -186,8 +194,9 @@ class ViewIndex:
         """Close the files."""
         if self._upkeep is not None:
             self._upkeep.close()
-        if self._opened is not None:
-            self.index.close()
+        with self._opening:
+            if self._opened is not None:
+                self._opened[0].close()
 
     def _use(self, index: RecognitionIndex) -> None:
         from features.recognition.recogniser import Recogniser
@@ -198,11 +207,20 @@ class ViewIndex:
             self._upkeep.announce()
 
     def _require(self) -> tuple[RecognitionIndex, Recogniser]:
-        if self._opened is None:
-            with naming_extras("recognition"):
-                self._use(self._open())
-        assert self._opened is not None
-        return self._opened
+        opened = self._opened
+        if opened is None:
+            with self._opening, naming_extras("recognition"):
+                if self._opened is None:
+                    index = self._open()
+                    if self._may_hold_others:  # of views that the graph had no more at the start
+                        for name in list(index.views()):
+                            index.remove(name.view_iri)
+                    self._use(index)
+                opened = self._opened
+            if self._keeps_compared:
+                self.keep_compared()
+        assert opened is not None
+        return opened
 
     def _open(self) -> RecognitionIndex:
         from features.recognition.index.recognition_index import RecognitionIndex

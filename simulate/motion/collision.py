@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from simulate.motion.kinematics import Chain
 from simulate.robots.description import (
@@ -172,6 +171,9 @@ class PointField:
             below = np.flip(np.logical_or.accumulate(np.flip(taken, axis=2), axis=2), axis=2)
             heights = low[2] + cell * np.arange(shape[2])
             taken = below & (heights >= min(floor, float(points[:, 2].min())))[None, None]
+        # Here, because servers import this file at their start and keep no distances yet.
+        from scipy.ndimage import distance_transform_edt
+
         away = distance_transform_edt(~taken, sampling=cell) - cell / 2
         return cls(name, low, cell, np.asarray(away, dtype=np.float64))
 

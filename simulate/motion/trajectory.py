@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from simulate.robots.description import Floats
 
@@ -136,6 +135,9 @@ def _time_spline(corners: Floats, velocity: Floats, acceleration: float) -> Traj
         direction = (corners[1] - corners[0]) / knots[-1]
         curve = _Line(corners[0], direction)
     else:
+        # Here, because servers import this file at their start and plan no motion yet.
+        from scipy.interpolate import CubicSpline
+
         curve = CubicSpline(knots, corners, bc_type=kind)
     s = np.linspace(0.0, knots[-1], _GRID + 1)
     speeds = _speed_profile(curve, s, velocity, acceleration)

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grasp.spatial.contact_plan import OtherHand
-from grasp.spatial.gripper_files import end_effector_named
+from grasp.spatial.gripper_files import OtherHand, end_effector_named
 from grasp.spatial.suction_cup import SuctionCup
 from grasp.spatial.three_finger.hand import WAYS, ThreeFingerHand
 from rtask.errors import RobotError

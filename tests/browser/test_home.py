@@ -7,6 +7,7 @@ page's own content policy. ``RTASK_REQUIRE_BROWSER=1`` turns a missing browser i
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -169,21 +170,18 @@ def test_a_hostile_name_does_nothing_anywhere(page: Any, server: RunningServer) 
         assert page.get_by_text(HOSTILE).first.is_visible()
 
 
-@pytest.mark.parametrize("width", [1280, 360])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_pages_fit_wide_and_narrow_screens_in_both_themes(
-    page: Any, server: RunningServer, width: int, scheme: str
-) -> None:
-    page.set_viewport_size({"width": width, "height": 800})
-    page.emulate_media(color_scheme=scheme)
+def test_pages_fit_wide_and_narrow_screens_in_both_themes(page: Any, server: RunningServer) -> None:
     for path in ("/", "/objects", "/robots", "/resource?iri=rt:Mug", "/sparql"):
         page.goto(server.url + path)
         assert page.locator("h1").count() == 1
-        overflow = page.evaluate(
-            "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-        )
-        assert overflow <= 0, f"{path} is wider than {width} px"
-        keep_picture(page, f"{path.strip('/').split('?')[0] or 'index'}-{width}-{scheme}")
+        for width, scheme in itertools.product((1280, 360), ("light", "dark")):
+            page.set_viewport_size({"width": width, "height": 800})
+            page.emulate_media(color_scheme=scheme)
+            overflow = page.evaluate(
+                "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            )
+            assert overflow <= 0, f"{path} is wider than {width} px"
+            keep_picture(page, f"{path.strip('/').split('?')[0] or 'index'}-{width}-{scheme}")
 
 
 def test_everything_is_reached_by_keyboard(page: Any, server: RunningServer) -> None:
@@ -197,8 +195,7 @@ def test_everything_is_reached_by_keyboard(page: Any, server: RunningServer) -> 
     page.wait_for_selector("#answer table")
 
 
-@pytest.mark.parametrize("width", [1280, 360])
-@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "theme"), [(1280, "light"), (360, "dark")])
 def test_things_are_searched_for_from_the_header_by_keys(
     page: Any, server: RunningServer, width: int, theme: str
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -40,20 +41,25 @@ def _rtask(*arguments: str) -> str:
     return run_command(*arguments, check=True).stdout.strip()
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    with rtask.open(tmp_path / "writer", ontologies=False) as kb:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return a folder that each test copies, and a token that may replicate."""
+    folder = tmp_path_factory.mktemp("made") / "writer"
+    with rtask.open(folder, ontologies=False) as kb:
         kb.update("INSERT DATA { <urn:old> <urn:p> 1 }", "nao-1")
-    return tmp_path / "writer"
+    rights = ("--role", "reader", "--right", "replicate")
+    return folder, _rtask("token", "create", "-d", str(folder), *rights)
 
 
 @pytest.fixture
-def token_file(folder: Path, tmp_path: Path) -> Path:
-    secret = _rtask(
-        "token", "create", "-d", str(folder), "--role", "reader", "--right", "replicate"
-    )
+def folder(made: tuple[Path, str], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made[0], tmp_path / "writer"))
+
+
+@pytest.fixture
+def token_file(made: tuple[Path, str], tmp_path: Path) -> Path:
     file = tmp_path / "token"
-    file.write_text(secret, "utf-8")
+    file.write_text(made[1], "utf-8")
     return file
 
 

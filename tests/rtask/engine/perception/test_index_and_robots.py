@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -101,6 +103,30 @@ def test_a_view_withdrawn_from_the_graph_leaves_the_index(bench, kb, engine):
     engine.context.views.sync()
     assert len(engine.index) == 0
     assert robot.recognise(bench.sight(bench.BOX))["object"] == ""
+
+
+def test_an_index_of_views_that_the_graph_has_no_more_is_emptied_when_it_is_opened(bench, tmp_path):
+    with rtask.open(tmp_path / "kb", reason=False) as kb, Engine(kb) as engine:
+        fill(bench, engine)
+    with rtask.open(tmp_path / "kb", reason=False) as kb:
+        kb.update(f"DELETE WHERE {{ GRAPH ?g {{ ?o <{NS}hasView> ?v }} }}")
+        with Engine(kb) as engine:
+            assert len(engine.index) == 0
+            engine.context.views.sync()
+            assert len(engine.index) == 0
+
+
+def test_an_engine_without_views_loads_nothing_for_recognition_before_it_is_asked():
+    script = """
+import sys, rtask
+from rtask.engine import Engine
+with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
+    engine.keep_compared()
+    before = [name for name in ("numba", "scipy", "features.recognition") if name in sys.modules]
+    print(before, len(engine.index), "features.recognition" in sys.modules)
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert ended.stdout.strip() == "[] 0 True", ended.stderr
 
 
 @pytest.mark.slow
