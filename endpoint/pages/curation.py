@@ -82,12 +82,18 @@ def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str
         answer = context().engine.call("teach_object", search_request, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
         return [], []
-    sure = {
-        row["object"]: {"confidence": row["confidence"], "why": row["why"]}
-        for row in answer["similar_objects"]
-    }
-    rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
-    matches = [{**row, **sure[row["object"]]} for row in rows]
+    alike = {row["object"]: row for row in answer["similar_objects"]}
+    rows = list_objects(len(alike), chosen=by_iri(alike)) if alike else []
+    matches = [
+        # The side that looks alike says more than the side that was stored first.
+        {
+            **row,
+            "confidence": alike[row["object"]]["confidence"],
+            "why": alike[row["object"]]["why"],
+            "image": alike[row["object"]]["picture"] or row["image"],
+        }
+        for row in rows
+    ]
     return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 
