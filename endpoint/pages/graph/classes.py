@@ -185,7 +185,7 @@ def _branches(tree: ClassTree, name: str, path: tuple[str, ...], level: int = 1)
 def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
     """Return what is stated of a class; four queries."""
     term = iri(name)
-    direct, members = tree.counts.get(name, (0, 0))
+    direct, members_of_all = tree.counts.get(name, (0, 0))
     neighbours, more_neighbours = select_first(
         "class_neighbours", MAX_NEIGHBOURS, **{"class": term}
     )
@@ -202,7 +202,7 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
         "label": tree.labels[name],
         "definition": str(python_value(definitions[0])) if definitions else "",
         "direct": direct,
-        "all": members,
+        "all": members_of_all,
         "path": [{"iri": ancestor, "label": tree.labels[ancestor]} for ancestor in path],
         "parents": [
             {"iri": ancestor, "label": tree.labels.get(ancestor, short(ancestor))}
