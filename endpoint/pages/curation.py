@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri, by_words, without
-from endpoint.pages.objects import list_objects, resolve_object
+from endpoint.pages.objects import MAX_VIEWS, list_objects, resolve_object
 from endpoint.pages.render import (
     Model,
     blueprint,
@@ -18,7 +18,7 @@ from endpoint.pages.render import (
     current_request,
     embedded_graph,
     page,
-    select,
+    select_first,
 )
 from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
@@ -68,7 +68,8 @@ def side(name: str) -> Model:
     rows = list_objects(1, chosen=by_iri([name]))
     if not rows:
         raise RefusedError(404, "not-found", f"no object {name}; see /objects")
-    return {**rows[0], "pictures": select("object_views", object=by_iri([name]))}
+    pictures, all_views = select_first("object_views", MAX_VIEWS, object=by_iri([name]))
+    return {**rows[0], "pictures": pictures, "all_views": all_views}
 
 
 def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str]]:

@@ -19,9 +19,12 @@ import pytest
 
 import ontology
 import rtask
+from rtask.asking.terms import reader_of
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
+from rtask.kb.store.naming import Names, prefixed
+from rtask.rdf.terms import Literal, NamedNode, stored, written
 from tests.commands import run_command
 from tests.servers import running_server
 
@@ -226,6 +229,20 @@ def test_two_naos_and_a_panda_end_with_what_sharing_gained_in_this_run(tmp_path:
         assert gain["attempts"] >= gain["products"]
         assert gain["sentence"] in last
         assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
+
+
+def test_every_printed_form_of_every_term_of_its_store_is_read_back(small: Any) -> None:
+    with rtask.open(small[0] / "store", mode="r") as kb:
+        reader, names = reader_of(kb), Names(kb.store, kb.graphs)
+        terms = {term for quad in kb.match() for term in quad}
+        assert {type(term) for term in terms} >= {NamedNode, Literal}
+        for term in terms:
+            if isinstance(term, NamedNode):
+                for form in {written(term), term.value, prefixed(term, kb.base), names(term)}:
+                    assert reader.term(form, "subject") == term, form
+            elif isinstance(term, Literal):
+                for form in {written(term), prefixed(term, kb.base)}:
+                    assert stored(reader.term(form)) == term, form
 
 
 def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) -> None:
