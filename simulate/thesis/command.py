@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 import click
 
@@ -89,7 +89,7 @@ def show(
 
     setting = Setting(fast, seed, images)
     entries = entries_named(name)
-    with _results_alone() as out:
+    with _results_alone():
         outcomes = run_entries(entries, setting, lambda outcome: None)
     for outcome in outcomes:
         if not as_json:
@@ -99,7 +99,7 @@ def show(
     if as_json:
         shown = {"machine": machine(), "seed": seed, "fast": fast,
                  "entries": [outcome.to_json() for outcome in outcomes]}  # fmt: skip
-        click.echo(json.dumps(shown), out)
+        click.echo(json.dumps(shown))
     _fail_for(outcomes)
 
 
@@ -112,8 +112,15 @@ def show(
               help="Folder for report.html and results.jsonl.")  # fmt: skip
 @click.option("--markdown", type=options.folder(),
               help="Also write theses.md and images/theses/ to this folder.")  # fmt: skip
+@options.json_flag("where the report is, and each verdict")
 def run_all(
-    fast: bool, only: str | None, seed: int, images: Path | None, out: Path, markdown: Path | None
+    fast: bool,
+    only: str | None,
+    seed: int,
+    images: Path | None,
+    out: Path,
+    markdown: Path | None,
+    as_json: bool,
 ) -> None:
     """Run all entries, and write a report with tables and pictures.
 
@@ -140,21 +147,27 @@ def run_all(
         outcomes = run_entries(entries, setting, note)
     where = machine()
     (out / "report.html").write_text(to_html(setting, where, outcomes), encoding="utf-8")
-    click.echo(f"report  {out / 'report.html'}")
-    if markdown is not None:
-        click.echo(f"written  {write_markdown(markdown, setting, where, outcomes)}")
+    written = None if markdown is None else write_markdown(markdown, setting, where, outcomes)
+    if as_json:
+        verdicts = {outcome.entry.name: outcome.verdict for outcome in outcomes}
+        click.echo(json.dumps({"report": str(out / "report.html"), "verdicts": verdicts}))
+    else:
+        click.echo(f"report  {out / 'report.html'}")
+        if written is not None:
+            click.echo(f"written  {written}")
     _fail_for(outcomes)
 
 
 @contextmanager
-def _results_alone() -> Iterator[TextIO]:
+def _results_alone() -> Iterator[None]:
     """Send what Bullet and Mesa write to standard output to standard error."""
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)
-        try:
-            yield out
-        finally:
-            os.dup2(out.fileno(), 1)
+    out = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(out, 1)
+        os.close(out)
 
 
 def _print(outcome: Outcome) -> None:

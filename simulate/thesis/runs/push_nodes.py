@@ -24,7 +24,7 @@ from grasp.push.trials import Trials
 from simulate.thesis.result import Compared, Result, Setting
 from simulate.thesis.runs.outlines import CONFIGURATIONS, STAND_INS, trials_of, usual
 
-__all__ = ["early_shards", "speed_up", "table_3_2"]
+__all__ = ["early_shards", "shard_times", "speed_up", "table_3_2"]
 
 NODES = (1, 10, 50, 100, 250, 500)
 SAMPLES = 500
@@ -58,7 +58,7 @@ class TimedTrials:
         return time.process_time() - began
 
 
-def _shard_times(executor: Executor, trials: Trials, nodes: int) -> np.ndarray:
+def shard_times(executor: Executor, trials: Trials, nodes: int) -> np.ndarray:
     """Return the processor seconds (nodes,) of each node's shard."""
     spans = dict(executor.finished(TimedTrials(trials), shard(0, SAMPLES, nodes)))
     return np.array([spans[node] for node in sorted(spans)])
@@ -74,7 +74,7 @@ def table_3_2(setting: Setting) -> Result:
             trials = trials_of("A", configuration)
             list(executor.finished(trials, [(0, 2)] * workers))
             for nodes, printed in TABLE_3_2.items():
-                spans = np.concatenate([_shard_times(executor, trials, nodes) for _ in range(runs)])
+                spans = np.concatenate([shard_times(executor, trials, nodes) for _ in range(runs)])
                 error = 1.96 * float(spans.std()) / len(spans) ** 0.5
                 mean = float(spans.mean())
                 rows.append(
@@ -97,7 +97,7 @@ def speed_up(setting: Setting) -> Result:
             for name in names:
                 trials = trials_of(name, configuration)
                 list(executor.finished(trials, [(0, 2)] * workers))
-                spans = {nodes: _shard_times(executor, trials, nodes) for nodes in NODES}
+                spans = {nodes: shard_times(executor, trials, nodes) for nodes in NODES}
                 alone = float(spans[1][0])
                 if name == "A":
                     slower = MATLAB_S[number] / alone
@@ -146,7 +146,7 @@ def early_shards(setting: Setting) -> Result:
         for configuration in CONFIGURATIONS:
             trials = trials_of("A", configuration)
             for nodes in _gained(setting):
-                spans: Sequence[float] = _shard_times(executor, trials, nodes).tolist()
+                spans: Sequence[float] = shard_times(executor, trials, nodes).tolist()
                 last, fifth = finish_times(spans, START_UP_S, 0.2, seed=nodes + setting.seed)
                 gains.append(last / fifth)
         early = analyse_early(part, grasps, test, tolerance, samples=100, check=True,

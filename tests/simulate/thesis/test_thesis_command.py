@@ -65,6 +65,24 @@ def test_one_entry_prints_ours_beside_theirs_and_writes_its_picture(
     assert (tmp_path / "kehoe-fig-3.9-1.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_all_entries_are_run_and_their_report_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
+) -> None:
+    monkeypatch.setattr(registry, "ENTRIES", (_RUN,))
+    code, text = run("all", "--fast", "--out", str(tmp_path), "--json")
+    done = json.loads(text)
+    assert code == 0
+    assert done["verdicts"] == {"kehoe-fig-3.9": "different"}
+    assert "whiskers" in Path(done["report"]).read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "results.jsonl").read_text(encoding="utf-8"))["rows"]
+
+
+def test_one_entry_as_json_has_its_rows(run: Run) -> None:
+    code, text = run("show", "kehoe-fig-3.9", "--fast", "--json")
+    assert code == 0
+    assert json.loads(text)["entries"][0]["rows"][0]["theirs"] == 92.7
+
+
 def test_a_run_that_breaks_ends_alone(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
     broken = Entry("kehoe", "fig", "3.1", "3.1", "nothing", "compared", run="push_figures:missing")
     seen: list[str] = []
