@@ -89,9 +89,13 @@ def unpack(folder: Path, archive: Path = RECORDED) -> dict[str, Any]:
             )
         if not archive.exists():
             raise RtaskError(f"{archive} is missing; `rtask demo --record FILE` makes such a file")
-        folder.mkdir(parents=True, exist_ok=True)
-        with tarfile.open(archive) as tar:
-            tar.extractall(folder, filter="data")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # Beside it first: a half of it would be taken for the whole the next time.
+        with tempfile.TemporaryDirectory(prefix=".rtask-", dir=folder.parent) as place:
+            whole = Path(place) / "whole"
+            with tarfile.open(archive) as tar:
+                tar.extractall(whole, filter="data")
+            whole.replace(folder)
     result: dict[str, Any] = json.loads(mark.read_text("utf-8"))
     page = report_page(folder / _REPORT, result)
     (folder / _REPORT / "report.html").write_text(page, "utf-8")

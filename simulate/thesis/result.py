@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any, Literal
 
 from simulate.study.intervals import wilson
 
-__all__ = ["Compared", "Result", "Setting", "Stopwatch", "Verdict", "overall", "share_of"]
+__all__ = ["Compared", "Result", "Setting", "Verdict", "overall", "share_of"]
 
 Verdict = Literal["reproduced", "better", "worse", "different", "too few to tell", "not compared"]
 
@@ -158,16 +157,3 @@ def share_of(what: str, hits: int, n: int, theirs: float | None = None, **more: 
     """Return a share with its interval (Wilson 1927) beside the thesis's."""
     share = hits / n if n else None
     return Compared(what, share, theirs, interval=wilson(hits, n), widest=_WIDEST_SHARE, **more)
-
-
-class Stopwatch:
-    """Processor seconds of this process since the last reading."""
-
-    def __init__(self) -> None:
-        self._began = time.process_time()
-
-    def lap(self) -> float:
-        """Return the seconds since the last lap, and begin the next."""
-        now = time.process_time()
-        spent, self._began = now - self._began, now
-        return spent

@@ -203,6 +203,6 @@ def table_3(setting: Setting) -> Result:
         (
             *notes,
             "processor time of one thread, matching and verifying; hashing an image once is not in",
-            "how many pairs match depends on the images: the thesis's show the same objects again",
+            "one pass counts the pairs of both thresholds; how many match depends on the images",
         ),
     )

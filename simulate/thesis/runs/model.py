@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 
 import ontology as terms
@@ -21,6 +20,7 @@ from grasp.spatial.grasp_plan import plan_on_cloud
 from grasp.spatial.gripper import nao_hand
 from rtask.rdf.terms import prologue
 from simulate.thesis.result import Compared, Result, Setting
+from simulate.thesis.runs.pictures import png
 from simulate.thesis.runs.products import STAND_INS, turned
 
 __all__ = ["candidates", "learners", "object_state", "ontology", "task_properties"]
@@ -135,7 +135,7 @@ def object_state(setting: Setting) -> Result:
                 values = components.state(described)
             assert view.frame.rgb is not None  # of a simulated camera
             if picture is None:
-                picture = bytes(cv2.imencode(".png", view.frame.rgb[..., ::-1])[1])
+                picture = png(view.frame.rgb)
     assert values is not None  # products have keypoints
     assert picture is not None  # and views
     return Result(

@@ -155,7 +155,7 @@ def early_shards(setting: Setting) -> Result:
     mean, low, high = float(np.mean(gains)), min(gains), max(gains)
     return Result(
         (
-            Compared("mean gain in time", mean, 1.43, interval=(low, high), better="higher"),
+            Compared("mean gain in time", mean, 1.43, better="higher"),
             Compared("least gain", low, 1.04, better="higher"),
             Compared("largest gain", high, 2.00, better="higher"),
             Compared(f"largest z of the early shards' quality, of {len(grasps)} grasps",
@@ -163,7 +163,7 @@ def early_shards(setting: Setting) -> Result:
         ),
         (
             STAND_INS,
-            "the interval of the mean gain is the range over configurations and nodes",
+            f"{len(gains)} gains: {len(_gained(setting))} numbers of nodes in each configuration",
             "start-up drawn evenly from 41.6 to 133 s; the thesis asks whether early shards are "
             "biased and leaves it open",
         ),

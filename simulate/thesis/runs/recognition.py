@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from features.geometry import Frame
 from features.recognition import Recogniser, Recognition, RecognitionIndex, warm_up
 from features.recognition.views.view import ViewFeatures
 from grasp.charts import curve_chart
 from simulate.thesis.result import Compared, Result, Setting, share_of
+from simulate.thesis.runs.pictures import png
 from simulate.thesis.runs.products import SIX, STAND_INS, turned
 
 __all__ = ["confidences", "curves", "not_identified", "table_4_1"]
@@ -39,10 +40,10 @@ def _views(name: str, step_deg: int, seed: int) -> tuple[_View, ...]:
     )
 
 
-def _cut(frame) -> bytes:  # type: ignore[no-untyped-def]  # a Frame with colour and mask
-    rows, columns = np.nonzero(frame.mask)
-    image = frame.rgb[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    return bytes(cv2.imencode(".png", image[..., ::-1])[1])
+def _cut(frame: Frame) -> bytes:
+    assert frame.rgb is not None  # of a simulated camera
+    rows, columns = np.nonzero(frame.object_mask())
+    return png(frame.rgb[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1])
 
 
 def _six(setting: Setting) -> tuple[list[_View], int]:
@@ -105,7 +106,7 @@ def table_4_1(setting: Setting) -> Result:
     rng = np.random.default_rng(setting.seed)
     drawn = rng.random(len(views)) < 228 / 615
     sets: tuple[tuple[str, float, Callable[[int], bool], float, float, float], ...] = (
-        ("R, random 37 %", 0.79, lambda k: bool(drawn[k]), 307, 0.45, 0.29),
+        ("R, random 37 %", 0.79, drawn.__getitem__, 307, 0.45, 0.29),
         ("A, every 90 degrees", 0.59, _every(views, 90, False), 247, 0.40, 0.29),
         ("B, every 120 degrees", 0.51, _every(views, 120, False), 215, 0.39, 0.28),
         ("A+B, every 60 degrees", 0.75, _every(views, 60, False), 317, 0.40, 0.29),
@@ -172,7 +173,7 @@ def curves(setting: Setting) -> Result:
     for share in shares:
         rng = np.random.default_rng([setting.seed, int(1000 * share)])
         drawn = rng.random(len(views)) < share
-        answered = _ask(views, lambda k, drawn=drawn: bool(drawn[k]), most)  # type: ignore[misc]
+        answered = _ask(views, drawn.__getitem__, most)
         n = len(answered.answers)
         recall.append(answered.right / n)
         false.append(answered.wrong / n)
@@ -210,7 +211,7 @@ def confidences(setting: Setting) -> Result:
     """Confidences of right and of wrong first matches, with a fifth of the views stored (4.6)."""
     views, products = _hundred(setting)
     drawn = np.random.default_rng([setting.seed, 200]).random(len(views)) < 0.2
-    answered = _ask(views, lambda k: bool(drawn[k]), setting.size(2000, 30))
+    answered = _ask(views, drawn.__getitem__, setting.size(2000, 30))
     rows = []
     for title, is_right, first_theirs, second_theirs in (
         ("right", True, 0.49, 0.30), ("wrong", False, 0.06, 0.79),

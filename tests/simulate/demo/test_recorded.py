@@ -18,7 +18,8 @@ from rtask.extras import EXTRA_OF
 from simulate.demo.recorded import MARK, RECORDED, pack, unpack
 
 _MESHES = {".stl", ".dae", ".obj", ".ply", ".urdf", ".gltf", ".glb"}
-_OF_A_MACHINE = (b"/tmp/", b"/work/", b"/home/", b"/root/", b"localhost:", b"127.0.0.1")
+_HERE = str(Path(__file__).parents[3]).encode()
+_OF_A_MACHINE = (b"/tmp/", b"/home/", b"/root/", b"localhost:", b"127.0.0.1", _HERE)
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +106,14 @@ def test_what_was_judged_since_stays_in_a_recorded_demo(tmp_path: Path) -> None:
     (tmp_path / "demo/store/judged").write_text("held")
     assert unpack(tmp_path / "demo")["store"] == str(tmp_path / "demo/store")
     assert (tmp_path / "demo/store/judged").exists()
+
+
+def test_a_recorded_demo_that_cannot_be_unpacked_whole_leaves_nothing(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.tar.xz"
+    cut.write_bytes(RECORDED.read_bytes()[:-100_000])
+    with pytest.raises((EOFError, tarfile.TarError)):
+        unpack(tmp_path / "demo", cut)
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.tar.xz"]
 
 
 def test_an_installation_without_the_recorded_demo_says_how_to_make_one(tmp_path: Path) -> None:
