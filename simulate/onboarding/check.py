@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from simulate.grasping.executor import Workcell
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING
-from simulate.onboarding.hands import tip_gap
+from simulate.onboarding.arms import tip_gap
 from simulate.onboarding.touching import SelfContacts
 from simulate.onboarding.workplace import reach_share
 from simulate.robots import Arm, RobotDescription, describe

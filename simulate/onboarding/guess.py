@@ -13,13 +13,14 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
+from simulate.onboarding.arms import arm_from
+from simulate.onboarding.closing import points_of
+from simulate.onboarding.found_hand import FoundHand
 from simulate.onboarding.hands import (
-    FoundHand,
+    MIN_ARM_JOINTS,
     arm_ends,
-    arm_from,
     find_hands,
     mounted_hand,
-    points_of,
     shapeless_fingers,
 )
 from simulate.onboarding.touching import SelfContacts, without_contacts
