@@ -32,6 +32,9 @@ _COUPLED = 6
 _MAX_IN_FINGER = 5
 """Free joints of one finger that are tried; those beyond stay at their middle."""
 _LEVELS = (0.0, 0.5, 1.0)
+_STEPS = 21
+_NEARLY = 0.6
+"""Share of the widest distance that fingers closing as one must fall below."""
 _MIN_STROKE_M = 0.008
 _OPPOSED = -0.8
 """Cosine of the angle between the motions of two tips that move against each other, at most."""
@@ -152,16 +155,16 @@ def best_pair(
     for joint in fingers[::-1]:  # a joint that drives another may be on a third branch
         if any(joint.name == (j.mimic or ("",))[0] for j in fingers if j.name in needed):
             needed.add(joint.name)
-    third = [
-        tip for index, tip in enumerate(tips)
-        if index not in (a, b) and tip.reach >= _TRIPLE * longest
-    ]  # fmt: skip
+    for _ in fingers:  # and others may be geared to these, as in a linkage
+        needed |= {joint.name for joint in fingers if (joint.mimic or ("",))[0] in needed}
+    closed, opened = followed(fingers, closed), followed(fingers, opened)
+    equal = [tip for tip in tips if tip.reach >= _TRIPLE * longest]
     return Closing(
         (tips[a].link, tips[b].link),
         tuple(joint for joint in fingers if joint.name in needed),
         closed,
         opened,
-        bool(third) and _apart(wrist, fingers, (tips[a], tips[b]), closed, opened) > _OPPOSED,
+        len(equal) == 3 and _is_about_an_axis(wrist, fingers, equal, closed, opened),
     )
 
 
@@ -198,6 +201,7 @@ class _Motions:
         self, wrist: str, fingers: Sequence[Joint], tips: Sequence[_Tip], coupled: bool
     ) -> None:
         self._coupled = coupled
+        self._wrist, self._fingers, self._tips = wrist, fingers, tips
         self._tables: list[tuple[list[dict[str, float]], Floats]] = []
         if coupled:
             free = [joint for joint in fingers if finger_source(joint, fingers) is None]
@@ -225,7 +229,10 @@ class _Motions:
         if self._coupled:
             apart = np.linalg.norm(here - there, axis=1)
             i, j = int(np.argmin(apart)), int(np.argmax(apart))
-            return float(apart[i]), float(apart[j]), first[i], first[j]
+            near, closed = self._together(a, b, first[j])
+            if near > _NEARLY * float(apart[j]) and apart[i] < near:
+                near, closed = float(apart[i]), first[i]
+            return near, float(apart[j]), closed, first[j]
         apart = np.linalg.norm(here[:, None] - there[None], axis=2)
         near = np.unravel_index(int(np.argmin(apart)), apart.shape)
         wide = np.unravel_index(int(np.argmax(apart)), apart.shape)
@@ -233,6 +240,32 @@ class _Motions:
             float(apart[near]), float(apart[wide]),
             first[near[0]] | second[near[1]], first[wide[0]] | second[wide[1]],
         )  # fmt: skip
+
+
+    def _together(
+        self, a: int, b: int, opened: Mapping[str, float]
+    ) -> tuple[float, dict[str, float]]:
+        """Return the least distance (m) of two tips while all joints close as one, and the values.
+
+        Fingers that could swing past each other meet on the way, not at their limits.
+        """
+        free = [joint for joint in self._fingers if finger_source(joint, self._fingers) is None]
+        tips = [self._tips[a], self._tips[b]]
+        tried = []
+        for share in np.linspace(0.0, 1.0, _STEPS):
+            chosen = {
+                joint.name: (1 - float(share)) * opened[joint.name]
+                + float(share) * _other_end(joint, opened)
+                for joint in free
+            }
+            values = followed(self._fingers, chosen)
+            first, second = _middles(self._wrist, self._fingers, tips, values)
+            tried.append((float(np.linalg.norm(first - second)), values))
+        return min(tried, key=lambda row: row[0])
+
+
+def _other_end(joint: Joint, values: Mapping[str, float]) -> float:
+    return joint.lower if values[joint.name] == joint.upper else joint.upper
 
 
 def _at(joints: Sequence[Joint], levels: Sequence[float]) -> dict[str, float]:
@@ -249,21 +282,25 @@ def _middles(
     return [poses[tip.link][:3, :3] @ tip.middle + poses[tip.link][:3, 3] for tip in tips]
 
 
-def _apart(
+def _is_about_an_axis(
     wrist: str,
     fingers: Sequence[Joint],
     tips: Sequence[_Tip],
     closed: Mapping[str, float],
     opened: Mapping[str, float],
-) -> float:
-    """Return the cosine of the angle between the motions of two tips, across the approach."""
-    near = np.array(_middles(wrist, fingers, tips, closed))
-    wide = np.array(_middles(wrist, fingers, tips, opened))
+) -> bool:
+    """Tell whether no two of three tips move against each other: they close about an axis."""
+    ends = [
+        followed(fingers, {j.name: neutral(j) for j in fingers if j.mimic is None} | dict(values))
+        for values in (closed, opened)
+    ]
+    near, wide = (np.array(_middles(wrist, fingers, tips, values)) for values in ends)
     outwards = near.mean(axis=0)
     outwards = outwards / max(float(np.linalg.norm(outwards)), 1e-9)
     moved = wide - near
     moved = moved - (moved @ outwards)[:, None] * outwards
     lengths = np.linalg.norm(moved, axis=1)
     if lengths.min() < _MIN_STROKE_M / 4:  # one of them stands still
-        return -1.0
-    return float(moved[0] @ moved[1] / lengths.prod())
+        return False
+    ways = moved / lengths[:, None]
+    return bool((ways @ ways.T).min() > _OPPOSED)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from simulate.robots.description import Joint, RobotDescription
 
 __all__ = ["hand_joints", "names_a_hand", "names_a_leg"]
 
-_HAND = re.compile(r"finger|thumb|gripper|(?<![a-z])jaws?(?![a-z])|claw|knuckle|pincer", re.I)
-_WRIST = re.compile(r"wrist|yaw|roll(?!er)|pitch|extension|rotat|handlebar", re.I)
-"""Joints that carry a hand are often named after it."""
 _DIGIT = re.compile(r"finger|thumb|(?<![a-z])jaws?(?![a-z])|claw|knuckle|pincer", re.I)
-_LEG = re.compile(
+_GRIPPER = re.compile(r"gripper", re.I)
+_CARRIES = re.compile(r"wrist|yaw|roll(?!er)|pitch|extension|rotat", re.I)
+"""Joints that carry a gripper are often named after it."""
+_OTHER = re.compile(
     r"leg(?![a-z])|wheel|(?<![a-z])hip|knee|ankle|(?<![a-z])foot|feet|thigh|shank|calf|(?<![a-z])toe|"
-    r"propeller|rotor(?![a-z])|caster|steer",
+    r"propeller|rotor(?![a-z])|caster|steer|neck|(?<![a-z])head(?![a-z])|(?<![a-z])eye|torso|waist|"
+    r"chest|shoulder|elbow",
     re.I,
 )
 
@@ -24,25 +26,33 @@ def hand_joints(robot: RobotDescription) -> list[str]:
 
     Names of joints that carry a hand, such as ``gripper_roll``, do not count.
     """
-    return [
-        joint.name
-        for joint in robot.joints
-        if any(
-            _HAND.search(name) and (_DIGIT.search(name) or not _WRIST.search(name))
-            for name in (joint.name, joint.child)
-        )
-        and not _WRIST.search(_DIGIT.sub("", joint.name) if not _DIGIT.search(joint.name) else "")
-    ]
+    return [joint.name for joint in robot.joints if _is_of_hand(joint)]
 
 
-def names_a_hand(robot: RobotDescription, joints: list[Joint]) -> bool:
-    """Tell whether a joint, its links or the robot is named after a part of a hand."""
-    names = [name for joint in joints for name in (joint.name, joint.parent, joint.child)]
-    return any(_HAND.search(name) or "hand" in name.lower() for name in (robot.name, *names))
+def _is_of_hand(joint: Joint) -> bool:
+    if any(_DIGIT.search(name) for name in (joint.name, joint.child)):
+        return True
+    named = any(_GRIPPER.search(name) for name in (joint.name, joint.child))
+    return named and not _CARRIES.search(joint.name)
 
 
-def names_a_leg(joints: list[Joint]) -> bool:
-    """Tell whether a joint or a link is named after a part of a leg, or a wheel."""
+def names_a_hand(name: str, joints: Sequence[Joint]) -> bool:
+    """Tell whether a robot, or a joint or a link of it, is named after a part of a hand."""
+    names = [name, *(text for j in joints for text in (j.name, j.parent, j.child))]
     return any(
-        _LEG.search(name) for joint in joints for name in (joint.name, joint.parent, joint.child)
+        _DIGIT.search(text) or _GRIPPER.search(text) or "hand" in text.lower() for text in names
     )
+
+
+def names_a_wrist(joint: Joint) -> bool:
+    """Tell whether a joint is named after a wrist, and not after what the wrist carries."""
+    return bool(_CARRIES.search(joint.name)) and not _is_of_hand(joint)
+
+
+def names_no_hand(joints: Sequence[Joint]) -> bool:
+    """Tell whether joints, or the links they move, are named after a leg, a wheel or a head.
+
+    Names of fingers, jaws or a gripper outweigh that.
+    """
+    names = [name for joint in joints for name in (joint.name, joint.child)]
+    return any(map(_OTHER.search, names)) and not any(map(_is_of_hand, joints))

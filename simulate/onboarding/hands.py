@@ -14,11 +14,12 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
-from simulate.onboarding.closing import Closing, best_pair, neutral, points_of, subtree
+from simulate.onboarding.closing import Closing, best_pair, neutral, subtree
 from simulate.onboarding.found_hand import FoundHand, measured_jaw, measured_pair
-from simulate.onboarding.hand_words import names_a_hand, names_a_leg
+from simulate.onboarding.hand_words import names_a_hand, names_a_wrist, names_no_hand
 from simulate.onboarding.single_jaw import single_jaw
-from simulate.robots.description import Joint, RobotDescription
+from simulate.robots.description import Floats, Joint, RobotDescription
+from simulate.robots.mesh_cover import shape_corners
 from simulate.robots.other_hands import FINGERS
 
 __all__ = [
@@ -124,7 +125,7 @@ def shapeless_fingers(robot: RobotDescription) -> list[str]:
         joints = below.get(link.name, [])
         if len(robot.path(link.name)) < MIN_ARM_JOINTS or not _may_be_wrist(robot, below, link.name):
             continue
-        if len(joints) < 2 and not names_a_hand(robot, joints):
+        if len(joints) < 2 and not names_a_hand("", joints):
             continue
         branches = [list(subtree(below, joint)) for joint in joints]
         shaped = [any(robot.link(joint.child).shapes for joint in branch) for branch in branches]
@@ -178,7 +179,7 @@ def _may_be_wrist(
     fingers = _fingers_on(below, link)
     if not fingers or len(fingers) > _MAX_HAND_JOINTS or depth(link) > _MAX_FINGER_JOINTS:
         return False
-    if names_a_leg(fingers) and not names_a_hand(robot, fingers):
+    if names_no_hand(fingers):
         return False
     return all(
         _reach(robot, list(subtree(below, joint))) <= _MAX_REACH_M for joint in below[link]
@@ -190,11 +191,16 @@ def _reach(robot: RobotDescription, branch: Sequence[Joint]) -> float:
     values = {joint.name: neutral(joint) for joint in branch}
     poses = link_poses(branch[0].parent, branch, values)
     start = poses[branch[0].child][:3, 3]
-    clouds = [points_of(robot, joint.child, poses[joint.child]) for joint in branch]
-    return max(
-        (float(np.linalg.norm(cloud - start, axis=1).max()) for cloud in clouds if len(cloud)),
-        default=0.0,
-    )
+    reaches = [
+        float(np.linalg.norm(_moved(shape_corners(shape), poses[joint.child]) - start, axis=1).max())
+        for joint in branch
+        for shape in robot.link(joint.child).shapes
+    ]
+    return max(reaches, default=0.0)
+
+
+def _moved(points: Floats, pose: Floats) -> Floats:
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _hand_on(
@@ -202,6 +208,7 @@ def _hand_on(
 ) -> FoundHand | None:
     joints = below.get(wrist, [])
     branches = [list(subtree(below, joint)) for joint in joints]
+    branches = [branch for branch in branches if not names_no_hand(branch)]
     closing = best_pair(robot, wrist, branches) if len(branches) > 1 else None
     hand = measured_pair(robot, wrist, closing) if closing is not None else None
     if hand is not None:
@@ -209,7 +216,7 @@ def _hand_on(
         return hand.with_rest(_folded(wrist, branches, closing, hand))
     for branch in branches:  # the other jaw may be part of the link itself
         moved = [joint for joint in branch if joint.mimic is None]
-        if len(moved) == 1 and moved[0] is branch[0]:
+        if len(moved) == 1 and moved[0] is branch[0] and not names_a_wrist(moved[0]):
             jaw = single_jaw(robot, wrist, branch[0])
             hand = measured_jaw(robot, wrist, jaw) if jaw is not None else None
             if hand is not None:
@@ -246,11 +253,10 @@ def _is_alone(
     robot: RobotDescription, below: Mapping[str, Sequence[Joint]], hand: FoundHand
 ) -> bool:
     """Tell whether what is on a link near the root is a gripper of its own, not legs or wheels."""
-    fingers = _fingers_on(below, hand.wrist)
-    if names_a_hand(robot, fingers):
+    whole = len(robot.joints) == len(_fingers_on(below, hand.wrist)) + len(hand.joints)
+    if names_a_hand(robot.name if whole else "", hand.fingers):
         return True
-    if hand.is_single or names_a_leg(list(robot.joints)):
+    if hand.is_single or names_no_hand(robot.joints):
         return False
-    whole = len(robot.joints) == len(fingers) + len(hand.joints)
     near = max(_reach(robot, list(subtree(below, joint))) for joint in below[hand.wrist])
     return whole and near <= _ALONE_M and hand.closed_gap <= _CLOSED_M
