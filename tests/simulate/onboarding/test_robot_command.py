@@ -198,3 +198,43 @@ def test_a_survey_tells_why_a_file_cannot_be_read(tmp_path):
     assert code == 1
     assert "not XML" in rows[0]["error"]
     assert rows[1]["hands"] == ["panda_link7"]
+
+
+def test_a_survey_that_was_cut_goes_on_where_it_was(tmp_path):
+    found = tmp_path / "found.jsonl"
+    panda = data("franka_panda/panda.urdf")
+    assert run("survey", panda, "--out", str(found))[0] == 0
+    whole = found.read_text("utf-8")
+    found.write_text(whole + '{"path": "cut in the mid', "utf-8")
+    code, rows = run("survey", panda, data("pr2_gripper.urdf"), "--out", str(found))
+    assert (code, [row["hands"] for row in rows]) == (0, [["panda_link7"], ["gripper_pole"]])
+    lines = found.read_text("utf-8").splitlines()
+    assert [json.loads(line) for line in lines] == rows
+    assert lines[0] == whole.strip()
+
+
+def test_a_survey_counts_by_maker_the_files_that_name_a_hand_and_those_where_it_was_found(tmp_path):
+    for maker, jaws in (("good_description", '<box size="0.02 0.01 0.05"/>'), ("bare_models", "")):
+        (tmp_path / maker / "urdf").mkdir(parents=True)
+        write_gripper(tmp_path / maker / "urdf" / "gripper.urdf", jaws)
+    done = CliRunner().invoke(command, ["survey", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "hands found in    1 of    1 files: good_description" in done.output
+    assert "hands found in    0 of    1 files: bare_models" in done.output
+    assert "hands found in 1 of 2 files that name one (0.50), and in 0 others" in done.output
+    assert "no hand found, but finger_left_joint" in done.output
+    limited = run("survey", str(tmp_path), "--limit", "1")[1]
+    assert (len(limited["rows"]), limited["not_shown"]) == (1, 1)
+
+
+def write_gripper(path: Path, shape: str) -> None:
+    """Write a palm with two sliding fingers of a shape."""
+    collision = f"<collision><geometry>{shape}</geometry></collision>" if shape else ""
+    fingers = "".join(
+        f'<link name="finger_{side}">{collision}</link>'
+        f'<joint name="finger_{side}_joint" type="prismatic"><parent link="palm"/>'
+        f'<child link="finger_{side}"/><axis xyz="0 {sign} 0"/><origin xyz="0 {sign * 0.006} 0.1"/>'
+        '<limit lower="0" upper="0.04" velocity="1" effort="10"/></joint>'
+        for side, sign in (("left", 1), ("right", -1))
+    )
+    path.write_text(f'<robot name="two"><link name="palm"/>{fingers}</robot>', "utf-8")
