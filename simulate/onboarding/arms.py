@@ -73,7 +73,7 @@ def tip_gap(robot: RobotDescription, arm: Arm, opening: float) -> float:
     reach = max(float((cloud @ approach).max()) for cloud in clouds)
     tips = [cloud[cloud @ approach >= reach - TIP_M] @ closing for cloud in clouds]
     middle = float(np.array(arm.tcp) @ closing)
-    if len(arm.fingers) == 1:  # the other jaw stands still, where the opening ends
+    if arm.has_single_jaw:  # the fixed one is where the opening ends
         return max(float(min(tip.min() for tip in tips if len(tip))) - middle + arm.mouth / 2, 0.0)
     sides: dict[bool, list[float]] = {True: [], False: []}
     for tip in tips:

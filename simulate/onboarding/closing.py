@@ -234,13 +234,9 @@ class _Motions:
                 near, closed = float(apart[i]), first[i]
             return near, float(apart[j]), closed, first[j]
         apart = np.linalg.norm(here[:, None] - there[None], axis=2)
-        near = np.unravel_index(int(np.argmin(apart)), apart.shape)
-        wide = np.unravel_index(int(np.argmax(apart)), apart.shape)
-        return (
-            float(apart[near]), float(apart[wide]),
-            first[near[0]] | second[near[1]], first[wide[0]] | second[wide[1]],
-        )  # fmt: skip
-
+        i, j = divmod(int(np.argmin(apart)), len(there))
+        k, m = divmod(int(np.argmax(apart)), len(there))
+        return float(apart[i, j]), float(apart[k, m]), first[i] | second[j], first[k] | second[m]
 
     def _together(
         self, a: int, b: int, opened: Mapping[str, float]

@@ -104,7 +104,9 @@ def measured_jaw(robot: RobotDescription, wrist: str, jaw: SingleJaw) -> FoundHa
         [jaw.fixed, points_of(robot, link, link_poses(wrist, [jaw.joint], ends)[link])]
         for ends in (closed, opened)
     )
-    axes = (jaw.approach, jaw.closing)
+    approach = _as_wrist_axis(robot, wrist, jaw.approach)
+    across = np.cross(jaw.approach, jaw.closing)
+    axes = (approach, np.cross(across, approach))
     hand = _measured(robot, wrist, (jaw.joint,), (near, wide), axes, closed, opened)
     return replace(hand, is_single=True) if hand is not None else None
 
@@ -112,7 +114,7 @@ def measured_jaw(robot: RobotDescription, wrist: str, jaw: SingleJaw) -> FoundHa
 def _tip_slice(points: Floats, approach: Floats) -> Floats:
     """Return the points (n, 3) of a finger that are at its tip."""
     along = points @ approach
-    return points[along >= along.max() - TIP_M]
+    return np.asarray(points[along >= along.max() - TIP_M])
 
 
 def _measured(
@@ -191,10 +193,17 @@ def _approach(
     if length < 1e-3:
         return None
     outwards /= length
-    axis = np.array(robot.path(wrist)[-1].axis) if robot.path(wrist) else outwards
-    axis = axis / np.linalg.norm(axis)
-    axis = axis * np.sign(axis @ outwards) if axis @ outwards else axis
-    return np.asarray(axis if axis @ outwards >= _ALIGNED else outwards)
+    return _as_wrist_axis(robot, wrist, outwards)
+
+
+def _as_wrist_axis(robot: RobotDescription, wrist: str, direction: Floats) -> Floats:
+    """Return the axis of the last arm joint if a direction is nearly the same, else that."""
+    path = robot.path(wrist)
+    if not path:
+        return direction
+    axis = np.array(path[-1].axis) / np.linalg.norm(path[-1].axis)
+    along = float(axis @ direction)
+    return np.asarray(axis * np.sign(along) if abs(along) >= _ALIGNED else direction)
 
 
 def _middle(values: Floats) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from simulate.robots.description import Joint, RobotDescription
 
-__all__ = ["hand_joints", "names_a_hand", "names_a_leg"]
+__all__ = ["hand_joints", "names_a_hand", "names_a_wrist", "names_no_hand"]
 
 _DIGIT = re.compile(r"finger|thumb|(?<![a-z])jaws?(?![a-z])|claw|knuckle|pincer", re.I)
 _GRIPPER = re.compile(r"gripper", re.I)

@@ -1,4 +1,4 @@
-"""Arms and hands found in a tree of links, from the shapes of its links and the names of its joints.
+"""Arms and hands found in a tree of links, from the shapes of links and the names of joints.
 
 A hand is a link with moving branches at the end of an arm, or of its own, of which two bring their
 tips together and apart; or one whose single jaw closes on a part of the link itself. Where the tips
@@ -114,7 +114,8 @@ def _moving_link(robot: RobotDescription, name: str) -> str:
         return name
     if name in robot.frames:
         return robot.frames[name][0]
-    raise RobotError(f"robot {robot.name!r} has no link {name!r}; it has {', '.join(sorted(names))}")
+    there = ", ".join(sorted(names))
+    raise RobotError(f"robot {robot.name!r} has no link {name!r}; it has {there}")
 
 
 def shapeless_fingers(robot: RobotDescription) -> list[str]:
@@ -123,7 +124,8 @@ def shapeless_fingers(robot: RobotDescription) -> list[str]:
     bare = []
     for link in robot.links:
         joints = below.get(link.name, [])
-        if len(robot.path(link.name)) < MIN_ARM_JOINTS or not _may_be_wrist(robot, below, link.name):
+        is_behind_arm = len(robot.path(link.name)) >= MIN_ARM_JOINTS
+        if not (is_behind_arm and _may_be_wrist(robot, below, link.name)):
             continue
         if len(joints) < 2 and not names_a_hand("", joints):
             continue
@@ -168,9 +170,7 @@ def _fingers_on(below: Mapping[str, Sequence[Joint]], wrist: str) -> list[Joint]
     return [joint for first in below.get(wrist, []) for joint in subtree(below, first)]
 
 
-def _may_be_wrist(
-    robot: RobotDescription, below: Mapping[str, Sequence[Joint]], link: str
-) -> bool:
+def _may_be_wrist(robot: RobotDescription, below: Mapping[str, Sequence[Joint]], link: str) -> bool:
     """Tell whether what a link carries is small enough, and short enough, to be fingers."""
 
     def depth(name: str) -> int:
@@ -181,9 +181,7 @@ def _may_be_wrist(
         return False
     if names_no_hand(fingers):
         return False
-    return all(
-        _reach(robot, list(subtree(below, joint))) <= _MAX_REACH_M for joint in below[link]
-    )
+    return all(_reach(robot, list(subtree(below, joint))) <= _MAX_REACH_M for joint in below[link])
 
 
 def _reach(robot: RobotDescription, branch: Sequence[Joint]) -> float:
@@ -191,12 +189,12 @@ def _reach(robot: RobotDescription, branch: Sequence[Joint]) -> float:
     values = {joint.name: neutral(joint) for joint in branch}
     poses = link_poses(branch[0].parent, branch, values)
     start = poses[branch[0].child][:3, 3]
-    reaches = [
-        float(np.linalg.norm(_moved(shape_corners(shape), poses[joint.child]) - start, axis=1).max())
+    boxes = [
+        _moved(shape_corners(shape), poses[joint.child])
         for joint in branch
         for shape in robot.link(joint.child).shapes
     ]
-    return max(reaches, default=0.0)
+    return max((float(np.linalg.norm(box - start, axis=1).max()) for box in boxes), default=0.0)
 
 
 def _moved(points: Floats, pose: Floats) -> Floats:

@@ -69,16 +69,15 @@ def single_jaw(robot: RobotDescription, wrist: str, joint: Joint) -> SingleJaw |
     return found(robot, wrist, joint, palm)
 
 
-def _turning(
-    robot: RobotDescription, wrist: str, joint: Joint, palm: Floats
-) -> SingleJaw | None:
+def _turning(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) -> SingleJaw | None:
     hinge = joint.pose.matrix
     axis = hinge[:3, :3] @ (np.array(joint.axis) / np.linalg.norm(joint.axis))
     arms = palm - hinge[:3, 3]
     best: tuple[float, SingleJaw] | None = None
     for closed, other in ((joint.lower, joint.upper), (joint.upper, joint.lower)):
         opened = closed + float(np.clip(other - closed, -_WIDEST_RAD, _WIDEST_RAD))
-        here, there = (_jaw(robot, wrist, joint, value) - hinge[:3, 3] for value in (closed, opened))
+        here = _jaw(robot, wrist, joint, closed) - hinge[:3, 3]
+        there = _jaw(robot, wrist, joint, opened) - hinge[:3, 3]
         out = here.mean(axis=0)
         out = out - (out @ axis) * axis
         if np.linalg.norm(out) < _OFF_AXIS_M:
@@ -104,9 +103,7 @@ def _turning(
     return best[1] if best is not None else None
 
 
-def _sliding(
-    robot: RobotDescription, wrist: str, joint: Joint, palm: Floats
-) -> SingleJaw | None:
+def _sliding(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) -> SingleJaw | None:
     if joint.upper - joint.lower < _MIN_STROKE_M:
         return None
     axis = joint.pose.matrix[:3, :3] @ (np.array(joint.axis) / np.linalg.norm(joint.axis))

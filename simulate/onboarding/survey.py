@@ -65,7 +65,8 @@ class Surveyed:
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> Surveyed:
         """Return the findings that :meth:`to_json` gave."""
-        return cls(**{key: tuple(v) if isinstance(v, list) else v for key, v in row.items()})
+        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
+        return cls(**values)
 
     def line(self) -> str:
         """Return the findings as one line of text."""

@@ -12,9 +12,11 @@ from click.testing import CliRunner
 from rtask.errors import RobotError
 from simulate.grasping.executor import Workcell
 from simulate.onboarding.commands import robot as command
+from simulate.onboarding.guess import NoHandError, guess_robot
 from simulate.robots import check_robot, describe, known_robots
 from simulate.robots.robot_files import load_robot, set_aside
 from simulate.robots.srdf import read_srdf, srdf_text
+from tests.simulate.onboarding.test_hand_topologies import sliding_fingers, turning_jaw
 
 
 @pytest.fixture(scope="module")
@@ -225,6 +227,40 @@ def test_a_survey_counts_by_maker_the_files_that_name_a_hand_and_those_where_it_
     assert "no hand found, but finger_left_joint" in done.output
     limited = run("survey", str(tmp_path), "--limit", "1")[1]
     assert (len(limited["rows"]), limited["not_shown"]) == (1, 1)
+
+
+def test_where_no_hand_is_found_both_jaws_are_asked_for(tmp_path, monkeypatch):
+    path = sliding_fingers("a4").write(tmp_path, "toes")
+    path.write_text(path.read_text("utf-8").replace('"p1"', '"toe1"').replace('"p2"', '"toe2"'))
+    with pytest.raises(NoHandError, match="--jaws LINK LINK"):
+        run("add", str(path))
+    given = []
+
+    def noted(*args, jaws=None, **options):
+        given.append(jaws)
+        if jaws is None:
+            return guess_robot(*args, jaws=jaws, **options)
+        raise RobotError("enough is known")
+
+    monkeypatch.setattr("simulate.onboarding.guess.guess_robot", noted)
+    monkeypatch.setattr("simulate.onboarding.commands._can_ask", lambda: True)
+    done = CliRunner().invoke(command, ["add", str(path)], input="toe9\ntoe1\ntoe2\n")
+    assert str(done.exception) == "enough is known"
+    assert given == [None, ("toe1", "toe2")]
+    assert "links: a3, a4, toe1, toe2" in done.stderr
+
+
+@pytest.mark.slow
+def test_an_arm_of_five_joints_with_one_moving_jaw_becomes_a_robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("RTASK_ROBOTS", str(tmp_path))
+    code, answer = run("add", str(turning_jaw("a5").write(tmp_path, "small")))
+    assert code == 0
+    assert answer["closing"][0]["passed"], answer["closing"]
+    assert answer["arms"][0]["fingers"] == ["part_joint"]
+    says = " ".join(answer["cannot"])
+    assert "5 joints" in says
+    assert "a single jaw moves" in says
+    assert describe("small").arm("arm").has_single_jaw
 
 
 def write_gripper(path: Path, shape: str) -> None:
