@@ -274,8 +274,9 @@ def survey(
     """Tell which URDF files can be read, and which arms and hands they show.
 
     A folder stands for all files *.urdf below it. At the end: in how many of the files that show a
-    hand, by the names of their joints, one was found, by maker. Exit code 1 if a file cannot be
-    read.
+    hand, by the names of their joints, one was found, by maker; and in how many it cannot be
+    measured, because its fingers have no shapes or limits that leave no motion. Exit code 1 if a
+    file cannot be read.
     """
     from simulate.onboarding.survey import SurveyLog, recall_by_maker, survey_files
 
@@ -294,15 +295,16 @@ def survey(
     if not as_json:
         if before:
             click.echo(f"{before} were surveyed before: {out}")
-        for maker in recall_by_maker(rows):
-            click.echo(f"hands found in {maker.found:4} of {maker.shown:4} files: {maker.maker}")
-        shown = [row for row in rows if row.named]
-        found = sum(bool(row.hands) for row in shown)
-        others = sum(bool(row.hands) for row in rows) - found
+        makers = recall_by_maker(rows)
+        for maker in makers:
+            bare = f", {maker.unmeasured} not measurable" if maker.unmeasured else ""
+            click.echo(f"hands in {maker.found:3} of {maker.shown:3} files{bare}: {maker.maker}")
+        shown, found = sum(m.shown for m in makers), sum(m.found for m in makers)
         if shown:
             click.echo(
-                f"hands found in {found} of {len(shown)} files that name one "
-                f"({found / len(shown):.2f}), and in {others} others"
+                f"hands in {found} of {shown} files that name one ({found / shown:.2f}), not "
+                f"measurable in {sum(m.unmeasured for m in makers)}, and in "
+                f"{sum(bool(row.hands) for row in rows) - found} that name none"
             )
         read = sum(not row.error for row in rows)
         click.echo(f"{read} of {len(rows)} can be read")

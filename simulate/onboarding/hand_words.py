@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from simulate.robots.description import Joint, RobotDescription
 
-__all__ = ["hand_joints", "names_a_hand", "names_a_wrist", "names_no_hand"]
+__all__ = ["hand_joints", "is_of_hand", "names_a_hand", "names_a_wrist", "names_no_hand"]
 
 _DIGIT = re.compile(r"finger|thumb|(?<![a-z])jaws?(?![a-z])|claw|knuckle|pincer", re.I)
 _GRIPPER = re.compile(r"gripper", re.I)
@@ -26,10 +26,11 @@ def hand_joints(robot: RobotDescription) -> list[str]:
 
     Names of joints that carry a hand, such as ``gripper_roll``, do not count.
     """
-    return [joint.name for joint in robot.joints if _is_of_hand(joint)]
+    return [joint.name for joint in robot.joints if is_of_hand(joint)]
 
 
-def _is_of_hand(joint: Joint) -> bool:
+def is_of_hand(joint: Joint) -> bool:
+    """Tell whether a joint, or the link it moves, is named after a finger, a jaw or a gripper."""
     if any(_DIGIT.search(name) for name in (joint.name, joint.child)):
         return True
     named = any(_GRIPPER.search(name) for name in (joint.name, joint.child))
@@ -46,7 +47,7 @@ def names_a_hand(name: str, joints: Sequence[Joint]) -> bool:
 
 def names_a_wrist(joint: Joint) -> bool:
     """Tell whether a joint is named after a wrist, and not after what the wrist carries."""
-    return bool(_CARRIES.search(joint.name)) and not _is_of_hand(joint)
+    return bool(_CARRIES.search(joint.name)) and not is_of_hand(joint)
 
 
 def names_no_hand(joints: Sequence[Joint]) -> bool:
@@ -55,4 +56,4 @@ def names_no_hand(joints: Sequence[Joint]) -> bool:
     Names of fingers, jaws or a gripper outweigh that.
     """
     names = [name for joint in joints for name in (joint.name, joint.child)]
-    return any(map(_OTHER.search, names)) and not any(map(_is_of_hand, joints))
+    return any(map(_OTHER.search, names)) and not any(map(is_of_hand, joints))

@@ -16,7 +16,7 @@ from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.closing import Closing, best_pair, neutral, subtree
 from simulate.onboarding.found_hand import FoundHand, measured_jaw, measured_pair
-from simulate.onboarding.hand_words import names_a_hand, names_a_wrist, names_no_hand
+from simulate.onboarding.hand_words import is_of_hand, names_a_hand, names_a_wrist, names_no_hand
 from simulate.onboarding.single_jaw import single_jaw
 from simulate.robots.description import Floats, Joint, RobotDescription
 from simulate.robots.mesh_cover import shape_corners
@@ -30,6 +30,7 @@ __all__ = [
     "hand_of",
     "mounted_hand",
     "shapeless_fingers",
+    "unmeasured_hand",
 ]
 
 MIN_ARM_JOINTS = 3
@@ -38,6 +39,8 @@ _MAX_FINGER_JOINTS = 7
 _MAX_HAND_JOINTS = 44
 _MAX_REACH_M = 0.36
 """Of a finger's shapes from its first joint."""
+_MIN_RANGE = 1e-3
+"""Range of a joint, rad or m, below which it does not move."""
 _ALONE_M = 0.2
 """Reach of the fingers of a hand without an arm whose names say nothing."""
 _CLOSED_M = 0.03
@@ -135,6 +138,22 @@ def shapeless_fingers(robot: RobotDescription) -> list[str]:
             pairs = zip(branches, shaped, strict=True)
             bare += [branch[-1].child for branch, has_shape in pairs if not has_shape]
     return bare
+
+
+def unmeasured_hand(robot: RobotDescription) -> str:
+    """Return why fingers that only their names show cannot be measured; empty if there are none.
+
+    They have no shapes, or limits that let no joint move.
+    """
+    named = [joint for joint in robot.joints if is_of_hand(joint)]
+    if not named:
+        return ""
+    names = ", ".join(dict.fromkeys(joint.child for joint in named))
+    if not any(robot.link(joint.child).shapes for joint in named):
+        return f"{names}: no shapes"
+    if all(joint.upper - joint.lower < _MIN_RANGE for joint in named):
+        return f"{names}: limits that leave no motion"
+    return ""
 
 
 def mounted_hand(robot: RobotDescription, wrist: str) -> FoundHand | None:

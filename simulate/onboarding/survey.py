@@ -11,7 +11,7 @@ from typing import Any
 
 from rtask.errors import RobotError, UsageError
 from simulate.onboarding.hand_words import hand_joints
-from simulate.onboarding.hands import MIN_ARM_JOINTS, arm_ends, find_hands
+from simulate.onboarding.hands import MIN_ARM_JOINTS, arm_ends, find_hands, unmeasured_hand
 from simulate.robots.robot_files import bare_robot
 
 __all__ = ["Recall", "SurveyLog", "Surveyed", "recall_by_maker", "survey_files"]
@@ -46,6 +46,8 @@ class Surveyed:
         Moving joints whose names speak of fingers, jaws or a gripper: the file shows a hand.
     alone
         Those of ``hands`` that have no arm.
+    unmeasured
+        Links of a hand that only names show, and why it cannot be measured.
     """
 
     path: str
@@ -57,6 +59,7 @@ class Surveyed:
     maker: str = ""
     named: tuple[str, ...] = ()
     alone: tuple[str, ...] = ()
+    unmeasured: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return the findings as JSON data."""
@@ -75,7 +78,7 @@ class Surveyed:
         names = [f"{name} (no arm)" if name in self.alone else name for name in self.hands]
         shows = f"hands: {', '.join(names)}" if names else f"{len(self.arms)} arms"
         if self.named and not self.hands:
-            shows += f", no hand found, but {', '.join(self.named[:3])}"
+            shows += f", no hand found, but {self.unmeasured or ', '.join(self.named[:3])}"
         gaps = f", {len(self.warnings)} gaps filled" if self.warnings else ""
         return f"ok   {self.path}: {self.joints} joints, {shows}{gaps}"
 
@@ -92,11 +95,14 @@ class Recall:
         Files whose joints are named after a hand.
     found
         Those of them in which a hand is found.
+    unmeasured
+        Those of the others whose fingers have no shapes, or limits that leave no motion.
     """
 
     maker: str
     shown: int
     found: int
+    unmeasured: int = 0
 
 
 class SurveyLog:
@@ -156,11 +162,17 @@ def survey_files(
 
 def recall_by_maker(rows: Iterable[Surveyed]) -> list[Recall]:
     """Return, by maker, in how many of the files that show a hand one is found."""
-    counts: dict[str, list[bool]] = {}
+    by_maker: dict[str, list[Surveyed]] = {}
     for row in rows:
         if row.named:
-            counts.setdefault(row.maker, []).append(bool(row.hands))
-    return [Recall(maker, len(found), sum(found)) for maker, found in sorted(counts.items())]
+            by_maker.setdefault(row.maker, []).append(row)
+    return [
+        Recall(
+            maker, len(own), sum(bool(row.hands) for row in own),
+            sum(bool(row.unmeasured) for row in own),
+        )
+        for maker, own in sorted(by_maker.items())
+    ]  # fmt: skip
 
 
 def _surveyed(path: Path, strict: bool, below: Path) -> Surveyed:
@@ -175,7 +187,7 @@ def _surveyed(path: Path, strict: bool, below: Path) -> Surveyed:
     alone = tuple(hand.wrist for hand in found if len(hand.joints) < MIN_ARM_JOINTS)
     return Surveyed(
         str(path), "", warnings, len(robot.joints), hands, ends, maker,
-        tuple(hand_joints(robot)), alone,
+        tuple(hand_joints(robot)), alone, "" if hands else unmeasured_hand(robot),
     )  # fmt: skip
 
 

@@ -221,10 +221,10 @@ def test_a_survey_counts_by_maker_the_files_that_name_a_hand_and_those_where_it_
         write_gripper(tmp_path / maker / "urdf" / "gripper.urdf", jaws)
     done = CliRunner().invoke(command, ["survey", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    assert "hands found in    1 of    1 files: good_description" in done.output
-    assert "hands found in    0 of    1 files: bare_models" in done.output
-    assert "hands found in 1 of 2 files that name one (0.50), and in 0 others" in done.output
-    assert "no hand found, but finger_left_joint" in done.output
+    assert "hands in   1 of   1 files: good_description" in done.output
+    assert "hands in   0 of   1 files, 1 not measurable: bare_models" in done.output
+    assert "hands in 1 of 2 files that name one (0.50), not measurable in 1, and" in done.output
+    assert "no hand found, but finger_left, finger_right: no shapes" in done.output
     limited = run("survey", str(tmp_path), "--limit", "1")[1]
     assert (len(limited["rows"]), limited["not_shown"]) == (1, 1)
 
