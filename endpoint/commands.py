@@ -231,7 +231,7 @@ def create(
     role = role or ("robot" if robot else None)
     if role is None:
         raise UsageError("give --robot NAME, or --role reader, teacher or admin")
-    from endpoint.access.tokens import parse_lifetime
+    from endpoint.access.lifetimes import parse_lifetime
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
     with closing(_tokens(data, make=True, store=store)) as tokens:
@@ -288,7 +288,7 @@ def expire(token_id: str, lifetime: str, data: Path, as_json: bool) -> None:
 
     Or at a TIME of ISO 8601, such as 2027-01-31T12:00:00Z, or never.
     """
-    from endpoint.access.tokens import parse_expiry
+    from endpoint.access.lifetimes import parse_expiry
 
     with closing(_tokens(data)) as tokens:
         before = next((token.expires for token in tokens.all() if token.id == token_id), None)

@@ -5,36 +5,30 @@ from __future__ import annotations
 import itertools
 import sys
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TypeGuard
 
-from pyoxigraph import BlankNode, Literal, NamedNode
+from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from reasoner.causes import Cause, Search
 from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction, describe
-from reasoner.decisions import DEFAULT_BUDGET, Refutation
-from reasoner.exports import Triples, difference, missing_and_surplus, small_difference
+from reasoner.exports import Triples, difference, small_difference
 from reasoner.facts.arrays import Keys
 from reasoner.facts.changes import FactChange
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
-from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
-from reasoner.glosses import Name, local_name
+from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings
 from reasoner.handover import Difference, Handover, Reporter
-from reasoner.proofs import Decision, GraphsOf, Proof
-from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
 from reasoner.rules.work import ChangeBudget
 from reasoner.saved.image import Contents, Image, fingerprint
-from reasoner.terms import vocabulary as v
-from reasoner.terms.dictionary import Dictionary, Fact, GivenTriple, Term, Triple
-from reasoner.terms.digest import Digest, digest_of
-from reasoner.terms.vocabulary import RDF, SAME
+from reasoner.terms.dictionary import Fact, GivenTriple, Term, Triple
+from reasoner.terms.vocabulary import RDF
+from reasoner.view import ClosureView
 
 _REIFIES = NamedNode(RDF + "reifies")
-_TYPE = NamedNode(RDF + "type")
 _NO_SUBJECTS = (TripleTerm, Literal)
 _BATCH = 100_000
 """Triples whose terms are held at a time while they are encoded."""
@@ -143,12 +137,13 @@ class Staged:
         self._draft = None
 
 
-class Closure:
+class Closure(ClosureView):
     """Everything that follows from a set of triples under OWL 2 RL and user-defined rules.
 
     Examples
     --------
     >>> from pyoxigraph import NamedNode as N
+    >>> from reasoner.terms import vocabulary as v
     >>> below, a = N(v.IRIS[v.SUB_CLASS]), N(v.IRIS[v.TYPE])
     >>> closure = Closure.build([(N("urn:Mug"), below, N("urn:Vessel"))], [])
     >>> staged = closure.stage(add=[(N("urn:m1"), a, N("urn:Mug"))])
@@ -164,12 +159,10 @@ class Closure:
     def __init__(
         self, rules: Iterable[str | LabelledRule] = (), config: Config | None = None
     ) -> None:
+        super().__init__()
         self._config = config or Config()
         self._rules = tuple(rules)
-        self._terms = Dictionary()
-        self._state = State()
         self._version = 0
-        self._changes = 0
         self._reifiers: set[Term] = set()
         self._skipped = 0
         self._handovers: list[Handover] = []
@@ -323,101 +316,6 @@ class Closure:
         """Return what the closure depends on besides the asserted triples, as JSON-able data."""
         return fingerprint(self._rules, self._config.ill_typed)
 
-    @property
-    def size(self) -> int:
-        """Number of asserted triples."""
-        return len(self._state.asserted)
-
-    @property
-    def changes(self) -> int:
-        """Number of facts that came or went since the closure was built or read."""
-        return self._changes
-
-    def contains(self, triple: Triple) -> bool:
-        """Return whether a triple is asserted, derived, or a tautology."""
-        fact = self._find(triple)
-        if fact is None:
-            return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
-        reading = self._reading()
-        return any(reading.holds(f) or reading.is_virtual(f) for f in reading.forms(fact))
-
-    def match(
-        self, s: Term | None = None, p: Term | None = None, o: Term | None = None
-    ) -> list[Triple]:
-        """Return the asserted and derived triples that match a pattern; None matches all."""
-        pattern = tuple(None if term is None else self._terms.find(term) for term in (s, p, o))
-        if any(n is None and t is not None for n, t in zip(pattern, (s, p, o), strict=True)):
-            return []
-        a, b, c = pattern
-        return self._reading().match((a, b, c))
-
-    def explain(
-        self,
-        triple: Triple,
-        budget: int = DEFAULT_BUDGET,
-        graphs_of: GraphsOf | None = None,
-        name: Name = local_name,
-    ) -> Decision:
-        """Return a proof of least height, or what a triple that does not hold lacks.
-
-        Parameters
-        ----------
-        triple : Triple
-        budget : int
-            Goals and rows that may be looked at. Where they do not suffice, the answer is
-            :class:`~reasoner.decisions.Undecided`, never that the triple does not hold.
-        graphs_of : callable, optional
-            Returns the names of the graphs that assert a triple, for the leaves.
-        name : callable
-            Returns the short name of a term, for the glosses.
-
-        Raises
-        ------
-        TypeError
-            A part of the triple is no term, such as a text.
-        """
-        for term in triple:
-            if not isinstance(term, NamedNode | BlankNode | Literal | TripleTerm):
-                raise TypeError(f"expected a term, got {type(term).__name__}: {term!r}")
-        fact = self._find(triple)
-        if fact is None:
-            s, p, o = triple
-            if s == o and p == NamedNode(v.IRIS[SAME]):
-                return Proof(triple, f"{name(s)} {name(p)} {name(o)}", "eq-ref")
-            absent = tuple(name(term) for term in triple if self._terms.find_equal(term) is None)
-            gloss = " ".join("a" if term == _TYPE else name(term) for term in triple)
-            return Refutation(triple, gloss, (), absent)
-        if not self.contains(triple):
-            return self._reading().refute(fact, budget, name)
-        return self._reading().prove(fact, budget, graphs_of, name)
-
-    def inferred(self) -> Iterator[Triple]:
-        """Yield every derived triple that no graph asserts: the content of the inferred graph."""
-        decode = self._terms.decode_fact
-        for fact in self._reading().everything():
-            yield decode(fact)
-
-    def compare(self, exported: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
-        """Return what the inferred graph in a store lacks and what it has too much.
-
-        Parameters
-        ----------
-        found : iterable of Triple
-            The content of the store's inferred graph; read once.
-        """
-        return missing_and_surplus(self._reading(), exported)
-
-    def digest(self) -> Digest:
-        """Return the digest of the inferred graph: its number of triples and their hash."""
-        return digest_of(self._reading().everything(), self._terms)
-
-    def same_as(self, term: Term) -> list[Term]:
-        """Return all terms known to denote the same individual, including the term itself."""
-        number = self._terms.find(term)
-        if number is None:
-            return [term]
-        return [self._terms.decode(m) for m in self._state.equality.members(number)]
-
     def contradictions(self) -> list[Contradiction]:
         """Return the present contradictions among the asserted triples."""
         return self._describe(self._state.clashes.values(), None)
@@ -447,8 +345,6 @@ class Closure:
             "skipped": self._skipped,
             "problems": problems,
         }
-
-    # Inside.
 
     def _maintainer(
         self,
@@ -499,17 +395,6 @@ class Closure:
             facts = [fact for fact in facts if fact[0] not in skipped]
         self._skipped += count - len(facts)
         return facts
-
-    def _find(self, triple: Triple) -> Fact | None:
-        s, p, o = map(self._terms.find_equal, triple)
-        return None if s is None or p is None or o is None else (s, p, o)
-
-    def _reading(self, draft: Draft | None = None) -> Reading:
-        state, terms = self._state, self._terms
-        if draft is not None:
-            return Reading(draft.layer, draft.equality, draft.asserted, draft.program, terms)
-        asserted = Asserted(state.asserted)
-        return Reading(state.facts, state.equality, asserted, state.program, terms)
 
     def _difference(self, draft: Draft) -> tuple[Exported, Collection[Triple] | None]:
         before, after = self._reading(), self._reading(draft)

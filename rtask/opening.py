@@ -11,7 +11,7 @@ from pathlib import Path
 from rtask.errors import UsageError
 from rtask.graph import Graph
 from rtask.kb.commit.catalogue import Catalogue
-from rtask.kb.commit.commit import Committer
+from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.validation import Validator, policy, shape_files
 from rtask.kb.commit.writer import Writer

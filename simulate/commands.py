@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 import click
 
-from rtask.errors import RobotError
+from rtask.errors import MissingExtraError, RobotError
+from rtask.extras import missing_libraries, needs_extra
 from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.agent.decisions import Thresholds
@@ -30,21 +31,26 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.command()
 @options.seed()
 @options.objects_of_demo()
-@click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@options.robots_of_demo()
 @click.option(
     "--robot",
     "kinds",
     multiple=True,
     help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
 )
-@options.products(default="light")
+@options.products(default="fragile")
 @click.option(
     "--data",
     "-d",
-    default="rtask-demo",
-    show_default=True,
     type=options.folder(),
-    help="Folder for the store, the report and the logs.",
+    help="Folder for the store, the report and the logs.  "
+    "[default: rtask-demo; with --recorded rtask-recorded]",
+)
+@click.option("--recorded", is_flag=True, help="Show a recorded run at once; needs no extra.")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also pack store and report into this file (.tar.xz), with small pictures.",
 )
 @click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
@@ -69,10 +75,12 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 def demo(
     seed: int,
     objects: int | None,
-    robots: int,
+    robots: int | None,
     kinds: tuple[str, ...],
     products: str,
-    data: Path,
+    data: Path | None,
+    recorded: bool,
+    record: Path | None,
     keep: bool,
     gui: bool,
     stay: bool,
@@ -89,21 +97,38 @@ def demo(
     Starts an endpoint on an embedded store and simulated robots that share it. The first encounters
     unknown objects; the next ones find them in the graph. Ends with a sentence that says what
     sharing gained in this run, and a report with pictures; --details and --queries print tables and
-    SPARQL queries on the live store as well.
+    SPARQL queries on the live store as well. --recorded shows pages, report and pictures of an
+    earlier run in seconds.
     """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+    if recorded:
+        from simulate.demo.recorded import show
+
+        show(data or Path("rtask-recorded"), port, as_json)
+        return
+    if missing_libraries("simulate"):
+        needed = needs_extra("simulate", "rtask demo")
+        raise MissingExtraError(
+            f"{needed}; `rtask demo --recorded` shows a recorded run without it", extra="simulate"
+        )
     from simulate.demo.console import Console
-    from simulate.demo.orchestrate import Demo, Settings, objects_on_table
+    from simulate.demo.orchestrate import Demo, Settings, objects_on_table, robots_in_all
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
+    data = data or Path("rtask-demo")
     settings = Settings(
-        data, seed, objects_on_table(products, objects), robots, attempts, keep, gui, port,
+        data, seed, objects_on_table(products, objects), robots_in_all(products, kinds, robots),
+        attempts, keep, gui, port,
         kinds=kinds, products=products, min_grasp=min_grasp, cautious=cautious, details=details,
-        queries=queries,
+        queries=queries, small_pictures=record is not None,
     )  # fmt: skip
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)
+    if record is not None:
+        from simulate.demo.recorded import pack
+
+        pack(data, record)
     if as_json:
         click.echo(json.dumps(result))
 

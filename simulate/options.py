@@ -21,6 +21,7 @@ __all__ = [
     "resume",
     "robot",
     "robots_in_turn",
+    "robots_of_demo",
     "runs_trials",
     "seed",
     "trials",
@@ -81,7 +82,15 @@ def objects_of_demo() -> Option:
     """Return the option for the number of objects on each table of a demo."""
     return click.option(
         "--objects", type=click.IntRange(min=1),
-        help="Objects on each table.  [default: 4 light ones, else 6]",
+        help="Objects on each table.  [default: 4 light or fragile ones, else 6]",
+    )  # fmt: skip
+
+
+def robots_of_demo() -> Option:
+    """Return the option for the number of robots of a demo."""
+    return click.option(
+        "--robots", type=click.IntRange(1, 16),
+        help="Robots, one after the other.  [default: 3 with light or fragile products, else 2]",
     )  # fmt: skip
 
 
@@ -109,7 +118,7 @@ def products(default: str) -> Option:
     """Return the option for the set of products on the tables."""
     return click.option(
         "--products",
-        type=click.Choice(["plain", "hard", "light"]),
+        type=click.Choice(["plain", "hard", "light", "fragile"]),
         default=default,
         show_default=True,
         help="Plain products, or ones whose best grasp cannot be seen.",

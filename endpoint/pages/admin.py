@@ -13,7 +13,8 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import Caller, require_scope
-from endpoint.access.tokens import ROLES, parse_lifetime
+from endpoint.access.lifetimes import parse_lifetime
+from endpoint.access.tokens import ROLES
 from endpoint.api.proposals import Decision, decide, visible
 from endpoint.http.messages import RefusedError
 from endpoint.pages.render import (

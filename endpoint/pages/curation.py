@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri, by_words, without
-from endpoint.pages.objects import list_objects, resolve_object
+from endpoint.pages.objects import MAX_VIEWS, list_objects, resolve_object
 from endpoint.pages.render import (
     Model,
     blueprint,
@@ -18,7 +18,7 @@ from endpoint.pages.render import (
     current_request,
     embedded_graph,
     page,
-    select,
+    select_first,
 )
 from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
@@ -68,7 +68,8 @@ def side(name: str) -> Model:
     rows = list_objects(1, chosen=by_iri([name]))
     if not rows:
         raise RefusedError(404, "not-found", f"no object {name}; see /objects")
-    return {**rows[0], "pictures": select("object_views", object=by_iri([name]))}
+    pictures, all_views = select_first("object_views", MAX_VIEWS, object=by_iri([name]))
+    return {**rows[0], "pictures": pictures, "all_views": all_views}
 
 
 def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str]]:
@@ -81,12 +82,18 @@ def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str
         answer = context().engine.call("teach_object", search_request, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
         return [], []
-    sure = {
-        row["object"]: {"confidence": row["confidence"], "why": row["why"]}
-        for row in answer["similar_objects"]
-    }
-    rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
-    matches = [{**row, **sure[row["object"]]} for row in rows]
+    alike = {row["object"]: row for row in answer["similar_objects"]}
+    rows = list_objects(len(alike), chosen=by_iri(alike)) if alike else []
+    matches = [
+        # The side that looks alike says more than the side that was stored first.
+        {
+            **row,
+            "confidence": alike[row["object"]]["confidence"],
+            "why": alike[row["object"]]["why"],
+            "image": alike[row["object"]]["picture"] or row["image"],
+        }
+        for row in rows
+    ]
     return sorted(matches, key=lambda row: -row["confidence"]), answer["suggestions"]
 
 

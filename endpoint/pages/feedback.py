@@ -11,7 +11,15 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.activity.words import AFTER
 from endpoint.pages.choosing import read_resource
-from endpoint.pages.render import Model, blueprint, context, page, select
+from endpoint.pages.render import (
+    PAGE_SIZE,
+    Model,
+    blueprint,
+    context,
+    page,
+    page_number,
+    select,
+)
 from endpoint.pages.signin import require_form
 from rtask.engine.memory.statistics import lower_95
 from rtask.engine.operations.feedback import GiveFeedback
@@ -41,15 +49,18 @@ VISIBLE_REASONS = (
 """What a person can see on the pictures; the keys 1 to 9 choose these."""
 
 
-def list_attempts(chosen: str = "") -> list[Model]:
+def list_attempts(chosen: str = "", most: int = PAGE_SIZE, offset: int = 0) -> list[Model]:
     """Return the latest attempts with their pictures and what people said, the newest first.
 
     Parameters
     ----------
     chosen
         Pattern about ``?attempt`` and ``?outcome`` that says which.
+    most, offset
+        At most so many, without so many of the newest.
     """
-    rows = select("attempts", chosen=f". {chosen}" if chosen else "")
+    pattern = f". {chosen}" if chosen else ""
+    rows = select("attempts", chosen=pattern, most=str(most), skipped=str(offset))
     for row in rows:
         shots = [line.split("\t") for line in str(row.pop("pictures") or "").splitlines()]
         row["pictures"] = in_order(shots)
@@ -125,10 +136,16 @@ def feedback() -> Model:
         about.append(f"{read_resource(asked['grasp'])} rt:triedIn ?attempt")
     patterns = [_FILTERS[show], *about]
     reasons = [row["code"] for row in select("reasons")]
+    number = page_number()
+    chosen = " . ".join(filter(None, patterns))
+    rows = list_attempts(chosen, PAGE_SIZE + 1, (number - 1) * PAGE_SIZE)
+    names = list(dict.fromkeys(row["attempt"] for row in rows))
     return {
         "show_only": show,
         "evidence": _evidence(" . ".join(about)),
-        "attempts": list_attempts(" . ".join(filter(None, patterns))),
+        "attempts": [row for row in rows if row["attempt"] in names[:PAGE_SIZE]],
+        "page": number,
+        "has_more": len(names) > PAGE_SIZE,
         "reasons": [*VISIBLE_REASONS, *(code for code in reasons if code not in VISIBLE_REASONS)],
     }
 

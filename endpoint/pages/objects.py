@@ -15,6 +15,7 @@ from endpoint.pages.render import (
     page,
     page_number,
     select,
+    select_first,
 )
 from rtask.engine.curation.merging import present_name
 from rtask.engine.memory.statistics import lower_95
@@ -23,6 +24,8 @@ from rtask.extras import naming_extras
 from rtask.rdf.namespaces import PROV, RDF, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
 
+MAX_GRASPS = 100
+MAX_OUTCOMES = MAX_VIEWS = 50
 blueprint.add_app_template_filter(curve)
 
 
@@ -86,11 +89,11 @@ def object_() -> Model:
     name = resolve_object("iri")
     term = iri(name)
     (facts,) = select("object", object=term)
-    grasps = select("object_grasps", object=term)
+    grasps, more_grasps = select_first("object_grasps", MAX_GRASPS, object=term)
     for row in grasps:
         _count(row)
-    outcomes = select("object_outcomes", object=term)
-    views = select("object_views", object=by_iri([name]))
+    outcomes, more_outcomes = select_first("object_outcomes", MAX_OUTCOMES, object=term)
+    views, more_views = select_first("object_views", MAX_VIEWS, object=by_iri([name]))
     return {
         "iri": name,
         **facts,
@@ -98,6 +101,7 @@ def object_() -> Model:
         "views": views,
         "grasps": grasps,
         "outcomes": outcomes,
+        "all": {"views": more_views, "grasps": more_grasps, "outcomes": more_outcomes},
         **_drawn(term, views, grasps, outcomes),
     }
 

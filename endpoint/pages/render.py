@@ -186,10 +186,21 @@ def solutions(
         Replacements of each ``$name`` in the text: a term, or a pattern built from terms by
         :mod:`endpoint.pages.choosing`.
     """
-    text = re.sub(r"\$(\w+)", lambda match: str(terms[match.group(1)]), _query(name))
+    text = filled_query(name, **terms)
     if limit is not None:
         text += f"LIMIT {limit:d} OFFSET {offset:d}\n"
     return knowledge_base().select(text)
+
+
+def filled_query(name: str, **terms: NamedNode | str) -> str:
+    """Return a query with its terms, to be shown and run again."""
+    return re.sub(r"\$(\w+)", lambda match: str(terms[match.group(1)]), _query(name))
+
+
+def select_first(name: str, most: int, **terms: NamedNode | str) -> tuple[list[Model], str]:
+    """Return at most so many rows of a query, and the query for all if there are more."""
+    rows = select(name, limit=most + 1, **terms)
+    return rows[:most], filled_query(name, **terms) if len(rows) > most else ""
 
 
 def select(name: str, **options: Any) -> list[Model]:

@@ -21,6 +21,7 @@ from endpoint.pages.render import (
     page,
     robot_url,
     select,
+    select_first,
 )
 from endpoint.pages.signin import require_form
 from rtask.rdf.namespaces import CORA, RDF
@@ -30,6 +31,8 @@ __all__ = ["list_robots"]
 
 _SHOWN_ATTEMPTS = 12
 _SHOWN_REASONS = 5
+_SHOWN_PARTS = 40
+_SHOWN_OUTCOMES = 500
 
 
 def list_robots() -> list[Model]:
@@ -81,10 +84,10 @@ def robot() -> Model:
         raise RefusedError(400, "usage", f"which robot? {flask.request.path}?iri=<IRI>")
     term = read_resource(asked)
     facts = _facts_of(term)
-    parts = select("robot", robot=term)
-    outcomes = select("robot_outcomes", robot=term)
+    parts, more_parts = select_first("robot", _SHOWN_PARTS, robot=term)
+    outcomes, more_outcomes = select_first("robot_outcomes", _SHOWN_OUTCOMES, robot=term)
     reasons = Counter(row["reason"] for row in outcomes if row["reason"] and not row["success"])
-    attempts = list_attempts(f"?attempt rt:performedBy {term}")[:_SHOWN_ATTEMPTS]
+    attempts = list_attempts(f"?attempt rt:performedBy {term}")
     return {
         **facts,
         **_presence(facts),
@@ -92,7 +95,9 @@ def robot() -> Model:
         "cameras": [part for part in parts if not part["is_hand"]],
         "belief": belief_over([bool(row["success"]) for row in reversed(outcomes)]),
         "reasons": reasons.most_common(_SHOWN_REASONS),
-        "tasks": attempts,
+        "tasks": attempts[:_SHOWN_ATTEMPTS],
+        "more_tasks": len(attempts) > _SHOWN_ATTEMPTS,
+        "all": {"parts": more_parts, "outcomes": more_outcomes},
     }
 
 

@@ -63,6 +63,8 @@ class Evidence:
         Logarithmic odds by that comparison; None where too few matches agree.
     family_odds
         The same, had nothing contradicted.
+    has_print_colours
+        The print agrees so widely that it shows how the camera renders colours, and its own agree.
     likeness
         In colours and shape, as :func:`likeness` measures it; None where the query or all stored
         views of the object have no shape.
@@ -86,6 +88,7 @@ class Evidence:
     is_plain: bool = False
     print_odds: float | None = None
     family_odds: float | None = None
+    has_print_colours: bool = False
     likeness: float | None = None
     likeness_lead: float = 0.0
 
@@ -136,8 +139,9 @@ class ConfidenceParams:
         Twins that differ so far in colours and shapes share a mould or an emblem, not their look:
         which of the two it is can be seen. Between views of one print the lead stays below .1.
     min_print_colour
-        Less alike in all its colours, print alone may suggest an object, but not decide: another
-        light leaves photographs of one object above .6, the same relief in another colour below .1.
+        Less alike in all its colours, print alone may suggest an object, but not decide, unless it
+        agrees widely and in its own colours: another light leaves most photographs of one object
+        above .6, the same relief in another colour below .1.
     suggestion
         The most confidence of a look without depth, and of places in the image alone, where the
         print has to confirm them.
@@ -239,7 +243,8 @@ def _by_print(e: Evidence, params: ConfidenceParams) -> float:
     if e.print_odds is None:
         return 0.0
     sure = _logistic(e.print_odds)
-    return sure if e.colour >= params.min_print_colour else min(sure, params.suggestion)
+    is_alike = e.colour >= params.min_print_colour or e.has_print_colours
+    return sure if is_alike else min(sure, params.suggestion)
 
 
 def _by_places(e: Evidence, params: ConfidenceParams) -> float:

@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.recognition.candidates import RecogniserParams, VerifiedView
-from features.recognition.comparison.confidence import print_score, without_contradiction
+from features.recognition.comparison.confidence import (
+    has_same_colours,
+    print_score,
+    without_contradiction,
+)
 from features.recognition.comparison.printed import PrintedView
 from features.recognition.confidence import Evidence, is_size_plausible, likeness
 from features.recognition.index.snapshot import Snapshot
@@ -35,6 +39,13 @@ class Candidate:
     most_similar_view: int
     printed: PrintedView | None = None
     is_in_other_light: bool = False
+
+    @property
+    def views(self) -> tuple[int, ...]:
+        """Numbers of the stored views that match, the one that stands for the object first."""
+        printed = () if self.printed is None else (self.printed.view,)
+        matching = tuple(dict.fromkeys([*printed, *(fit.view for fit in self.fits)]))
+        return matching or (self.most_similar_view,)
 
 
 class First(NamedTuple):
@@ -104,8 +115,10 @@ class Ranking:
         odds = family = None
         if printed is not None:
             printed = printed.with_look(lead)
-            odds = print_score(printed.evidence, self._params.printed)
-            family = print_score(without_contradiction(printed.evidence), self._params.printed)
+            constants, is_guessed = self._params.printed, features.is_mask_guessed
+            odds = print_score(printed.evidence, constants, is_mask_guessed=is_guessed)
+            likely = without_contradiction(printed.evidence)
+            family = print_score(likely, constants, is_mask_guessed=is_guessed)
         shown = printed.view if printed is not None else fits[0].view if fits else most_similar
         evidence = Evidence(
             inliers=fits[0].places if fits else 0,
@@ -124,6 +137,9 @@ class Ranking:
             is_plain=len(features) < self._params.min_print_keypoints,
             print_odds=odds,
             family_odds=family,
+            has_print_colours=printed is not None
+            and not features.is_mask_guessed
+            and has_same_colours(printed.evidence, self._params.printed),
             likeness=alike,
             likeness_lead=alike_lead,
         )

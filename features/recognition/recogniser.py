@@ -302,7 +302,7 @@ class Recogniser:
         if agreement is None:
             return candidate
         odds = odds_of_views(odds, agreement, params)
-        odds = within_requirements(odds, printed.evidence, self.params.printed)
+        odds = within_requirements(odds, printed.evidence, self.params.printed, True)
         return replace(candidate, evidence=replace(candidate.evidence, print_odds=odds))
 
     def _printed(
@@ -328,13 +328,11 @@ class Recogniser:
 
 def _as_match(candidate: Candidate, snapshot: Snapshot, confidence: float) -> Match:
     """Return the answer's entry."""
-    views = [fit.view for fit in candidate.fits]
+    views = candidate.views
     inliers, difference = candidate.evidence.inliers, None
     if candidate.printed is not None:
         difference = candidate.printed.evidence.difference
         inliers = candidate.printed.evidence.matches
-        views = list(dict.fromkeys([candidate.printed.view, *views]))
-    views = views or [candidate.most_similar_view]
     movement = next((fit.query_from_view for fit in candidate.fits if fit.view == views[0]), None)
     if movement is None and candidate.printed is not None:
         movement = candidate.printed.query_from_view

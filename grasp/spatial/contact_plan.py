@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.clouds.ground import find_support
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.grasp_plan import SpatialOptions
 from grasp.spatial.gripper_files import OtherHand
@@ -35,6 +36,7 @@ def plan_contacts(
     Examples
     --------
     >>> from grasp.spatial.meshes.shapes import box_mesh
+    >>> from grasp.spatial.three_finger.hand import ThreeFingerHand
     >>> box = box_mesh((0.1, 0.06, 0.04))
     >>> [len(plan_contacts(box, hand)) > 0
     ...  for hand in (SuctionCup("cup"), ThreeFingerHand("three", max_opening=0.1))]
@@ -55,11 +57,18 @@ def plan_contacts_on_cloud(
 ) -> Proposals:
     """Plan where a hand takes the object of a cloud (n, 3), m.
 
-    See :func:`~grasp.spatial.suction.plan_suction_on_cloud`, whose parameters these are.
+    See :func:`~grasp.spatial.suction.plan_suction_on_cloud`, whose parameters these are. Without a
+    support, one that the cloud shows is taken, and a note says so.
     """
+    options = options or SpatialOptions()
+    shown = find_support(points) if support is None and options.find_support else None
+    if shown is not None:
+        points, support = shown.standing, shown.support
     if isinstance(hand, SuctionCup):
-        return plan_suction_on_cloud(points, hand, support, viewpoints, options, neighbours)
-    return plan_three_finger_on_cloud(points, hand, support, viewpoints, options, neighbours)
+        planned = plan_suction_on_cloud(points, hand, support, viewpoints, options, neighbours)
+    else:
+        planned = plan_three_finger_on_cloud(points, hand, support, viewpoints, options, neighbours)
+    return planned if shown is None else replace(planned, notes=(shown.note, *planned.notes))
 
 
 def plan_contacts_on_scene(

@@ -11,6 +11,7 @@ from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
+from grasp.spatial.clouds.ground import find_support
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.shipped import Filter, chosen_filter
@@ -20,6 +21,7 @@ from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting
 from grasp.spatial.scoring.features import body_of, with_features
 from grasp.spatial.scoring.holding import with_holding
 from grasp.spatial.scoring.object_load import ObjectLoad
+from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import diverse, hedged, rank
 
 __all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
@@ -58,6 +60,10 @@ class SpatialOptions:
         them a plan on one view takes less time and trusts the guess.
     pairs
         Whether opposed contacts on the surface of a cloud are looked for besides hands that fit it.
+    find_support
+        Whether a table that was left in a cloud is taken for its support where none is given.
+    promises
+        What is promised of a hand, grown from its outcomes; None = that of a hand without any.
     """
 
     noise: PoseNoise = field(default_factory=PoseNoise)
@@ -71,6 +77,8 @@ class SpatialOptions:
     seed: int = 0
     hedge: bool = True
     pairs: bool = True
+    find_support: bool = True
+    promises: Promises | None = None
 
     def __post_init__(self) -> None:
         if self.mass is not None and not 0 < self.mass < np.inf:
@@ -177,7 +185,7 @@ def plan_on_cloud(
     points : (n, 3), m
         Of one object.
     support
-        In the frame of the points.
+        In the frame of the points; None = none, unless the cloud shows one: a note says so.
     viewpoints : (k, 3) or None, m
         Where cameras were; None = seen from all around.
     classifier
@@ -197,6 +205,9 @@ def plan_on_cloud(
     from grasp.spatial.hand_search.surface_pairs import propose_pairs
 
     options = options or SpatialOptions()
+    shown = find_support(points) if support is None and options.find_support else None
+    support = support if shown is None else shown.support
+    notes = () if shown is None else (shown.note,)
     table = None if support is None else support.plane
     seen = prepare_cloud(points, table=table, viewpoints=viewpoints)
     whole = complete_by_symmetry(seen)
@@ -234,7 +245,8 @@ def plan_on_cloud(
     both = hedged(guessed, safe, gripper, options.most)
     counts = {**hands.counts, **({"pairs": pairs.counts["pairs"]} if pairs else {})}
     reason = "" if both else hands.reason
-    return replace(hands, candidates=tuple(both), counts=counts, reason=reason)
+    notes = (*notes, *hands.notes)
+    return replace(hands, candidates=tuple(both), counts=counts, reason=reason, notes=notes)
 
 
 def warm_up() -> None:
@@ -280,7 +292,7 @@ def _ranked(
     if mass is not None and options.quality == "closure":
         scored = with_holding(
             scored, surface, gripper, mass, options.noise, samples=options.samples,
-            seed=options.seed,
+            seed=options.seed, promises=options.promises,
         )  # fmt: skip
     up = None if support is None else support.up
     chosen = diverse(rank(scored, up), gripper, most=options.most)

@@ -72,7 +72,7 @@ _BUILT_IN = {
 
 
 _SECTIONS = {
-    "Run": ("demo", "serve", "worker", "simulate", "study"),
+    "Run": ("demo", "serve", "worker", "simulate", "study", "thesis"),
     "Ask": (
         "ask", "plan", "tasks", "query", "search", "explain", "entails", "where", "history",
         "objects",

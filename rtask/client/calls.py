@@ -444,6 +444,8 @@ SimilarObject = TypedDict(
         "Z": float | None,
         "rad": float | None,
         "grasp": str | None,
+        "view": NotRequired[str],
+        "picture": NotRequired[str],
         "why": NotRequired[str],
     },
 )

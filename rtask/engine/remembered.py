@@ -132,12 +132,16 @@ class RememberedObject:
 
 @dataclass(frozen=True)
 class Memory:
-    """The answer to a :class:`Question`."""
+    """The answer to a :class:`Question`.
+
+    ``viewpoints`` and ``pictures`` are of views; a picture is the SHA-256 of its blob.
+    """
 
     objects: Mapping[str, RememberedObject] = field(default_factory=dict)
     grasps: tuple[Remembered, ...] = ()
     trials: tuple[Trial, ...] = ()
     viewpoints: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    pictures: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, iri: str) -> list[Remembered]:
         """Return the grasps of one object."""

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from pyoxigraph import Store
 
-from rtask.errors import QuerySyntaxError, RtaskError
+from rtask.errors import DataError, QuerySyntaxError, RtaskError
 from rtask.sparql.lexer import guard, tokenise
 from rtask.sparql.misspelt import bare_slash, misspelling
 from rtask.sparql.tokens import Token, line_and_column
@@ -104,9 +104,13 @@ def check_query(text: str, base: str | None = None) -> None:
     ------
     QuerySyntaxError
         With line and column.
+    DataError
+        It calls a function that the store does not have, so that it can never be evaluated.
     """
     guard(text)
     try:
         _empty_store().query(text, base_iri=base)
     except SyntaxError as error:
         raise syntax_error(error, "query", text) from error
+    except RuntimeError as error:
+        raise DataError(f"the query cannot be evaluated: {error}") from error

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from rtask.asking.questions.mentions import Mention, find_mentions, tokens_of
+from rtask.asking.questions.mentions import MAX_MENTIONS, Mention, find_mentions, tokens_of
 from rtask.asking.questions.words import stem
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES
@@ -117,6 +117,11 @@ def _parts(select: Select, text: str, base: str) -> Iterator[_Part]:
         if not tokens:
             continue
         mentions = find_mentions(select, tokens, base, _ROLES, _KINDS)
+        if any(item.is_cut for item in mentions):
+            raise UsageError(
+                f"{sentence.strip()!r} names more than {MAX_MENTIONS} things: give their kind, a "
+                "full name in quotes, or an IRI"
+            )
         covered = {at for item in mentions for at in range(item.start, item.end)}
         start = 0
         for at, token in enumerate([*tokens, "and"]):

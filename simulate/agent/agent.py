@@ -109,8 +109,8 @@ class Agent:
     on_event
         Called with (name, data) at every noteworthy step.
     on_sight
-        Called with the frame and an object's pixels after its first recognition; a hook for
-        scoring, which returns nothing to the agent.
+        Called with an encounter and the object's pixels after its first recognition; a hook for
+        scoring, which may also give the object the name under which it is stored and reported.
     on_frame
         Called with every frame taken, for observers.
     """
@@ -158,7 +158,8 @@ class Agent:
             if track.number in self.encounters:
                 self.encounters[track.number].lost = True
                 x, y = (round(float(v), 3) for v in track.seen.position[:2])
-                self._tell("missing", {"object": track.number, "last_seen": [x, y]})
+                about = _about(track, self.encounters[track.number])
+                self._tell("missing", about | {"last_seen": [x, y]})
         return list(self.encounters.values())
 
     def _clear_side(self, side: str, is_patient: bool = False) -> bool:
@@ -264,10 +265,10 @@ class Agent:
         self._tell(
             "grasping",
             {
-                "object": track.number,
+                **_about(track, encounter),
                 "attempt": trial.number,
                 "source": grasp["source"],
-                "doing": f"grasping object {track.number}",
+                "doing": f"grasping {encounter.title}",
             },
         )
         began, started = time.time(), time.perf_counter()
@@ -297,7 +298,7 @@ class Agent:
             self._pushes.note_move()
         self._tell(
             "attempt",
-            {"object": track.number, **asdict(attempt), "doing": "looking for the next object"},
+            _about(track, encounter) | asdict(attempt) | {"doing": "looking for the next object"},
         )
 
     def _choose(
@@ -359,11 +360,11 @@ class Agent:
         self._tell(
             "recognised",
             {
-                "object": track.number,
+                **_about(track, encounter),
                 "recognised": encounter.recognised,
                 "label": encounter.label,
                 "confidence": encounter.confidence,
-                "doing": f"planning a grasp of object {track.number}",
+                "doing": f"planning a grasp of {encounter.title}",
             },
         )
         return encounter
@@ -398,8 +399,8 @@ class Agent:
                 "attempt_number": trial.number,
             }
             self._report(trial, grasp, outcome, self.body.gripper_ids[trial.encounter.side])
-        about = {"object": trial.track.number, **asdict(attempt), "doing": "looking on"}
-        self._tell("attempt", about)
+        about = _about(trial.track, trial.encounter)
+        self._tell("attempt", about | asdict(attempt) | {"doing": "looking on"})
 
     def _report(
         self, trial: _Try, grasp: dict[str, Any], outcome: dict[str, Any], gripper_id: str
@@ -418,9 +419,16 @@ class Agent:
                     "task_id": task_id}  # fmt: skip
             if track.object_iri:
                 item["object"] = track.object_iri
+            elif encounter.name:
+                item["name"] = encounter.name
             stored = self.server.insert_object(objects=[item])
             track.object_iri = stored["objects"][0]["object"]
         encounter.object_iri = track.object_iri
         encounter.seconds["report"] = (
             encounter.seconds.get("report", 0.0) + time.perf_counter() - started
         )
+
+
+def _about(track: TrackedObject, encounter: Encounter) -> dict[str, Any]:
+    """Return which object an event is about."""
+    return {"object": track.number, "title": encounter.title}

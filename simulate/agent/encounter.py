@@ -58,6 +58,8 @@ class Encounter:
 
     Parameters
     ----------
+    name
+        What people call the object; empty = nobody said. No decision depends on it.
     recognised
         IRI that the server recognised in the first view; empty if the object was new to it.
     confidence
@@ -75,6 +77,7 @@ class Encounter:
     position: tuple[float, float]
     size: tuple[float, float, float]
     is_seen: bool = False
+    name: str = ""
     recognised: str = ""
     label: str = ""
     confidence: float = 0.0
@@ -89,6 +92,11 @@ class Encounter:
         """Return the encounter with an object that was just seen."""
         x, y = (float(v) for v in shape.centre)
         return cls(number, side, (x, y), (shape.length, shape.width, shape.height))
+
+    @property
+    def title(self) -> str:
+        """The object's name; without one, its number on this table."""
+        return self.name or f"object {self.number}"
 
     @property
     def tries(self) -> int:

@@ -223,6 +223,10 @@ class Scorer:
         best = int(ids[np.argmax(counts)])
         return best if best in self._products else -1
 
+    def name_of(self, body: int) -> str:
+        """Return the name of a product; empty for anything else."""
+        return self._products.get(body, "")
+
     def in_reach(self) -> dict[int, bool]:
         """Return for each body whether a grasp of its true shape fits and can be planned."""
         return {laid.body: self._reachable(laid.body) for laid in self._body.laid}
@@ -265,7 +269,7 @@ class Scorer:
             scored.append(
                 {
                     **summary,
-                    "product": self._products.get(body, ""),
+                    "product": self.name_of(body),
                     "in_reach": bool(in_reach.get(body, False)),
                     "right": None,
                 }

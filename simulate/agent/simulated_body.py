@@ -27,6 +27,7 @@ from simulate.world.world import World
 __all__ = ["Conditions", "RobotAtTable", "SimulatedBody"]
 
 _FREE_JOINTS = 6
+_JPEG_QUALITY = 75
 _PICTURE_SIZE = (480, 360)
 _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
 
@@ -50,7 +51,9 @@ class Conditions:
     noise_seed
         Entropy of the camera's noise.
     pictures
-        Folder for a PNG of each phase of each grasp; None = no pictures are taken.
+        Folder for a picture of each phase of each grasp; None = no pictures are taken.
+    small_pictures
+        Whether these are JPEG, which takes a fifth of the room, and not PNG.
     """
 
     robot: str = "nao"
@@ -60,6 +63,7 @@ class Conditions:
     noise: SensorNoise = field(default_factory=SensorNoise)
     noise_seed: tuple[int, ...] = (0,)
     pictures: Path | None = None
+    small_pictures: bool = False
 
 
 class RobotAtTable:
@@ -70,10 +74,14 @@ class RobotAtTable:
     executor
         Of the robot, with its eyes.
     pictures
-        Folder for a PNG of each phase of each grasp; None = no pictures are taken.
+        Folder for a picture of each phase of each grasp; None = no pictures are taken.
+    small_pictures
+        Whether these are JPEG.
     """
 
-    def __init__(self, executor: Executor, pictures: Path | None = None) -> None:
+    def __init__(
+        self, executor: Executor, pictures: Path | None = None, small_pictures: bool = False
+    ) -> None:
         self.executor, self.eyes = executor, executor.eyes
         self.world, self.robot = executor.world, executor.robot
         self.base_frame, self.preset = self.robot.base_frame, self.world.preset.name
@@ -88,6 +96,7 @@ class RobotAtTable:
         self.watch: Callable[[PlannedGrasp], Callable[[str], None]] = lambda plan: _unwatched
         """Hook for scoring: called with each plan, it returns a function called at each phase."""
         self._pictures = pictures
+        self._suffix = ".jpg" if small_pictures else ".png"
         self._taken = 0
 
     def look(self, side: str, camera: str | None = None) -> tuple[Frame, Floats]:
@@ -116,9 +125,9 @@ class RobotAtTable:
         self._taken += 1
         if self._pictures is not None:
             self._pictures.mkdir(parents=True, exist_ok=True)
-            for number, (phase, png) in enumerate(taken, start=1):
-                name = f"{self._taken:02d}-{number}-{phase}.png"
-                (self._pictures / name).write_bytes(png)
+            for number, (phase, picture) in enumerate(taken, start=1):
+                name = f"{self._taken:02d}-{number}-{phase}{self._suffix}"
+                (self._pictures / name).write_bytes(picture)
         return record, taken
 
     def push(
@@ -136,8 +145,10 @@ class RobotAtTable:
     def _picture(self, plan: PlannedGrasp) -> bytes:
         side = "left" if plan.request.y > 0 else "right"
         rgb = photograph(self.world, self.eyes.camera, _PICTURE_SIZE, side, self.eyes.lighting)
-        _, png = cv2.imencode(".png", rgb[..., ::-1])
-        return png.tobytes()
+        _, picture = cv2.imencode(
+            self._suffix, rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+        )
+        return picture.tobytes()
 
 
 class SimulatedBody(RobotAtTable):
@@ -165,7 +176,9 @@ class SimulatedBody(RobotAtTable):
         self.laid: list[PlacedObject] = lay(world, placements, assets)
         self.lighting = conditions.lighting or Lighting()
         eyes = Eyes(robot, self.lighting, conditions.noise, conditions.noise_seed)
-        super().__init__(Executor(world, robot, eyes), conditions.pictures)
+        super().__init__(
+            Executor(world, robot, eyes), conditions.pictures, conditions.small_pictures
+        )
 
     def close(self) -> None:
         """End the physics."""

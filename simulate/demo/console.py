@@ -89,21 +89,35 @@ def _sentence(event: dict[str, Any]) -> str:
     """Return an event in words; empty if it is not reported."""
     name = event["event"]
     if name == "recognised":
-        number, conf = event["object"], event["confidence"]
-        if event["recognised"]:
-            return f"object {number} is {event['label'] or event['recognised']} ({conf:.2f})"
-        return f"object {number} is new to the graph (best match {conf:.2f})"
+        return _recognised_sentence(event)
     if name == "attempt":
-        result = "held" + (" and placed" if event["placed"] else ", not placed")
-        outcome = result if event["held"] else f"failed: {reason_words(event['reason'])}"
         grasp = GRASP_WORDS.get(event["source"], f"grasp from {event['source']}")
-        return f"object {event['object']}, attempt {event['number']}, {grasp}: {outcome}"
+        return f"{event['title']}, attempt {event['number']}, {grasp}: {_outcome_words(event)}"
     if name == "missing":
         x, y = event["last_seen"]
-        return f"object {event['object']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
+        return f"{event['title']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
     if name == "waiting":
         return "no answer yet; asking again"
     return ""
+
+
+def _recognised_sentence(event: dict[str, Any]) -> str:
+    title, label = event["title"], event["label"] or event["recognised"]
+    if not event["recognised"]:
+        return f"meets {title}, which its graph does not know"
+    known = "knows" if label == title else "takes"
+    other = "" if label == title else f" for {label}"
+    return f"{known} {title}{other} ({100 * event['confidence']:.0f} % sure)"
+
+
+def _outcome_words(event: dict[str, Any]) -> str:
+    if not event["physical"]:
+        return f"not tried, {reason_words(event['reason'])}"
+    if not event["held"]:
+        return f"failed, {reason_words(event['reason'])}"
+    if event["placed"]:
+        return "held and put into its box"
+    return f"held, but {reason_words(event['place_reason']) or 'it did not reach its box'}"
 
 
 class FleetConsole:

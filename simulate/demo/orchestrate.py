@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -29,22 +30,33 @@ from simulate.demo.report import (
     summary,
     write_report,
 )
-from simulate.demo.story import gain_of, opening, outcome
+from simulate.demo.story import gains_of, opening, outcome
 from simulate.robots import check_robot
 from simulate.world.objects import PRODUCTS
 
-__all__ = ["Demo", "Settings", "objects_on_table"]
+__all__ = ["Demo", "Settings", "objects_on_table", "robots_in_all"]
 
 _MARK = "demo.json"
+_SUITABLE = {
+    "plain": ("nao",), "light": ("nao", "nao", "panda"), "fragile": ("nao", "nao", "panda"),
+    "hard": ("panda",),
+}  # fmt: skip
+"""Kinds of robots, in turn. The hard products are heavy, or break in a strong hand, which is a
+Panda's; at the light and the fragile ones, a Panda gets the lessons of two Naos last."""
 _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 
 def objects_on_table(products: str, wanted: int | None = None) -> int:
     """Return how many objects lie on each table of a demo.
 
-    No more than four light ones have room where a Nao reaches both of their ends.
+    No more than four light or fragile ones have room where a Nao reaches both of their ends.
     """
-    return wanted or (4 if products == "light" else 6)
+    return wanted or (4 if products in ("light", "fragile") else 6)
+
+
+def robots_in_all(products: str, kinds: Sequence[str], wanted: int | None = None) -> int:
+    """Return how many robots a demo has: at least two, and each of the kinds once."""
+    return wanted or max(2, len(kinds or _SUITABLE[products]))
 
 
 def _command() -> str:
@@ -67,14 +79,16 @@ class Settings:
     keep
         Continue with the store in ``data`` instead of a new one.
     kinds
-        Kinds of the robots, in turn; empty = the kind that suits the products.
+        Kinds of the robots, in turn; empty = those that suit the products.
     products
-        Set of :data:`simulate.world.objects.PRODUCTS`. On all but the plain ones, the last robot
-        also works with a graph of its own, for comparison.
+        Set of :data:`simulate.world.objects.PRODUCTS`. On all but the plain ones, the second robot
+        and the last also work with a graph of their own, for comparison.
     min_grasp, cautious
         Of :class:`simulate.agent.decisions.Thresholds`.
     details, queries
         Whether to print tables of what each robot did, and SPARQL queries with their answers.
+    small_pictures
+        Whether pictures are JPEG.
     """
 
     data: Path
@@ -92,6 +106,7 @@ class Settings:
     cautious: bool = Thresholds.cautious
     details: bool = False
     queries: bool = False
+    small_pictures: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
@@ -107,17 +122,16 @@ class Settings:
             raise UsageError(f"--seed must not be negative, got {self.seed}")
 
     def kind_of(self, index: int) -> str:
-        """Return the kind of a robot by its number.
-
-        The hard products are heavy, or break in a strong hand, which is a Panda's.
-        """
-        kinds = self.kinds or (("panda",) if self.products == "hard" else ("nao",))
+        """Return the kind of a robot by its number."""
+        kinds = self.kinds or _SUITABLE[self.products]
         return kinds[index % len(kinds)]
 
     @property
-    def compares(self) -> bool:
-        """Whether the last robot also works with a graph of its own."""
-        return self.products != "plain" and self.robots > 1
+    def compared(self) -> tuple[int, ...]:
+        """Numbers of the robots that also work with a graph of their own: the second, the last."""
+        if self.products == "plain" or self.robots < 2:
+            return ()
+        return tuple(sorted({1, self.robots - 1}))
 
 
 class Demo:
@@ -155,15 +169,14 @@ class Demo:
             self.console.step(f"starting {self.settings.robots} robots")
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
             beside = stack.enter_context(ThreadPoolExecutor(1))
-            alone = None
-            if self.settings.compares:
-                other = self._alone(stack, folder)
-                alone = beside.submit(self._watch, other, endpoint, {})
+            alone = {
+                index: beside.submit(self._watch, self._alone(stack, folder, index), endpoint, {})
+                for index in self.settings.compared
+            }
             done = [self._watch(robot, endpoint, self._products) for robot in robots]
-            apart = None if alone is None else alone.result()
+            apart = {index: work.result() for index, work in alone.items()}
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
-            gain = gain_of(done, apart, self.settings.keep)
             lessons = lessons_of(done)
             result = summary(
                 done,
@@ -171,16 +184,17 @@ class Demo:
                 folder / _STORE,
                 endpoint.url,
                 self.settings.seed,
-                apart,
-                None if gain is None else gain.to_dict(),
+                self.settings.products,
+                list(apart.values()),
+                [gain.to_dict() for gain in gains_of(done, apart, self.settings.keep)],
                 None if lessons is None else lessons.to_dict(),
             )
             write_report(folder / _REPORT, result, table, answers)
             if self.settings.details:
                 self.console.table("What the robots did", COLUMNS, table, NARROW)
-                self._totals(done if apart is None else [*done, apart])
-                if apart is not None:
-                    self._compare(done[-1], apart)
+                self._totals([*done, *apart.values()])
+                for index, work in apart.items():
+                    self._compare(done[index], work)
             if self.settings.queries:
                 for answer in answers:
                     self.console.answer(answer)
@@ -194,7 +208,7 @@ class Demo:
 
     def _opening(self) -> list[str]:
         names = [self._name(index) for index in range(self._count)]
-        alone = f"{names[-1]}-alone" if self.settings.compares else ""
+        alone = [f"{names[index]}-alone" for index in self.settings.compared]
         return opening(self.settings.products, names, alone)
 
     @property
@@ -236,9 +250,8 @@ class Demo:
         )["token"]
         return self._start(stack, folder, self._job(folder, name, url, index), token)
 
-    def _alone(self, stack: ExitStack, folder: Path) -> Robot:
-        """Start the last robot once more, at the same table, with a graph of its own."""
-        index = self.settings.robots - 1
+    def _alone(self, stack: ExitStack, folder: Path, index: int) -> Robot:
+        """Start a robot once more, at the same table, with a graph of its own."""
         name = f"{self._name(index)}-alone"
         return self._start(stack, folder, self._job(folder, name, "", index), "")
 
@@ -257,6 +270,7 @@ class Demo:
             outbox=str(folder / _OUTBOX / f"{name}.jsonl"),
             gui=self.settings.gui and bool(url),
             preset=self.settings.preset,
+            small_pictures=self.settings.small_pictures,
             robot=self.settings.kind_of(index),
             products=self.settings.products,
             min_grasp=self.settings.min_grasp,

@@ -79,8 +79,8 @@ class RobotJob:
     seed, objects, products
         Fix the products, which are the same for every robot of a demo; ``products`` names a set of
         :data:`simulate.world.objects.PRODUCTS`.
-    pictures
-        Folder for the PNGs of each grasp.
+    pictures, small_pictures
+        Folder for the pictures of each grasp, and whether these are JPEG.
     outbox
         File that keeps outcomes not yet delivered.
     robot
@@ -103,6 +103,7 @@ class RobotJob:
     products: str = "plain"
     min_grasp: float = Thresholds.grasp
     cautious: bool = Thresholds.cautious
+    small_pictures: bool = False
 
     @property
     def thresholds(self) -> Thresholds:

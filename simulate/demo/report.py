@@ -192,33 +192,39 @@ def summary(
     store: Path,
     url: str,
     seed: int,
-    apart: Mapping[str, Any] | None = None,
-    gain: Mapping[str, Any] | None = None,
+    products: str,
+    apart: Sequence[Mapping[str, Any]] = (),
+    gains: Sequence[Mapping[str, Any]] = (),
     lessons: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the one object that ``rtask demo --json`` prints.
 
     Parameters
     ----------
+    products
+        Set of :data:`simulate.world.objects.PRODUCTS`.
     apart
-        The last robot's work with a graph of its own, if it was done.
-    gain
-        What sharing gained for it, as :meth:`simulate.demo.story.Gain.to_dict` returns it.
+        Work of some robots, such as the last, with a graph of their own.
+    gains
+        What sharing gained for these, as :meth:`simulate.demo.story.Gain.to_dict` returns it.
     lessons
-        What it recalled of the earlier robots' successes, as
+        What the last robot recalled of the earlier robots' successes, as
         :meth:`simulate.demo.lessons.Lessons.to_dict` returns it.
     """
     objects = [met for robot in robots for met in _encounters(robot)]
     return {
         "robots": [robot_totals(robot, cap) for robot in robots],
         "objects": objects,
-        "alone": None if apart is None else robot_totals(apart, cap),
-        "alone_objects": [] if apart is None else _encounters(apart),
-        "gain": gain,
+        "alone": robot_totals(apart[-1], cap) if apart else None,
+        "alone_robots": [robot_totals(robot, cap) for robot in apart],
+        "alone_objects": [met for robot in apart for met in _encounters(robot)],
+        "gain": gains[-1] if gains else None,
+        "gains": list(gains),
         "lessons": lessons,
         "store": str(store),
         "url": url,
         "seed": seed,
+        "products": products,
     }
 
 
@@ -261,7 +267,7 @@ def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
     for encounter in result.get("objects", ()):
         for attempt in encounter["attempts"]:
             run = attempt.get("run", 0)
-            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*.png")) if run else []
+            pictures = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*-*.*")) if run else []
             if not pictures:
                 continue
             familiarity = (

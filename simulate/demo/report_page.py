@@ -119,7 +119,7 @@ def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:
     if attempt.get("alone"):
         line += f"<p><small>{escape(attempt['alone'])}</small></p>"
     run = attempt.get("run", 0)
-    paths = sorted((folder / robot).glob(f"{run:02d}-*.png")) if run else []
+    paths = sorted((folder / robot).glob(f"{run:02d}-*-*.*")) if run else []
     shots = "".join(
         f'<figure><img src="{escape(robot)}/{escape(path.name)}" alt="{escape(words)}">'
         f"<figcaption>{escape(words)}</figcaption></figure>"

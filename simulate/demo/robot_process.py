@@ -62,6 +62,7 @@ def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
         lighting=Lighting.sample(stream(job.seed, _LIGHT, job.index)),
         noise_seed=(job.seed, _NOISE, job.index),
         pictures=Path(job.pictures) if job.pictures else None,
+        small_pictures=job.small_pictures,
     )
     return SimulatedBody(placements, assets, conditions)
 
@@ -103,7 +104,8 @@ def clear_table(
     first_sight: dict[int, int] = {}
 
     def on_sight(encounter: Encounter, seen: Seen) -> None:
-        first_sight[encounter.number] = scorer.body_under(seen)
+        first_sight[encounter.number] = body_seen = scorer.body_under(seen)
+        encounter.name = scorer.name_of(body_seen)
 
     def waiting(operation: str) -> None:
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})

@@ -7,12 +7,15 @@ from typing import Any
 
 from simulate.demo.report import by_product
 
-__all__ = ["Gain", "gain_of", "opening", "outcome"]
+__all__ = ["Gain", "gains_of", "opening", "outcome"]
 
 _SECRETS = {
     "plain": "On this table nothing is hidden: geometry holds nearly every product at once, "
     "and sharing has little to add.",
     "light": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
+    "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
+    "end. A robot that has only its eyes must fail first.",
+    "fragile": "These products look like plain boxes, weigh what a Nao can lift, and hide what "
     "decides a grasp: of a carton one end breaks when it is pressed, a rod has its weight near one "
     "end. A robot that has only its eyes must fail first.",
     "hard": "These products look like plain boxes and hide what decides a grasp: of a carton one "
@@ -25,7 +28,7 @@ _NUMBERS = (
 )  # fmt: skip
 
 
-def opening(products: str, names: Sequence[str], alone: str = "") -> list[str]:
+def opening(products: str, names: Sequence[str], alone: Sequence[str] = ()) -> list[str]:
     """Return two sentences: what the products hide, and what the audience will see.
 
     Parameters
@@ -35,7 +38,7 @@ def opening(products: str, names: Sequence[str], alone: str = "") -> list[str]:
     names
         The robots, in the order in which they work.
     alone
-        The robot that works without the graph, for comparison; empty if there is none.
+        The robots that work without the graph, for comparison.
     """
     first, *others = names
     seen = f"{first} finds out by trial and writes each outcome into the graph"
@@ -43,7 +46,8 @@ def opening(products: str, names: Sequence[str], alone: str = "") -> list[str]:
         then = " and ".join([", ".join(others[:-1]), others[-1]] if others[1:] else others)
         seen += f"; then {then} {'start' if others[1:] else 'starts'} from there"
     if alone:
-        seen += f", beside {alone}, the same robot at the same table without the graph"
+        same = "robots at the same tables" if alone[1:] else "robot at the same table"
+        seen += f", beside the same {same} without the graph ({', '.join(alone)})"
     return [_SECRETS[products], f"Watch: {seen}."]
 
 
@@ -124,37 +128,37 @@ class Gain:
         return f"{words} first grasp{'' if number == 1 else 's'} came from {origin}."
 
 
-def gain_of(
-    done: Sequence[Mapping[str, Any]], apart: Mapping[str, Any] | None, kept: bool
-) -> Gain | None:
-    """Return what sharing gained for the last robot; None if it did not also work alone.
+def gains_of(
+    done: Sequence[Mapping[str, Any]], apart: Mapping[int, Mapping[str, Any]], kept: bool
+) -> list[Gain]:
+    """Return what sharing gained for each robot that also worked alone.
 
     Parameters
     ----------
     done
         The robots with their encounters, in the order in which they worked.
     apart
-        The last robot's work with a graph of its own.
+        Work of some of them with a graph of their own, by their place in ``done``.
     kept
         Whether the store had outcomes of an earlier run, whose robots are not named.
     """
-    if apart is None:
-        return None
-    *teachers, last = done
-    names = [] if kept else [str(robot["name"]) for robot in teachers]
-    return Gain(str(last["name"]), last["encounters"], apart["encounters"], names)
+    names = [str(robot["name"]) for robot in done]
+    return [
+        Gain(names[k], done[k]["encounters"], alone["encounters"], [] if kept else names[:k])
+        for k, alone in sorted(apart.items())
+    ]
 
 
 def outcome(result: Mapping[str, Any]) -> str:
-    """Return the sentence with which a demo ends.
+    """Return the sentences with which a demo ends: one for each robot that also worked alone.
 
     Parameters
     ----------
     result
         What ``rtask demo --json`` prints.
     """
-    if result["gain"] is not None:
-        return str(result["gain"]["sentence"])
+    if result["gains"]:
+        return "\n".join(str(gain["sentence"]) for gain in result["gains"])
     last = result["robots"][-1]
     text = f"{last['name']} held {last['held']} of {last['objects_in_reach']} products in reach"
     if len(result["robots"]) == 1 and not last["known_before"]:

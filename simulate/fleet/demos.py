@@ -1,20 +1,20 @@
 """The study of demos: one after the other, each as ``rtask demo`` runs it, without its processes.
 
 A trial is the demo of one seed: the robots work one after the other on one graph, each at its own
-table with the same products; the last one works once more, at the same table, with a graph of its
-own. Nothing depends on real time, so a trial is determined by its seed alone.
+table with the same products; the second and the last work once more, at the same table, with a
+graph of their own. Nothing depends on real time, so a trial is determined by its seed alone.
 
 The rules by which a change is judged:
 
 - The seeds are consecutive from the first, which is chosen before anything is run; each is shown.
-- The default of ``rtask demo`` is a set of products and kind of robots for which the last robot
-  needs fewer attempts with the graph in most demos, on seeds not used to develop it.
+- The default of ``rtask demo`` is a set of products and kinds of robots for which the robots that
+  are compared need fewer attempts with the graph in most demos, on seeds not used to develop it.
 - The measure is the number of attempts to the first success
   (:func:`simulate.demo.report.attempts_to_success`; one more than permitted where there was none)
-  at each product in reach that the last robot tried with the graph and without.
+  at each product in reach that a compared robot tried with the graph and without.
 - Sharing shows if the interval of the mean paired difference, resampled over demos, lies below 0.
-- A demo shows it if the last robot needs fewer attempts in all with the graph than without, and
-  contradicts it if it needs more than two more.
+- A demo shows it if the compared robots need fewer attempts in all with the graph than without, and
+  contradicts it if they need more than two more.
 """
 
 from __future__ import annotations
@@ -53,8 +53,9 @@ __all__ = [
 ]
 
 COLUMNS = (
-    "seed", "products", "attempts with the graph", "attempts without", "first tries held with",
-    "first tries held without", "lessons recalled", "remembered first grasps held",
+    "seed", "products", "attempts with the graph", "attempts without", "robot by robot",
+    "first tries held with", "first tries held without", "lessons recalled",
+    "remembered first grasps held",
 )  # fmt: skip
 
 _TOLERATED = 2
@@ -98,23 +99,26 @@ def demo_study(
         {
             "seed": seed, "robots": robots, "objects": objects, "products": products,
             "kinds": [demo.kind_of(index) for index in range(robots)],
-            "max_attempts": max_attempts, "preset": preset,
+            "compared": list(demo.compared), "max_attempts": max_attempts, "preset": preset,
         },
         demos,
     )  # fmt: skip
 
 
 def demo_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Run one demo with sharing and its last robot without; return both as JSON data."""
+    """Run one demo with sharing, and some of its robots without; return both as JSON data."""
     seed, started = int(settings["seed"]) + number, time.process_time()
     robots = int(settings["robots"])
     with rtask.open(":memory:", reason=False) as kb:
         shared = [_work(kb, settings, seed, index) for index in range(robots)]
-    with rtask.open(":memory:", reason=False) as kb:
-        alone = _work(kb, settings, seed, robots - 1)
+    alone = []
+    for index in settings["compared"]:
+        with rtask.open(":memory:", reason=False) as kb:
+            alone.append(_work(kb, settings, seed, index))
     return {
         "seed": seed,
         "shared": shared,
+        "compared": settings["compared"],
         "alone": alone,
         "cpu_s": round(time.process_time() - started, 1),
         "says": f"seed {seed} has worked both ways",
@@ -162,15 +166,32 @@ def summarise_demos(results: Sequence[Mapping[str, Any]], max_attempts: int) -> 
 
 def _figures(result: Mapping[str, Any], cap: int) -> dict[str, Any]:
     """Return the figures of one demo; ``pairs`` are attempts with the graph and without."""
-    last = result["shared"][-1]
-    mine = {met["product"]: met for met in _tried(last)}
-    alone = {met["product"]: met for met in _tried(result["alone"])}
+    robots = [
+        _robot_figures(result["shared"][: index + 1], alone, cap)
+        for index, alone in zip(result["compared"], result["alone"], strict=True)
+    ]
+    return {
+        "seed": result["seed"],
+        "robots": robots,
+        "pairs": [pair for robot in robots for pair in robot["pairs"]],
+        "from_memory": _sums(robots, "from_memory"),
+        "lessons": _sums(robots, "lessons"),
+        "cpu_s": result["cpu_s"],
+    }
+
+
+def _robot_figures(
+    shared: Sequence[Mapping[str, Any]], apart: Mapping[str, Any], cap: int
+) -> dict[str, Any]:
+    """Return the figures of the last of ``shared``, which also worked without the others."""
+    mine = {met["product"]: met for met in _tried(shared[-1])}
+    alone = {met["product"]: met for met in _tried(apart)}
     both = sorted(mine.keys() & alone.keys())
-    lessons = lessons_of(result["shared"])
+    lessons = lessons_of(shared)
     assert lessons is not None
     first = [mine[name] for name in both if mine[name]["attempts"][0]["source"] == "memory"]
     return {
-        "seed": result["seed"],
+        "robot": shared[-1]["name"],
         "products": both,
         "pairs": [
             [attempts_to_success(mine[n], cap), attempts_to_success(alone[n], cap)] for n in both
@@ -180,8 +201,11 @@ def _figures(result: Mapping[str, Any], cap: int) -> dict[str, Any]:
             "held": sum(m["tries_to_success"] == 1 for m in first),
         },
         "lessons": {"won": lessons.won, "recalled": lessons.recalled},
-        "cpu_s": result["cpu_s"],
     }
+
+
+def _sums(robots: Sequence[Mapping[str, Any]], what: str) -> dict[str, int]:
+    return {key: sum(robot[what][key] for robot in robots) for key in robots[0][what]}
 
 
 def _tried(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -216,12 +240,18 @@ def demo_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
             str(demo["seed"]),
             str(len(demo["pairs"])),
             *(str(sum(pair[k] for pair in demo["pairs"])) for k in (0, 1)),
+            "; ".join(map(_robot_words, demo["robots"])),
             *(str(sum(pair[k] == 1 for pair in demo["pairs"])) for k in (0, 1)),
             "{recalled} of {won}".format(**demo["lessons"]),
             "{held} of {first}".format(**demo["from_memory"]),
         )
         for demo in summary["demos"]
     ]
+
+
+def _robot_words(robot: Mapping[str, Any]) -> str:
+    with_it, alone = (sum(pair[k] for pair in robot["pairs"]) for k in (0, 1))
+    return f"{robot['robot']} {with_it}, alone {alone}"
 
 
 def demo_words(summary: Mapping[str, Any]) -> list[str]:

@@ -109,7 +109,8 @@ class Member:
         job, scorer, first_sight = self.job, Scorer(body), {}
 
         def on_sight(encounter: Encounter, seen: Seen) -> None:
-            first_sight[encounter.number] = scorer.body_under(seen)
+            first_sight[encounter.number] = body_seen = scorer.body_under(seen)
+            encounter.name = scorer.name_of(body_seen)
 
         in_reach = scorer.in_reach()
         choice = int(stream(job.seed, _CHOICE, job.index, number).integers(2**31))

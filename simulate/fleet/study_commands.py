@@ -181,11 +181,11 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
 
 @click.command()
 @click.option("-n", "--demos", default=10, show_default=True, help="Demos, with consecutive seeds.")
-@click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@options.robots_of_demo()
 @options.objects_of_demo()
 @click.option("--attempts", "max_attempts", default=6, show_default=True, help="Per object.")
 @options.seed("the first demo; the next has the next seed")
-@options.products(default="light")
+@options.products(default="fragile")
 @click.option(
     "--robot",
     "kinds",
@@ -195,7 +195,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
 @options.runs_trials("rtask-demos")
 def demo(
     demos: int,
-    robots: int,
+    robots: int | None,
     objects: int | None,
     max_attempts: int,
     seed: int,
@@ -209,20 +209,21 @@ def demo(
 ) -> None:
     """Measure how often a demo shows what sharing is worth.
 
-    Runs `rtask demo` on many seeds without its processes: the last robot of each works with the
-    graph and without.
+    Runs `rtask demo` on many seeds without its processes: the second robot and the last of each
+    work with the graph and without.
     """
-    from simulate.demo.orchestrate import objects_on_table
+    from simulate.demo.orchestrate import objects_on_table, robots_in_all
     from simulate.fleet.demos import COLUMNS, demo_rows, demo_study, demo_words, write_demos
     from simulate.study.runner import run
 
     number = objects_on_table(products, objects)
-    study = demo_study(demos, robots, number, seed, products, kinds, max_attempts, preset)
+    count = robots_in_all(products, kinds, robots)
+    study = demo_study(demos, count, number, seed, products, kinds, max_attempts, preset)
     summary = write_demos(out, run(study, out, workers, resume), study.settings)
     if as_json:
         click.echo(json.dumps(summary))
         return
-    print_table("The last robot with the graph and without", COLUMNS, demo_rows(summary))
+    print_table("Robots with the graph and without", COLUMNS, demo_rows(summary))
     for line in demo_words(summary):
         click.echo(line)
     click.echo(f"report  {out / 'report.json'}")

@@ -83,6 +83,9 @@ def list_robots(limit: int | None, as_json: bool) -> None:
     help="SRDF of the robot: home posture and links that may touch are taken from it.",
 )  # fmt: skip
 @click.option("--strict", is_flag=True, help="Refuse a file with gaps instead of filling them.")
+@click.option("--scale", type=float,
+    help="Factor for shapes far larger than the robot: 0.001 if the file has them in mm.",
+)  # fmt: skip
 @click.option("--replace", is_flag=True, help="Replace a robot of the same name.")
 @json_option
 def add(
@@ -92,6 +95,7 @@ def add(
     on: str | None,
     srdf: Path | None,
     strict: bool,
+    scale: float | None,
     replace: bool,
     as_json: bool,
 ) -> None:
@@ -114,7 +118,9 @@ def add(
     if path.exists() and not replace:
         raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
     with banner_on_stderr():
-        made = guess_robot(urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict)
+        made = guess_robot(
+            urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict, scale=scale
+        )
     is_replaced = path.exists()
     if is_replaced:
         set_aside(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from simulate.robots.description import (
 from simulate.robots.other_hands import MOUNT, OtherHand, arm_with, other_hand
 from simulate.robots.robot_files import bare_robot, robot_from, settings_of
 from simulate.robots.srdf import Srdf, read_srdf
+from simulate.robots.urdf_doctor import oversized
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = ["GuessedRobot", "guess_robot"]
@@ -76,6 +78,7 @@ def guess_robot(
     on: str | None = None,
     srdf: Path | None = None,
     strict: bool = False,
+    scale: float | None = None,
     seed: int = 0,
 ) -> GuessedRobot:
     """Return the robot of a URDF, with arms, hands, cameras and a workplace.
@@ -86,7 +89,7 @@ def guess_robot(
         The file.
     name
         Of the robot.
-    gripper, on, strict
+    gripper, on, strict, scale
         As of :func:`~simulate.robots.robot_files.bare_robot`.
     srdf
         A semantic description: its home postures are tried first, and the links whose collisions
@@ -97,16 +100,21 @@ def guess_robot(
     Raises
     ------
     RobotError
-        The file cannot be read, or it shows no arm with a hand; the message says what to do.
+        The file cannot be read, its shapes are far larger than the robot, or it shows no arm with a
+        hand; the message says what to do.
     """
     semantic = read_srdf(srdf) if srdf is not None else Srdf({}, ())
-    whole, warnings = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on)
+    read = partial(bare_robot, urdf, name=name, strict=strict, gripper=gripper, on=on, scale=scale)
+    whole, warnings = read()
+    large = oversized(whole.links, whole.joints)
+    if large:
+        raise RobotError(f"{urdf}: {large[0]}" + f" (and {len(large) - 1} more)" * (len(large) > 1))
     other = other_hand(gripper) if gripper is not None else None
     hands = _hands(whole, other)
     if not hands:
         raise RobotError(_no_hand(whole, urdf, warnings))
     rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
-    robot, _ = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, rest=rest)
+    robot, _ = read(rest=rest)
     mounted = _hands(robot, other)
     if not mounted:
         raise RobotError(_no_hand(robot, urdf, warnings))
@@ -117,7 +125,9 @@ def guess_robot(
     allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
     robot = replace(robot, may_touch=tuple(sorted({*robot.may_touch, *allowed})))
     robot = _at_home(robot, semantic.homes, seed)
-    settings = settings_of(robot, urdf, gripper=gripper, on=on, rest=rest, strict=strict)
+    settings = settings_of(
+        robot, urdf, gripper=gripper, on=on, rest=rest, strict=strict, scale=scale
+    )
     made = robot_from(settings, Path(f"{name}.toml").resolve())
     return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share)
 
@@ -297,7 +307,7 @@ def _alone(robot: RobotDescription, arm: Arm, homes: Mapping[str, Floats]) -> Ro
     return replace(robot, arms=arms, links=links)
 
 
-_STATED = {"urdf", "strict", "model", "base_frame", "gripper", "name"}
+_STATED = {"urdf", "strict", "scale", "model", "base_frame", "gripper", "name"}
 
 
 def _guessed(settings: Mapping[str, Any], where: str = "") -> Iterator[str]:

@@ -16,6 +16,8 @@ _DENSITY = 1000.0
 """kg/m3"""
 _MIN_MASS = 0.05
 """kg; less makes iterative solvers unstable."""
+_STEPS = (np.arange(10) + 0.5) / 10 - 0.5
+_GRID = np.stack(np.meshgrid(_STEPS, _STEPS, _STEPS), axis=-1).reshape(-1, 3)
 _DEFAULT_SIDE = 0.03
 """m, of the cube that stands for a link without shapes."""
 
@@ -26,7 +28,8 @@ def estimated_inertial(shapes: Sequence[Shape], mass: float | None = None) -> In
     Parameters
     ----------
     shapes
-        Collision shapes; a mesh counts as the box around it. Without any, a cube of 3 cm.
+        Collision shapes; a mesh counts as the box around it, and space that several share counts
+        once. Without any, a cube of 3 cm.
     mass
         The stated mass, kg, if only the inertia is missing; None = from the volume, at least 50 g.
 
@@ -36,7 +39,7 @@ def estimated_inertial(shapes: Sequence[Shape], mass: float | None = None) -> In
     1.0
     """
     boxes = [_box(shape) for shape in shapes] or [(np.eye(4), np.full(3, _DEFAULT_SIDE))]
-    volumes = np.array([math.prod(size) for _, size in boxes])
+    volumes = np.array([math.prod(size) for _, size in boxes]) * _own_shares(boxes)
     total = mass if mass is not None else max(float(volumes.sum()) * _DENSITY, _MIN_MASS)
     shares = volumes / volumes.sum() if volumes.sum() > 0 else np.full(len(boxes), 1 / len(boxes))
     joined: Inertial | None = None
@@ -46,6 +49,19 @@ def estimated_inertial(shapes: Sequence[Shape], mass: float | None = None) -> In
         joined = here if joined is None else joined.joined(here, np.eye(4))
     assert joined is not None
     return joined
+
+
+def _own_shares(boxes: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """Return the share of each box (n,) that is not in one before it, on a grid within the box."""
+    shares = np.ones(len(boxes))
+    for i, (pose, size) in enumerate(boxes):
+        points = _GRID * size @ pose[:3, :3].T + pose[:3, 3]
+        covered = np.zeros(len(points), dtype=bool)
+        for other, sides in boxes[:i]:
+            local = (points - other[:3, 3]) @ other[:3, :3]
+            covered |= (np.abs(local) <= sides / 2).all(axis=1)
+        shares[i] = 1 - covered.mean()
+    return shares
 
 
 def _box(shape: Shape) -> tuple[Floats, Floats]:

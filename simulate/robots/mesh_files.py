@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from rtask.errors import RobotError
 
@@ -21,24 +22,28 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
         The URDF file.
     name
         A path, relative to the file's folder, or a URI with ``file://``, ``package://`` or
-        ``model://``. The package of such a URI is searched in the file's folder, in each above it,
-        and in those of ``ROS_PACKAGE_PATH``.
+        ``model://``, as written or with its ``%20`` decoded. The package of such a URI is searched
+        in the file's folder, in each above it, and in those of ``ROS_PACKAGE_PATH``.
     within
         The only folder that meshes may lie in, for files of strangers: a package is this folder,
         or one in it. None = anywhere.
     """
-    inside = name.partition("://")[2]
-    is_packaged = name.startswith(("package://", "model://"))
-    if not is_packaged:
-        candidates = iter([urdf.parent / name.removeprefix("file://")])
-    elif within is not None:
-        candidates = iter([within / inside, within / inside.partition("/")[2]])
-    else:
-        candidates = _in_packages(urdf, inside)
-    for path in (candidate.resolve() for candidate in candidates):
-        if (within is None or path.is_relative_to(within.resolve())) and path.is_file():
-            return path
+    for written in dict.fromkeys((name, unquote(name))):
+        for path in (candidate.resolve() for candidate in _candidates(urdf, written, within)):
+            if (within is None or path.is_relative_to(within.resolve())) and path.is_file():
+                return path
     return None
+
+
+def _candidates(urdf: Path, name: str, within: Path | None) -> Iterator[Path]:
+    inside = name.partition("://")[2]
+    if not name.startswith(("package://", "model://")):
+        yield urdf.parent / name.removeprefix("file://")
+    elif within is not None:
+        yield within / inside
+        yield within / inside.partition("/")[2]
+    else:
+        yield from _in_packages(urdf, inside)
 
 
 def load_mesh(path: Path) -> Any:

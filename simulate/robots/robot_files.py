@@ -27,6 +27,7 @@ from simulate.robots.description import (
     Workplace,
 )
 from simulate.robots.other_hands import MOUNT, OtherHand, other_hand
+from simulate.robots.urdf_doctor import oversized, with_scale
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = [
@@ -92,6 +93,7 @@ def bare_robot(
     gripper: str | None = None,
     on: str | None = None,
     rest: Mapping[str, float] | None = None,
+    scale: float | None = None,
 ) -> tuple[RobotDescription, tuple[str, ...]]:
     """Return the links and joints of a URDF, welded, without arms, and the reader's warnings.
 
@@ -109,9 +111,18 @@ def bare_robot(
         Link that carries it; None = ``tool0``, else the end of the longest chain.
     rest
         Joints that stay still, and their values, rad or m.
+    scale
+        Factor for shapes far larger than the robot, whose file has them in another unit than m;
+        None = they are kept, with a warning.
     """
     read = read_urdf(urdf, strict=strict)
     warnings = read.warnings
+    try:
+        if scale is not None:
+            read = replace(read, links=with_scale(read.links, read.joints, scale))
+        warnings = (*warnings, *map(str, oversized(read.links, read.joints)))
+    except RobotError as error:
+        raise RobotError(f"{urdf}: {error}") from error
     if gripper is not None:
         read, more = attach(read, gripper_of(gripper, strict), on)
         warnings = (*warnings, *more)
@@ -174,6 +185,7 @@ def _robot(path: Path, settings: Mapping[str, Any]) -> RobotDescription:
         gripper=text,
         on=gripper.get("on"),
         rest=settings.get("rest", {}),
+        scale=settings.get("scale"),
     )
     cup = other_hand(text) if text is not None else None
     arms = {name: _arm(path, name, table, cup) for name, table in settings["arms"].items()}
@@ -278,6 +290,7 @@ def settings_of(
     on: str | None = None,
     rest: Mapping[str, float] | None = None,
     strict: bool = False,
+    scale: float | None = None,
 ) -> dict[str, Any]:
     """Return the settings from which :func:`load_robot` makes the same robot."""
     held: dict[str, Any] = {}
@@ -291,6 +304,7 @@ def settings_of(
         "model": robot.model,
         "base_frame": robot.base_frame,
         "strict": strict,
+        **({} if scale is None else {"scale": scale}),
         "may_touch": [list(pair) for pair in robot.may_touch],
         "base": _pose_table(robot.base_from_root),
         **({"gripper": held} if held else {}),

@@ -22,6 +22,7 @@ from simulate.robots.description import Inertial, Joint, Link, Pose, Shape, Vect
 from simulate.robots.mass import estimated_inertial
 from simulate.robots.mesh_cover import mesh_box
 from simulate.robots.mesh_files import find_mesh
+from simulate.robots.urdf_doctor import doubtful_limits, lost_sources
 
 __all__ = ["ReadRobot", "read_urdf"]
 
@@ -129,9 +130,19 @@ class _Reader:
         if len(roots) != 1:
             named = ", ".join(roots) or "none"
             raise RobotError(f"{self._path}: expected one root link, found {named}")
+        joints = self._with_sources(joints)
+        self._warnings += doubtful_limits(joints)
         ordered = tuple(_from_the_root(self._path, roots[0], joints))
         name = tree.get("name", self._path.stem)
         return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
+
+    def _with_sources(self, joints: Sequence[Joint]) -> list[Joint]:
+        """Return the joints; those that can follow none move by themselves."""
+        reasons = lost_sources(joints)
+        for name, reason in reasons.items():
+            self._gap(f"joint {name!r}", reason, "moves by itself")
+        return [replace(j, mimic=None, mimic_offset=0.0) if j.name in reasons else j
+                for j in joints]  # fmt: skip
 
     def _gap(self, where: str, problem: str, instead: str) -> None:
         """Record a gap that is filled; refuse it in strict mode."""
@@ -195,6 +206,8 @@ class _Reader:
         pose, geometry = self._pose(where, element), element.find("geometry")
         part = geometry[0] if geometry is not None and len(geometry) else None
         kind = part.tag if part is not None else "nothing"
+        if part is not None and self._is_empty(where, part):
+            return
         if part is not None and kind == "box":
             yield Shape("box", self._vector(where, part, "size"), pose)
         elif part is not None and kind == "sphere":
@@ -212,6 +225,20 @@ class _Reader:
             yield from self._mesh(where, part, pose)
         else:
             self._gap(where, f"has a shape of {kind!r}, which cannot be read", "left out")
+
+    def _is_empty(self, where: str, part: ET.Element) -> bool:
+        """Tell whether a shape has no volume, and note that it is left out."""
+        keys = {"box": ("size",), "sphere": ("radius",), "mesh": ("scale",)}
+        for key in keys.get(part.tag, ("radius", "length")):
+            if key in ("size", "scale"):
+                sides: Vector = self._vector(where, part, key, (1.0, 1.0, 1.0))
+            else:
+                sides = (self._number(where, part, key, 1.0), 1.0, 1.0)
+            # A mesh may be mirrored.
+            if any(side == 0 or (side < 0 and key != "scale") for side in sides):
+                self._gap(where, f"has a {part.tag} of {key} {part.get(key)}", "left out")
+                return True
+        return False
 
     def _mesh(self, where: str, part: ET.Element, pose: Pose) -> Iterator[Shape]:
         name = part.get("filename", "")

@@ -158,30 +158,12 @@ def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
     queried over the websocket with new views.
     """
     import os
-    import tempfile
 
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
         os.dup2(2, 1)  # Bullet and Mesa write there
-        import rtask
-        from simulate.demo.processes import Endpoint
-        from simulate.study.tables import fill, retrieval_times
+        from simulate.study.tables import table_4_times
 
-        with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
-            endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
-            try:
-                with rtask.connect(endpoint.url) as client:
-                    hand = {"name": "nao_right_hand", "gripper_type": "nao_hand"}
-                    other = {"name": "nao_left_hand", "gripper_type": "nao_hand"}
-                    client.call(
-                        "register_robot", name="nao", model="nao-h25-v5", simulated=True,
-                        end_effectors=[
-                            {**variant, "max_opening": 0.05, "max_payload": 0.3}
-                            for variant in (hand, other)
-                        ],
-                    )  # fmt: skip
-                    rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
-            finally:
-                endpoint.stop()
+        rows = table_4_times(objects, seed, repeats)
         _print_times(rows, as_json, out)
 
 

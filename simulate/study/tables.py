@@ -15,13 +15,15 @@ from features.perception import Seen, perceive
 from simulate.agent.messages import pose_message
 from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.demo.processes import Endpoint
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.world.camera import Lighting
 from simulate.world.objects import Kind, ObjectSpec, product, sample_objects
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 
-__all__ = ["TABLE_4", "TABLE_5", "fill", "grasp_times", "looks_at", "retrieval_times"]
+__all__ = ["TABLE_4", "TABLE_5", "fill", "grasp_times", "looks_at", "retrieval_times",
+           "table_4_times"]  # fmt: skip
 
 TABLE_4: Mapping[str, float] = {
     "object 1": 5.531, "object 2": 4.995, "object 3": 4.350, "object 4": 6.014,
@@ -125,6 +127,26 @@ def retrieval_times(
                 }
             )
     return rows
+
+
+def table_4_times(objects: int, seed: int, repeats: int) -> list[dict[str, Any]]:
+    """Return the times of :func:`simulate.study.tables.retrieval_times` of a server of our own."""
+    with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
+        endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
+        try:
+            with rtask.connect(endpoint.url) as client:
+                hands = [
+                    {"name": f"nao_{side}_hand", "gripper_type": "nao_hand", "max_opening": 0.05,
+                     "max_payload": 0.3}
+                    for side in ("right", "left")
+                ]  # fmt: skip
+                client.call(
+                    "register_robot", name="nao", model="nao-h25-v5", simulated=True,
+                    end_effectors=hands,
+                )  # fmt: skip
+                return retrieval_times(client, fill(client, objects, seed), seed, repeats)
+        finally:
+            endpoint.stop()
 
 
 def grasp_times(

@@ -92,8 +92,7 @@ class Executor:
             return self._end(claim, "failed", f"no program here carries out {claim['action']}")
         item, target = claim["arguments"].get("thing", ""), action.target(claim["arguments"])
         if claim["resumed"] and item and target and self.body.sees(item, target):
-            # It was done before the robot was started again, and perhaps not yet reported.
-            return self._done(claim, action, Deed(True), "it was done already")
+            return self._done_before(claim, action, target)
         if not self._may(claim["text"]):
             return self._end(claim, "declined", "a person said no")
         missing = action.missing(self.body, claim["arguments"])
@@ -110,6 +109,16 @@ class Executor:
         reported = action.is_grasp and self._report(claim, deed)
         target = action.target(claim["arguments"])
         return self._end(claim, "done", comment, place=target or None, reported=reported)
+
+    def _done_before(self, claim: Mapping[str, Any], action: TaskAction, target: str) -> Turn:
+        """End a step that was done before the robot was started again.
+
+        That a grasp held is not reported now: nobody saw how the thing came to where it is. What
+        had been reported before is linked.
+        """
+        reported = action.is_grasp and bool(self.graph.query(_REPORTED % _report_id(claim["task"])))
+        why = "it was done already" + ("" if reported else "; how is not known")
+        return self._end(claim, "done", why, place=target, reported=reported)
 
     def _failed(self, claim: Mapping[str, Any], comment: str, reported: bool = False) -> Turn:
         """End a step that was not done, with where the thing is now."""
@@ -165,6 +174,8 @@ _PRODUCT = f"""{PREFIXES}
 SELECT ?product (MAX(?w) AS ?width) WHERE {{
   <%s> rt:exemplarOf ?product . ?product rt:objectId ?id OPTIONAL {{ ?product rt:graspWidth ?w }}
 }} GROUP BY ?product LIMIT 1"""
+
+_REPORTED = f'{PREFIXES} SELECT ?event WHERE {{ ?event rt:requestId "%s" }} LIMIT 1'
 
 
 def _report_id(task: str) -> str:

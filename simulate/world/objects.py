@@ -67,9 +67,11 @@ PRODUCTS: dict[str, tuple[Kind, ...]] = {
     "plain": KINDS,
     "hard": ("carton", "bar", "carton", "flask", "carton", "box", "carton", "carton"),
     "light": ("carton", "rod"),
+    "fragile": ("carton", "carton", "rod", "carton"),
 }
 """Sets of products: each a sequence of kinds that repeats. Of the hard ones, all but the box hide
-what decides a grasp; so do all the light ones, which a hand of 2 to 3 N can lift."""
+what decides a grasp; so do all the light and the fragile ones, which a hand of 2 to 3 N can lift.
+Rods are mostly held at once, cartons mostly not: hence three cartons of four are fragile."""
 
 _CATALOGUE = 200  # numbers that sample_objects draws from, per kind
 

@@ -93,7 +93,6 @@ def test_every_extra_that_a_message_names_is_there() -> None:
         (["segment", "x.png"], "perception"),
         (["grasp", "push", "x.dxf"], "perception"),
         (["learn", "benchmark"], "perception"),
-        (["demo"], "simulate"),
         (["simulate", "--robots", "1"], "simulate"),
     ],
 )
@@ -107,6 +106,16 @@ def test_a_missing_extra_is_one_line_that_names_it(
     command = arguments[0]
     wanted = f"rtask {command} needs the extra '{extra}': pip install 'rtask-kg[{extra}]'"
     assert done.stderr.splitlines() == [f"rtask: {wanted}"]
+    assert done.returncode == 3
+
+
+@pytest.mark.slow
+def test_a_demo_without_its_extra_names_the_one_that_needs_none(tmp_path: Path) -> None:
+    done = _without_extras(tmp_path, "demo")
+    assert done.stderr.splitlines() == [
+        "rtask: rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'; "
+        "`rtask demo --recorded` shows a recorded run without it"
+    ]
     assert done.returncode == 3
 
 

@@ -136,7 +136,15 @@ def test_every_link_of_every_page_leads_somewhere_with_any_extras(
 def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Path) -> None:
     done = base.run("rtask", "demo", folder=tmp_path)
     wanted = "rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'"
-    assert (done.returncode, done.stderr) == (3, f"rtask: {wanted}\n")
+    assert done.returncode == 3
+    assert done.stderr.startswith(f"rtask: {wanted}; `rtask demo --recorded`")
+
+
+def test_the_base_shows_the_recorded_demo(base: Installation, tmp_path: Path) -> None:
+    done = base.run("rtask", "demo", "--recorded", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["gains"]
+    assert (tmp_path / "rtask-recorded/report/report.html").exists()
 
 
 @pytest.mark.deep

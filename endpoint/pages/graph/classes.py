@@ -23,6 +23,7 @@ from endpoint.pages.render import (
     knowledge_base,
     page,
     select,
+    select_first,
     short,
 )
 from rtask.ontology_docs.axioms import ABOVE, read_axioms
@@ -32,6 +33,7 @@ from rtask.rdf.terms import BlankNode, NamedNode, TripleKey, iri, python_value
 _ADDRESS = "/classes"
 OPEN_LEVELS = 2
 MAX_SCHEMA = 2_000
+MAX_NEIGHBOURS, MAX_MEMBERS = 60, 12
 _OWL = ontology.PREFIXES["owl"]
 _STATED = {
     ontology.PREFIXES["rdfs"] + "subClassOf": "is a",
@@ -183,8 +185,11 @@ def _branches(tree: ClassTree, name: str, path: tuple[str, ...], level: int = 1)
 def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
     """Return what is stated of a class; four queries."""
     term = iri(name)
-    direct, members = tree.counts.get(name, (0, 0))
-    neighbours = select("class_neighbours", **{"class": term})
+    direct, members_of_all = tree.counts.get(name, (0, 0))
+    neighbours, more_neighbours = select_first(
+        "class_neighbours", MAX_NEIGHBOURS, **{"class": term}
+    )
+    members, more_members = select_first("class_members", MAX_MEMBERS, **{"class": term})
     axioms = [
         {"how": _STATED[axiom.predicate], "text": axiom.text, "parts": _parts_of(axiom.text)}
         for axiom in read_axioms(_schema_of(term))
@@ -197,7 +202,7 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
         "label": tree.labels[name],
         "definition": str(python_value(definitions[0])) if definitions else "",
         "direct": direct,
-        "all": members,
+        "all": members_of_all,
         "path": [{"iri": ancestor, "label": tree.labels[ancestor]} for ancestor in path],
         "parents": [
             {"iri": ancestor, "label": tree.labels.get(ancestor, short(ancestor))}
@@ -205,7 +210,8 @@ def _about(tree: ClassTree, name: str, path: Iterable[str]) -> Model:
         ],
         "axioms": axioms,
         "neighbours": neighbours,
-        "members": select("class_members", **{"class": term}),
+        "members": members,
+        "more": {"neighbours": more_neighbours, "members": more_members},
     }
 
 

@@ -14,7 +14,7 @@ __all__ = ["names_of"]
 
 MAX_NAMED = 1_000
 _VERBS = {RDF.type.value: "is a", RDFS.subClassOf.value: "is a kind of"}
-_COUNTED = re.compile(r"([a-z_]+)/(\d+)")
+_COUNTED = re.compile(r"(?:kb:|.*/kb/)([a-z_]+)/(\d+)")
 
 
 def names_of(kb: KnowledgeBase, iris: Iterable[str]) -> dict[str, str]:

@@ -10,11 +10,18 @@ import ontology
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import read_resource
 from endpoint.pages.graph.naming import names_of
-from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
+from endpoint.pages.render import (
+    Model,
+    embedded_graph,
+    filled_query,
+    knowledge_base,
+    page,
+    solutions,
+)
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import Literal, NamedNode, iri
 
-MAX_INCOMING = 50
+MAX_OUTGOING, MAX_INCOMING = 500, 50
 _PAGES = {
     RT.ManipulableObject.value: "/object",
     ontology.PREFIXES["cora"] + "Robot": "/robot",
@@ -34,14 +41,14 @@ def resource() -> Model:
     if not asked:
         raise RefusedError(400, "usage", "which one? /resource?iri=<IRI>, or a prefixed name")
     name = read_resource(asked).value
-    outgoing = solutions("resource_outgoing", resource=iri(name))
-    incoming = solutions("resource_incoming", resource=iri(name))
+    outgoing = solutions("resource_outgoing", limit=MAX_OUTGOING + 1, resource=iri(name))
+    incoming = solutions("resource_incoming", limit=MAX_INCOMING + 1, resource=iri(name))
     if not outgoing and not incoming and not name.startswith(_VOCABULARIES):
         raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
     inferred = embedded_graph().graphs.inferred.value
     statements: list[Model] = [
         {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
-        for row in outgoing
+        for row in outgoing[:MAX_OUTGOING]
     ]
     referring: list[Model] = [
         {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
@@ -57,7 +64,13 @@ def resource() -> Model:
         "stated": [s for s in statements if s["graph"] != inferred],
         "derived": [s for s in statements if s["graph"] == inferred],
         "incoming": referring,
-        "more_incoming": len(incoming) > MAX_INCOMING,
+        "all": {
+            side: filled_query(f"resource_{side}", resource=iri(name)) if len(rows) > most else ""
+            for side, rows, most in (
+                ("outgoing", outgoing, MAX_OUTGOING),
+                ("incoming", incoming, MAX_INCOMING),
+            )
+        },
     }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from pydantic import BaseModel
 
 from endpoint.pages.clouds import coloured_points, ply_of, thinned
 from endpoint.pages.drawn import has_viewer
-from endpoint.pages.render import Model
+from endpoint.pages.render import Model, blob_url
 from rtask.wire.message import Answer
 
 __all__ = ["shown_answer"]
@@ -24,6 +25,7 @@ __all__ = ["shown_answer"]
 MAX_CLOUD_POINTS = 4000
 MAX_ROWS = 200
 MAX_DRAWN = 100
+_DIGEST = re.compile("[0-9a-f]{64}")
 _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
 
 
@@ -41,6 +43,8 @@ class _Shown:
         """Return one value as text or a picture; clouds and poses are kept to be drawn too."""
         if isinstance(value, bytes):
             return self._file(name, value)
+        if isinstance(value, str) and name.endswith("picture") and _DIGEST.fullmatch(value):
+            return {"image": blob_url(value), "text": name}
         pose = _pose_message(value)
         if pose is not None:
             if len(self.poses) < MAX_DRAWN:

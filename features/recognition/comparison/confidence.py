@@ -17,6 +17,7 @@ from features.recognition.comparison.evidence import PrintEvidence
 __all__ = [
     "PRINT_TERMS",
     "PrintParams",
+    "has_same_colours",
     "print_score",
     "print_terms",
     "within_requirements",
@@ -118,6 +119,15 @@ class PrintParams:
     few_matches, min_median
         Fewer matches than that, and those with the only view of an object, count only if the print
         between them correlates so far.
+    wide_matches, wide_extent, wide_low_quartile, wide_median
+        Print that agrees in so many matches, over so much of the object, and correlates so well
+        there, shows how the query's camera renders colours. Only what is left counts as another
+        colour then: a sibling's other colour is left.
+    max_rendered_alone
+        Largest share of it for an object with one view.
+    part_extent, part_median, part_doubt
+        Under a mask that was given, print that spans less than ``min_extent`` but more than this,
+        and correlates so far, may decide, with so much taken off its odds.
     """
 
     weights: tuple[tuple[float, ...], ...] = field(default=(_ONE_VIEW, _ROUND, _TWO, _FOUR))
@@ -127,31 +137,82 @@ class PrintParams:
     max_contradiction_alone: float = 0.06
     few_matches: int = 12
     min_median: float = 0.5
+    wide_matches: int = 20
+    wide_extent: float = 0.25
+    wide_low_quartile: float = 0.4
+    wide_median: float = 0.7
+    max_rendered_alone: float = 0.08
+    part_extent: float = 0.16
+    part_median: float = 0.8
+    part_doubt: float = 0.5
 
 
-def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
+def print_score(
+    e: PrintEvidence, params: PrintParams | None = None, *, is_mask_guessed: bool = False
+) -> float:
     """Return the logarithmic odds that the print of the query is that of the view's object.
 
     They are at most even where too little of the print agrees, or what agrees has another colour.
     """
     params = params or PrintParams()
     offset, *slopes = params.weights[e.support]
-    return within_requirements(float(offset + np.dot(slopes, print_terms(e))), e, params)
+    odds = float(offset + np.dot(slopes, print_terms(e)))
+    return within_requirements(odds, e, params, is_mask_guessed)
 
 
-def within_requirements(odds: float, e: PrintEvidence, params: PrintParams) -> float:
+def within_requirements(
+    odds: float, e: PrintEvidence, params: PrintParams, is_mask_guessed: bool = False
+) -> float:
     """Return the odds, at most even unless all that print must show to decide is there."""
-    return odds if _can_decide(e, params) else min(odds, 0.0)
+    if is_mask_guessed:
+        # Measured under given masks alone: a cut may hold what stands behind the object.
+        e = replace(e, rendered_contradiction=1.0)
+    if not _can_decide(e, params):
+        return min(odds, 0.0)
+    if e.verified == 0 or e.extent >= params.min_extent or e.seen >= params.min_seen:
+        return odds
+    # Siblings share a part: of what is seen of one, more has to agree.
+    may_decide = e.extent > params.part_extent and e.median >= params.part_median
+    if is_mask_guessed or not may_decide:
+        return min(odds, 0.0)
+    return min(odds, max(odds - params.part_doubt, 0.0))
 
 
 def _can_decide(e: PrintEvidence, params: PrintParams) -> bool:
-    """Tell whether enough of the print agrees, and in its colours, for print to decide."""
+    """Tell whether the print agrees well enough, and in its colours, for print to decide."""
     is_alone = e.support == 0
-    most = params.max_contradiction_alone if is_alone else params.max_contradiction
-    is_part = e.verified > 0 and e.extent < params.min_extent and e.seen < params.min_seen
     has_few = is_alone or e.matches < params.few_matches
     is_weak = has_few and e.median < params.min_median
-    return not is_part and not is_weak and e.colour_contradiction <= most
+    most = params.max_contradiction_alone if is_alone else params.max_contradiction
+    most_rendered = params.max_rendered_alone if is_alone else params.max_contradiction
+    has_colours = e.colour_contradiction <= most
+    if not has_colours and _agrees_widely(e, params):
+        has_colours = e.rendered_contradiction <= most_rendered
+    return has_colours and not is_weak
+
+
+def _agrees_widely(e: PrintEvidence, params: PrintParams) -> bool:
+    """Tell whether the print agrees over so much that it shows how colours are rendered."""
+    return (
+        e.matches >= params.wide_matches
+        and e.extent >= params.wide_extent
+        and e.low_quartile >= params.wide_low_quartile
+        and e.median >= params.wide_median
+    )
+
+
+def has_same_colours(e: PrintEvidence, params: PrintParams | None = None) -> bool:
+    """Tell whether print agrees widely and in its colours, in whatever light the whole appears.
+
+    Examples
+    --------
+    >>> seen = PrintEvidence(90, 0.5, 3.0, 0.7, 0.85, 0.2, 1.6, 80, 0.6)
+    >>> has_same_colours(seen), has_same_colours(replace(seen, rendered_contradiction=0.01))
+    (False, True)
+    """
+    params = params or PrintParams()
+    is_alike = min(e.colour_contradiction, e.rendered_contradiction) <= params.max_rendered_alone
+    return is_alike and _agrees_widely(e, params)
 
 
 def without_contradiction(e: PrintEvidence) -> PrintEvidence:
@@ -161,6 +222,7 @@ def without_contradiction(e: PrintEvidence) -> PrintEvidence:
         low_quartile=max(e.low_quartile, 0.7),
         median=max(e.median, 0.85),
         colour_contradiction=0.0,
+        rendered_contradiction=0.0,
         colour_gap=min(e.colour_gap, 0.6),
         agreeing=1.0,
         blank=0.0,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.comparison.rendering import rendered_gap
 from features.recognition.comparison.windows import WindowMeans, flow_targets, window_means
 from features.recognition.views.picture import ViewPicture
 
@@ -77,8 +78,9 @@ class Comparison:
     ----------
     correlation : float32
         Of the grey values, -1 to 1.
-    colour_gap : float32
-        Distance of the colours, Lab units.
+    colour_gap, rendered_gap : float32
+        Distance of the colours, Lab units, and what is left of it if a camera's rendering of
+        colours is taken out too.
     textured : bool
         The print of either side has contrast here.
     between : bool
@@ -94,6 +96,7 @@ class Comparison:
 
     correlation: NDArray[np.float32]
     colour_gap: NDArray[np.float32]
+    rendered_gap: NDArray[np.float32]
     textured: Mask
     between: Mask
     near: Mask
@@ -146,10 +149,11 @@ def compare_pictures(
     hull = _hull(query, places)
     between = valid & _inside(hull, 1.0, (height, width))[at]
     near = valid & _inside(hull, params.reach, (height, width))[at]
-    gap = _colour_gap(means, between & (correlation > params.agreeing), params)
+    gap, rendered = _colour_gaps(means, between & (correlation > params.agreeing), params)
     return Comparison(
         correlation=correlation.astype(np.float32),
         colour_gap=gap.astype(np.float32),
+        rendered_gap=rendered.astype(np.float32),
         textured=valid & (variance > params.textured_variance),
         between=between,
         near=near,
@@ -240,10 +244,10 @@ def _correlation(
     return np.asarray(correlation, np.float32), np.asarray(contrast, np.float32)
 
 
-def _colour_gap(
+def _colour_gaps(
     means: WindowMeans, agreeing: Mask, params: ComparisonParams
-) -> NDArray[np.float32]:
-    """Return the distance of the mean colours (a, b of Lab) of every cell.
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the distance of the mean colours (a, b of Lab) of every cell, and the rendered one.
 
     Another light multiplies the channels (von Kries); what is left of it after that, and of the
     camera's own correction, is a shift.
@@ -255,12 +259,14 @@ def _colour_gap(
         green = np.clip(gains[1], 0.4, 2.5)
         tint = np.clip(gains / gains[1], 1 / params.max_tint, params.max_tint)
         there = np.clip(there * green * tint, 0, 255)
-    difference = _lab(here) - _lab(there)
+    seen, stored = _lab(here), _lab(there)
+    difference = seen - stored
     if np.count_nonzero(agreeing) >= _FEW_AGREEING:
         shift = np.median(difference[agreeing], axis=0)
         difference -= np.clip(shift, -params.max_shift, params.max_shift)
     gap: NDArray[np.float32] = np.hypot(difference[..., 0], difference[..., 1])
-    return gap
+    rendered = rendered_gap(seen, stored, agreeing)
+    return gap, gap if rendered is None else rendered
 
 
 def _lab(rgb: NDArray[np.floating]) -> NDArray[np.float32]:

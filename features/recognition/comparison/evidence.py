@@ -125,6 +125,8 @@ class PrintEvidence:
     look_lead
         Similarity of colours and shapes to the object's most similar view, minus that to the next
         object's, -0.2 to 0.2.
+    rendered_contradiction
+        Share of cells of another colour after a camera's rendering of colours was taken out.
     difference
         Where it differs most.
     """
@@ -149,6 +151,7 @@ class PrintEvidence:
     verified: int = 0
     unlike: int = 0
     look_lead: float = 0.0
+    rendered_contradiction: float = 1.0
     difference: Difference | None = field(default=None, compare=False)
 
     @property
@@ -240,6 +243,7 @@ def print_evidence(
         stable_share=stable_share,
         verified=facts.verified,
         unlike=facts.unlike,
+        rendered_contradiction=_contradiction(comparison.rendered_gap[comparison.between]),
         difference=_largest_difference(comparison, here > 0),
         **_supported(comparison, weight, here),
     )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.meshes.rays import Tree, build_tree, crossings
 
-__all__ = ["Mesh", "as_mesh", "enclosed_volume", "surfels"]
+__all__ = ["Mesh", "as_mesh", "surfels"]
 
 
 _SMALL_M, _LARGE_M = 0.005, 1.0
@@ -197,23 +197,6 @@ def surfels(points: FloatArray, normals: FloatArray, size: float) -> Mesh:
         vertices, faces, np.vstack([normals, normals]), np.full(len(faces), size**2 / 2), com,
         com_from, False, (),
     )  # fmt: skip
-
-
-def enclosed_volume(mesh: Mesh) -> float:
-    """Return the volume of a closed mesh, m3, else that of its convex hull; 0 of a flat one.
-
-    >>> from grasp.spatial.meshes.shapes import box_mesh
-    >>> round(enclosed_volume(box_mesh((0.1, 0.1, 0.1))), 6)
-    0.001
-    """
-    from scipy.spatial import ConvexHull, QhullError
-
-    if mesh.com_from == "volume":
-        return _volume(mesh.vertices, mesh.faces)[0]
-    try:
-        return float(ConvexHull(mesh.vertices).volume)
-    except (QhullError, ValueError):
-        return 0.0
 
 
 def _without_waste(v: FloatArray, f: IntArray, notes: list[str]) -> tuple[FloatArray, IntArray]:

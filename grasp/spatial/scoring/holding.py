@@ -16,20 +16,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grasp.arrays import FloatArray
-from grasp.learning.calibration import ScoreMap
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.meshes.mesh import Mesh, enclosed_volume
+from grasp.spatial.meshes.bodies import enclosed_volume
+from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.scoring.confidence import PoseNoise
 from grasp.spatial.scoring.pads import ACROSS, ALONG, PadContacts, pad_contacts
+from grasp.spatial.scoring.promises import Promises
 
 __all__ = [
     "CARRY_G",
-    "FACTORY",
     "LIFT_G",
-    "MARGIN",
     "Demand",
     "assumed_mass",
+    "demanded_share",
     "demands",
     "hold_shares",
     "with_holding",
@@ -37,14 +37,6 @@ __all__ = [
 
 LIFT_G, CARRY_G = 1.0, 2.5
 """Accelerations, g: of a slow lift, and of carrying with some shaking."""
-
-FACTORY = {"lift": ScoreMap(1.4, 1.0), "carry": ScoreMap(2.1, 0.8)}
-"""Maps from both scores to chances before a robot has outcomes of its own: from the first grasps of
-171 objects, each carried out four times (``rtask study grasp-quality --seed 2027``)."""
-
-MARGIN = {"lift": 0.26, "carry": 0.34}
-"""How far below these chances the shares lie in which nine of ten new objects hold at least: split
-conformal prediction from 310 objects (``rtask study grasp-quality --seed 9021``)."""
 
 _GRAVITY = 9.81
 _SOFT_M = 0.002
@@ -77,6 +69,24 @@ def assumed_mass(mesh: Mesh) -> float:
     return float(np.clip(_DENSITY * enclosed_volume(mesh), *_MASS_KG))
 
 
+def demanded_share(gripper: ParallelGripper, mass: float, friction: float | None = None) -> float:
+    """Return the weight of a mass, kg, over what the friction of both jaws bears.
+
+    Parameters
+    ----------
+    friction
+        Coulomb coefficient; None = the gripper's.
+
+    Examples
+    --------
+    >>> from grasp.spatial.gripper import panda_hand
+    >>> round(demanded_share(panda_hand(), 1.02), 2)
+    0.5
+    """
+    mu = gripper.friction if friction is None else friction
+    return mass * _GRAVITY / (2 * mu * gripper.max_force)
+
+
 def demands(
     contacts: PadContacts, gripper: ParallelGripper, mass: float, friction: float | None = None
 ) -> Demand:
@@ -88,7 +98,7 @@ def demands(
         Coulomb coefficient; None = the gripper's.
     """
     mu = gripper.friction if friction is None else friction
-    share = mass * _GRAVITY / (2 * mu * gripper.max_force)
+    share = demanded_share(gripper, mass, mu)
     reach = np.sqrt(contacts.radius**2 + _SOFT_M**2).mean(axis=-1)
     lever = np.hypot(contacts.lever[..., 1], contacts.lever[..., 2])
     # Opposed normals sum to nothing, whichever way both are turned against the pads.
@@ -118,11 +128,12 @@ def with_holding(
     *,
     samples: int = 100,
     seed: int = 0,
+    promises: Promises | None = None,
 ) -> list[GraspCandidate]:
     """Return the candidates with ``lift``, ``carry``, ``lever``, ``patch`` and ``taper`` as scores.
 
-    These order grasps; ``lift_chance`` and ``carry_chance`` are what :data:`FACTORY` makes of the
-    first two, ``lift_at_least`` and ``carry_at_least`` those less :data:`MARGIN`.
+    These order grasps; ``lift_chance``, ``lift_at_least`` and those of ``carry`` are what is
+    promised of the first two under ``load``, the weight over what the friction bears.
 
     Parameters
     ----------
@@ -133,6 +144,8 @@ def with_holding(
         Of the object, kg.
     noise, samples, seed
         Of the pose, as in :func:`grasp.spatial.scoring.confidence.score_grasps`.
+    promises
+        Of the hand, grown from its outcomes; None = those of a hand without any.
 
     Notes
     -----
@@ -142,7 +155,7 @@ def with_holding(
     """
     if not candidates:
         return []
-    noise = noise or PoseNoise()
+    noise, promises = noise or PoseNoise(), promises or Promises.by(gripper)
     poses = np.stack([c.frame_from_gripper for c in candidates])
     openings = [gripper.max_opening if c.opening is None else c.opening for c in candidates]
     contacts = pad_contacts(
@@ -159,9 +172,8 @@ def with_holding(
         sure = _UNSURE + (1 - _UNSURE) * candidate.scores.get("confidence", 1.0)
         middle = candidate.centre if candidate.contacts is None else candidate.contacts.mean(axis=0)
         scores = {name: float(mean[i]) * sure for name, mean in means.items()}
-        chances = {name: FACTORY[name].chance(v) for name, v in scores.items()}
-        scores |= {f"{name}_chance": chance for name, chance in chances.items()}
-        scores |= {f"{n}_at_least": max(p - MARGIN[n], 0.0) for n, p in chances.items()}
+        scores["load"] = float(demand.force[i].mean())
+        scores |= promises.of(scores)
         lever = float(np.linalg.norm(middle - mesh.com))
         scores |= {"lever": lever, "patch": float(patch[i]), "taper": float(taper[i])}
         scored.append(replace(candidate, scores={**candidate.scores, **scores}))

@@ -15,7 +15,13 @@ from typing import Any, Protocol
 from rtask.asking.questions.catalogue import Question
 from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
 from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
-from rtask.asking.questions.mentions import Mention, Select, find_mentions, tokens_of
+from rtask.asking.questions.mentions import (
+    MAX_MENTIONS,
+    Mention,
+    Select,
+    find_mentions,
+    tokens_of,
+)
 from rtask.asking.questions.periods import Period, find_period
 from rtask.asking.questions.sentences import names_of, sentence
 from rtask.asking.questions.why import why_of
@@ -328,6 +334,11 @@ def _answer_words(
     doubt = ""
     if reading.ignored:
         doubt = f" Not considered: {', '.join(reading.ignored)}."
+    if any(item.is_cut for item in reading.mentions):
+        doubt += (
+            f" The words name more than {MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked"
+            " at: more may answer this. A full name in quotes, or an IRI, names fewer."
+        )
     if not len(rows):
         return "The graph states nothing that answers this; that does not mean no." + doubt
     given = {item.slot.role: item.text for item in filled}

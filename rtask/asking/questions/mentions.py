@@ -17,7 +17,7 @@ from rtask.errors import RtaskError
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
-__all__ = ["Mention", "Select", "find_mentions", "tokens_of"]
+__all__ = ["MAX_MENTIONS", "Mention", "Select", "find_mentions", "tokens_of"]
 
 Select = Callable[[str], Solutions]
 """Evaluates a SELECT with the rights and within the bounds of whoever asks."""
@@ -53,6 +53,9 @@ class Mention:
         All that have this name.
     is_plural
         The words are a plural, and the name is their singular.
+    is_cut
+        The question names more than :data:`MAX_MENTIONS` things, of which only so many were read:
+        more may have this name.
     """
 
     start: int
@@ -61,6 +64,7 @@ class Mention:
     role: str
     terms: tuple[Term, ...]
     is_plural: bool = False
+    is_cut: bool = False
 
 
 def tokens_of(text: str) -> list[str]:
@@ -90,8 +94,9 @@ def find_mentions(
     """
     names, terms = _candidates(tokens, base)
     rows = _look_up(select, names, terms, roles, kinds)
+    is_cut = len(rows) > MAX_MENTIONS
     result: dict[tuple[int, int, str], list[tuple[Term, bool]]] = {}
-    for row in rows:
+    for row in rows[:MAX_MENTIONS]:
         name, term, role = row["n"], row["s"], str(row.value("role"))
         places = terms.get(term, []) if name is None else names.get(_text(name), [])
         for start, end in places:
@@ -102,7 +107,7 @@ def find_mentions(
     mentions = [
         Mention(start, end, " ".join(tokens[start:end]).strip('"<>'), role,
                 tuple(dict.fromkeys(term for term, _ in named)),
-                all(is_plural for _, is_plural in named))
+                all(is_plural for _, is_plural in named), is_cut)
         for (start, end, role), named in result.items()
     ]  # fmt: skip
     return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
@@ -204,7 +209,7 @@ SELECT DISTINCT ?n ?s ?role WHERE {{
     UNION {{ ?hand rt:name ?n ; rt:gripperType ?s }}
     BIND("hand" AS ?role)
   }}
-}} LIMIT {MAX_MENTIONS}""")
+}} LIMIT {MAX_MENTIONS + 1}""")
 
 
 def _longest(mentions: list[Mention]) -> list[Mention]:

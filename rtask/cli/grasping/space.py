@@ -39,6 +39,7 @@ class _SpaceCall(SpatialCall):
 
     gripper_type: str | None
     floating: bool
+    part: int | None
     viewpoint: tuple[tuple[float, float, float], ...]
     grasps: Path | None
     classifier: str | None
@@ -62,8 +63,9 @@ class _SpaceCall(SpatialCall):
         from grasp.spatial.grasp_plan import SpatialOptions
 
         return SpatialOptions(
-            noise=self.noise, samples=self.samples, mass=self.mass, seed=self.seed, most=self.most
-        )
+            noise=self.noise, samples=self.samples, mass=self.mass, seed=self.seed, most=self.most,
+            find_support=not self.floating,
+        )  # fmt: skip
 
     def filter(self) -> Filter:
         """Return the classifier of grasps of clouds, if one is asked for."""
@@ -95,6 +97,9 @@ class _SpaceCall(SpatialCall):
 @click.option("--mass", type=float, help="Mass of the object to hold, kg.")
 @click.option("--scale", default=1.0, show_default=True, help="m per unit of the file.")
 @click.option("--floating", is_flag=True, help="There is no table under the object.")
+@click.option("--part", type=click.IntRange(min=1),
+    help="Which body of a mesh whose bodies lie apart, the largest first.  [default: 1]",
+)  # fmt: skip
 @click.option(
     "--viewpoint",
     type=(float, float, float),
@@ -151,19 +156,42 @@ def _shape(source: str, data: Path, call: _SpaceCall) -> tuple[Shape, str, Objec
     path = Path(source)
     if not path.is_file():
         stored_shape = _object(source, data)
-        call.refuse(f"is about files, and {source} is an object", "viewpoint", "grasps")
+        call.refuse(f"is about files, and {source} is an object", "viewpoint", "grasps", "part")
         shape = stored_shape.points if stored_shape.mesh is None else stored_shape.mesh
         return shape, stored_shape.note, stored_shape
     if call.store:
         raise UsageError("--store needs an object of the graph, not a file")
     if is_mesh(path):
         call.refuse(f"is about clouds, and {path} is a mesh", "viewpoint", "classifier")
-        mesh = read_mesh(path, call.scale)
-        x, y, z = (1000 * mesh.extent).tolist()
-        return mesh, f"{len(mesh.faces)} faces, {x:.0f} x {y:.0f} x {z:.0f} mm", None
+        mesh, others = _body(read_mesh(path, call.scale), path, call)
+        return mesh, f"{len(mesh.faces)} faces, {_size(mesh)}{others}", None
     call.refuse(f"needs the mesh that they are grasps of, and {path} is a cloud", "grasps")
+    call.refuse(f"is about meshes, and {path} is a cloud", "part")
     points = call.scale * read_cloud(path)
     return points, f"{len(points)} points", None
+
+
+def _body(mesh: Mesh, path: Path, call: _SpaceCall) -> tuple[Mesh, str]:
+    """Return the body of a file to plan for, and what else the file holds, for people."""
+    from grasp.spatial.meshes.bodies import bodies_apart
+
+    bodies = bodies_apart(mesh)
+    number = call.part or 1
+    if number > len(bodies):
+        raise UsageError(
+            f"--part {number}: the bodies of {path} that lie apart number {len(bodies)}"
+        )
+    others = [f"{k} is {_size(body)}" for k, body in enumerate(bodies, start=1) if k != number]
+    if not others:
+        return mesh, ""
+    more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+    said = f"; of {len(bodies)} bodies that lie apart: --part {', --part '.join(others[:3])}{more}"
+    return bodies[number - 1], said
+
+
+def _size(mesh: Mesh) -> str:
+    x, y, z = (1000 * mesh.extent).tolist()
+    return f"{x:.0f} x {y:.0f} x {z:.0f} mm"
 
 
 def _planned(
@@ -200,12 +228,15 @@ def _plan_mesh(mesh: Mesh, hand: EndEffector, call: _SpaceCall) -> Proposals:
 def _plan_cloud(points: NDArray[np.float64], hand: EndEffector, call: _SpaceCall) -> Proposals:
     import numpy as np
 
+    from grasp.spatial.clouds.ground import find_support
     from grasp.spatial.contact_plan import OtherHand, plan_contacts_on_cloud
     from grasp.spatial.grasp_plan import plan_on_cloud
     from grasp.spatial.gripper import ParallelGripper
 
     eyes = np.array(call.viewpoint) if call.viewpoint else None
-    support = _support(points, call)
+    shown = None if call.floating else find_support(points)
+    # Without a table in it, a cloud with z up stands on its lowest point.
+    support = _support(points, call) if shown is None else None
     if isinstance(hand, OtherHand):
         return plan_contacts_on_cloud(points, hand, support, eyes, call.planning())
     assert isinstance(hand, ParallelGripper)

@@ -196,6 +196,7 @@ def _asked(
                             "object": similar["object"],
                             "name": similar["label"],
                             "class": similar["class_iri"],
+                            "view": similar["view"],
                             "confidence": round(similar["confidence"], 4),
                         }
                         for similar in answer["similar_objects"]

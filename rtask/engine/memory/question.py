@@ -202,10 +202,11 @@ def _trial_part(tracked: str, robot: str | None, orientation: str) -> str:
 
 
 def _view_part(views: Iterable[str]) -> str:
-    """Return the pattern of the viewpoints of stored views."""
+    """Return the pattern of the viewpoints and pictures of stored views."""
     return f"""VALUES ?view {{ {values(views)} }}
-    ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
-      rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
+    OPTIONAL {{ ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
+      rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw }}
+    OPTIONAL {{ ?view rt:viewContent ?image . ?image a rt:ColorImage ; rt:hasBlob/rt:sha256 ?sha }}
     BIND("view" AS ?part)"""
 
 

@@ -1,7 +1,7 @@
 """One query of the graph about recognised objects.
 
 The answer contains the objects, their grasps with the outcomes of every robot, the attempts of the
-asking robot, and the viewpoints of stored views.
+asking robot, and the viewpoints and pictures of stored views.
 """
 
 from __future__ import annotations
@@ -53,7 +53,16 @@ def _memory(rows: Solutions, question: Question) -> Memory:
             _contacts(parts["contact"]),
         ),
         trials=_episode(parts["trial"]),
-        viewpoints={_text(row, "view"): _pose(row) for row in parts["view"]},
+        viewpoints={
+            _text(row, "view"): _pose(row) for row in parts["view"] if row["qw"] is not None
+        },
+        pictures={
+            view: digest
+            for view, digest in sorted(
+                ((_text(row, "view"), _text(row, "sha")) for row in parts["view"]), reverse=True
+            )
+            if digest
+        },
     )
 
 

@@ -68,6 +68,10 @@ class SimilarObject(Answer):
     Z: float | None
     rad: float | None
     grasp: str | None
+    view: str = ""
+    """IRI of the stored view that matches best"""
+    picture: str = ""
+    """SHA-256 of the picture of that view, at /api/blobs; empty if there is none"""
     why: str = ""
     """what the confidence rests on, in words"""
 
@@ -144,6 +148,8 @@ def match_message(match: Match, memory: Memory) -> dict[str, Any]:
         "label": remembered.label,
         "confidence": float(match.confidence),
         "inliers": int(match.inliers),
+        "view": match.view_iri,
+        "picture": memory.pictures.get(match.view_iri, ""),
         "difference": None if match.difference is None else {
             **dict(zip(("left", "top", "width", "height"), match.difference.box, strict=True)),
             "share": float(match.difference.share),
@@ -167,13 +173,14 @@ def similar_objects(
             x, y, theta = placement.to_frame(best.x, best.y, best.theta)
             z = float(placement.frame_from_object[2, 3]) + best.z
             at = {"X": x, "Y": y, "Z": z, "rad": theta, "grasp": best.grasp}
+        shown = {"view": match.view_iri, "picture": memory.pictures.get(match.view_iri, "")}
         why = likeness_words(match.inliers, match.appearance, match.size_ok)
-        answer.append(_entry(remembered, float(match.confidence), why, **at))
+        answer.append(_entry(remembered, float(match.confidence), why, **shown, **at))
     return answer
 
 
 def _entry(remembered: RememberedObject, confidence: float, why: str, **at: Any) -> SimilarObject:
-    """Return an entry of the answer, with the position of its best grasp or nulls."""
+    """Return an entry of the answer; nulls stand for the position of a grasp that is not given."""
     return SimilarObject(
         class_=remembered.short_id,
         class_iri=remembered.class_iri,
@@ -224,14 +231,22 @@ def look_alikes(context: Context, object_iri: NamedNode, description: str | None
     others = [(candidate, name) for candidate, name in candidates if name != object_iri.value]
     constants = context.views.recogniser.params.confidence
     sure = confidences([candidate.evidence for candidate, _ in others], constants)
+    views = [snapshot.view_iris[candidate.views[0]] for candidate, _ in others]
     question = Question(
-        objects=tuple(name for _, name in others), only=tuple(kind.iri.value for kind in kinds)
-    )
-    memory = recall(context.kb, question).objects
+        objects=tuple(name for _, name in others), only=tuple(kind.iri.value for kind in kinds),
+        views=tuple(sorted(views)),
+    )  # fmt: skip
+    memory = recall(context.kb, question)
     similar = [
-        _entry(memory[others[k][1]], float(sure[k]), _why(others[k][0].evidence))
+        _entry(
+            memory.objects[others[k][1]],
+            float(sure[k]),
+            _why(others[k][0].evidence),
+            view=views[k],
+            picture=memory.pictures.get(views[k], ""),
+        )
         for k in sorted(range(len(others)), key=lambda k: -sure[k])
-        if others[k][1] in memory
+        if others[k][1] in memory.objects
     ]
     return SimilarObjects(similar_objects=similar, suggestions=[])
 

@@ -21,7 +21,7 @@ from rtask.engine.operations.outcome import report_outcome
 from rtask.engine.operations.planned import plan_in_space
 from rtask.engine.operations.recognise import recognise_for_grasp
 from rtask.engine.operations.refusal import report_refusal
-from rtask.engine.operations.resolve import resolve_request
+from rtask.engine.operations.resolution.resolve import resolve_request
 from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
 from rtask.engine.operations.tasks.plan import plan_goal, store_plan

@@ -17,7 +17,8 @@ from pyoxigraph import Quad, RdfFormat, parse
 
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.commit import MAX_QUADS, Commit, Committer, Request
+from rtask.kb.commit.commit import MAX_QUADS, Commit, Request
+from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.schema_right import SchemaRight, axiom_refused
 from rtask.kb.commit.writer import Writer

@@ -17,7 +17,8 @@ from dataclasses import replace
 
 from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.budget import return_memory
-from rtask.kb.commit.commit import Change, Commit, Committer, Request
+from rtask.kb.commit.commit import Change, Commit, Request
+from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.trials.derivation import LongDerivationError, Trial, TrialDerivations
 from rtask.kb.durability.recovery import Checkpoints
 from rtask.kb.store.overlay import Overlay

@@ -13,7 +13,7 @@ from pyoxigraph import NamedNode, Store
 
 from rtask.errors import GoneError, UnsupportedError, UsageError
 from rtask.kb.commit.catalogue import Catalogue
-from rtask.kb.commit.commit import Committer
+from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.disk_space import full_disk, means_full
 from rtask.kb.durability.folder import Files

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rtask.kb.commit.commit import Committer, Request
+from rtask.kb.commit.commit import Request
+from rtask.kb.commit.committer import Committer
 from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.store.overlay import Overlay
 

@@ -80,6 +80,7 @@ class ReaderProcess:
         self.busy = False
         self._lock = threading.RLock()
         self._frames: deque[CommitFrame] = deque()
+        self._unsent = b""  # the rest of commits of which the pipe took a part
         self._pid = self._pid_handle = -1
         self._closed = False
         # Pipes, for a message through a socket takes twice the time; descriptors need a socket.
@@ -127,17 +128,29 @@ class ReaderProcess:
             self._pid, self._rss = facts["pid"], facts["rss"]
             self._pid_handle = descriptors[0] if descriptors else -1
 
-    def ask(self, question: bytes, kind: bytes = b"Q") -> None:
-        """Send the waiting commits, then a query, or a long one or an update as its kind says."""
+    def ask(self, question: bytes, kind: bytes = b"Q", at: float | None = None) -> None:
+        """Send the waiting commits, then a query, or a long one or an update as its kind says.
+
+        Parameters
+        ----------
+        at
+            Deadline of the query on the monotonic clock: a reader that has much to catch up with
+            may hold it up until then, and no longer.
+
+        Raises
+        ------
+        ReaderGone
+            The process has ended, or did not read in time, and cannot be used any more.
+        """
         with self._lock:
-            self._flush(message(kind, question))
+            self._flush(message(kind, question), at)
 
     def ask_now(self, question: bytes) -> bool:
         """Send the waiting commits and a query, if that needs no waiting; tell whether it did."""
         if self.waiting_bytes > _AT_ONCE or not self._lock.acquire(blocking=False):
             return False
         try:
-            if self._closed or self._pid < 0:
+            if self._closed or self._pid < 0 or self._unsent:
                 return False
             data = message(b"Q", question)
             if self._frames:
@@ -152,26 +165,36 @@ class ReaderProcess:
         return False
 
     def follow(self) -> None:
-        """Send the queued commits now if the reader is idle; a few may stay queued."""
+        """Send the queued commits now if the reader is idle; a few may stay queued.
+
+        This waits for no reader, since its thread serves the others, too.
+        """
         if len(self._frames) < _FEW or not self._lock.acquire(blocking=False):
             return
         try:
             if not self.busy and self._pid > 0 and not self._closed:
-                self._flush(b"")
+                self._flush(b"", may_wait=False)
         except ReaderGone:
             self.killed = True
         finally:
             self._lock.release()
 
-    def _flush(self, last: bytes) -> None:
+    def _flush(self, last: bytes, at: float | None = None, may_wait: bool = True) -> None:
         if self._closed:
             raise ReaderGone
-        data = memoryview(b"".join([*self._waiting(), last]))
+        data = memoryview(b"".join([self._unsent, *self._waiting(), last]))
+        self._unsent = b""
         until = time.monotonic() + _SEND_TIMEOUT_S
+        if at is not None:
+            until = min(until, at)
         while data:
             try:
                 data = data[os.write(self._questions, data) :]
             except BlockingIOError:
+                if not may_wait:
+                    self._unsent = bytes(data)
+                    self.waiting_bytes = len(data)
+                    return
                 left = until - time.monotonic()
                 if not wait_for(self._questions, select.POLLOUT, left):
                     raise ReaderGone from None

@@ -309,7 +309,10 @@ class Readers:
                 asked.what,
             )
             try:
-                reader.ask(asked.payload, asked.message_kind)
+                # Half of the time, so that a second reader can answer if this one does not read.
+                now = time.monotonic()
+                until = at if at is None or attempt == 2 else now + (at - now) / 2
+                reader.ask(asked.payload, asked.message_kind, until)
                 with self._lock:
                     self._running.add(stream)
                 if at is not None:
@@ -320,7 +323,9 @@ class Readers:
             except ReaderGone:
                 stream.abandon()
                 if attempt == 1 and (reader.keeper.failed or not self._crashed(reader)):
-                    continue  # killed from outside before answering anything
+                    continue  # killed from outside before answering anything, or too slow
+                if reader.exit_code in _KILLED:
+                    require_time(at, timeout_s)
                 raise crash(reader) from None
             else:
                 return stream

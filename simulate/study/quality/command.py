@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,9 @@ __all__ = ["grasp_quality"]
     type=click.IntRange(min=0),
     help="Grasps of each plan, from the best to the worst, for rank correlations; 0 = none.",
 )
+@click.option("--alone", is_flag=True,
+    help="Carry out the planned grasps only: promises and coverage, without a comparison.",
+)  # fmt: skip
 @click.option("--workers", default=2, show_default=True, help="Processes; changes only the time.")
 @click.option(
     "--out",
@@ -46,6 +49,7 @@ def grasp_quality(
     seed: int,
     ycb: Path | None,
     ranked: int,
+    alone: bool,
     workers: int,
     out: Path,
     resume: bool,
@@ -68,24 +72,22 @@ def grasp_quality(
     from simulate.study.runner import run
 
     models = str(ycb.resolve()) if ycb else ""
-    study = quality_study(objects, trials, seed, models, ranked=ranked)
+    study = quality_study(objects, trials, seed, models, ranked=ranked, alone=alone)
     summary = write_quality_report(out, run(study, out, workers, resume), seed)
     if as_json:
         click.echo(json.dumps(summary))
         return
     print_table("First grasps by physics", COLUMNS, quality_rows(summary))
+    for hand, found in summary["coverage"].items():
+        if found["n"]:
+            low, high = found["interval95"]
+            click.echo(
+                f"{hand}: a grasp on {found['hits']} of {found['n']} graspable objects, "
+                f"{found['share']:.3f} [{low:.3f}, {high:.3f}]"
+            )
     for name, row in summary["calibration"].items():
         if row["n"]:
-            click.echo(
-                f"{name}: score {row['promised']:.3f}, held {row['held']:.3f}; calibration "
-                f"error of the score {row['error']:.3f}, by the factory's map "
-                f"{row['error_by_factory']:.3f}, after 50 own outcomes "
-                f"{row.get('error_after_50', float('nan')):.3f}; at least what is promised at "
-                f"90 %: {row['covered']:.3f} {row['covered_95']} of the objects, with margins "
-                f"from halves of them {row.get('covered_by_halves', float('nan')):.3f}, of which "
-                f"their number explains {row.get('expected_by_halves', float('nan')):.3f}; "
-                f"n {row['n']}"
-            )
+            _print_promises(name, row)
     for name, row in summary["ranks"].items():
         if row["grasps"]:
             click.echo(
@@ -98,6 +100,40 @@ def grasp_quality(
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
     click.echo(f"report  {out / 'report.json'}")
+
+
+def _print_promises(name: str, row: Mapping[str, Any]) -> None:
+    """Print what was promised of a hand's picks beside what held."""
+    click.echo(
+        f"{name}: score {row['promised']:.3f}, held {row['held']:.3f}; calibration error of the "
+        f"score {row['error']:.3f}, of the promise {row['error_by_factory']:.3f}, after 50 own "
+        f"outcomes {row.get('error_after_50', float('nan')):.3f}; n {row['n']}"
+    )
+    click.echo(
+        f"  promised / held by quarters: {_quarters(row['quarters'])}; widest gap "
+        f"{row['widest_gap']:.3f}, by a map of the score alone {row['former_widest_gap']:.3f}; "
+        f"squared error less that map's {_signed(row['less_former'])}"
+    )
+    if "quarters_after_50" in row:
+        click.echo(
+            f"  after 50 own outcomes: {_quarters(row['quarters_after_50'])}; widest gap "
+            f"{row['widest_gap_after_50']:.3f}"
+        )
+    click.echo(
+        f"  at least what is promised at 90 %: {row['covered']:.3f} {row['covered_95']} of the "
+        f"objects, with margins from halves of them "
+        f"{row.get('covered_by_halves', float('nan')):.3f}, of which their number explains "
+        f"{row.get('expected_by_halves', float('nan')):.3f}"
+    )
+
+
+def _quarters(quarters: Sequence[Mapping[str, Any]]) -> str:
+    return ", ".join(f"{part['promised']:.2f} / {part['held']:.2f}" for part in quarters)
+
+
+def _signed(difference: Mapping[str, Any]) -> str:
+    low, high = difference["interval95"]
+    return f"{difference['mean']:+.4f} [{low:+.4f}, {high:+.4f}]"
 
 
 def _number(value: float | None) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from grasp.spatial.scoring.holding import FACTORY
+from grasp.spatial.scoring.promises import FACTORY
 from simulate.study.intervals import bootstrap, mean_interval
 
 __all__ = ["OUTCOMES", "rank_correlations"]
@@ -79,11 +79,12 @@ def _spread(tables: Sequence[np.ndarray]) -> dict[str, float]:
 def _attainable(results: Sequence[Mapping[str, Any]], outcome: str) -> dict[str, float | None]:
     """Return the mean correlations of the same scores with outcomes drawn from their chances."""
     score, rng = OUTCOMES[outcome], np.random.default_rng(0)
+    chance = FACTORY[score].chance
     over, within = list[float](), list[float]()
     for _ in range(_REPEATS):
         drawn = [
             np.array([
-                [entry[score], rng.binomial(n, FACTORY[score].chance(entry[score])) / n]
+                [entry[score], rng.binomial(n, chance(entry[score], entry.get("load"))) / n]
                 for entry in result["ranked"] if (n := len(entry[outcome]))
             ])
             for result in results if len(result.get("ranked", ())) > 0

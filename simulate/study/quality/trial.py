@@ -44,7 +44,7 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         plan = plan_on_mesh(
             bench.mesh, gripper, bench.around, SpatialOptions(mass=bench.item.mass, seed=choice)
         )
-        picks = _picks(bench, plan, gripper, choice)
+        picks = _picks(bench, plan, gripper, choice, bool(settings.get("alone", False)))
         size = float(bench.mesh.extent.max())
         trials = draws(seed, number, int(settings["trials"]), size)
         outcomes: dict[str, dict[str, Any]] = {}
@@ -56,7 +56,7 @@ def quality_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
                 done = _tried(bench, pick, gripper, trials)
             outcomes[rule] = {**done, "promised": promised}
         ranked = [
-            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry")},
+            {**{k: round(float(candidate.scores[k]), 4) for k in ("lift", "carry", "load")},
              **_tried(bench, candidate, gripper, trials)}
             for candidate in _spread(plan, int(settings.get("ranked", 0)))
         ]  # fmt: skip
@@ -108,14 +108,16 @@ def _spread(plan: Proposals, count: int) -> list[GraspCandidate]:
 
 
 def _picks(
-    bench: Bench, plan: Proposals, gripper: ParallelGripper, seed: int
+    bench: Bench, plan: Proposals, gripper: ParallelGripper, seed: int, alone: bool
 ) -> dict[str, tuple[GraspCandidate, dict[str, float]]]:
-    """Return each rule's grasp in the object's frame, and what was promised of it."""
-    picks: dict[str, GraspCandidate | None] = {
-        "planned": next(iter(plan), None),
-        "confidence": _by_confidence(bench, gripper, seed),
-        "sampler": _sampled(bench, gripper, seed),
-    }
+    """Return each rule's grasp in the object's frame, and what was promised of it.
+
+    With ``alone`` the planned grasp only.
+    """
+    picks: dict[str, GraspCandidate | None] = {"planned": next(iter(plan), None)}
+    if not alone:
+        picks["confidence"] = _by_confidence(bench, gripper, seed)
+        picks["sampler"] = _sampled(bench, gripper, seed)
     return {
         rule: (pick, {k: round(float(v), 4) for k, v in pick.scores.items()})
         for rule, pick in picks.items()

@@ -1,9 +1,10 @@
-"""The bound against simulation, the simulation against Box2D, Sobol points against chance."""
+"""Speed, the bound against simulation, that against Box2D, Sobol points against chance."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,8 +13,17 @@ from grasp.push.mechanics.quasistatic import NO_POINTS, simulate, simulate_on_po
 from grasp.push.parts import BRACKETS, SHAPES, TAPE_DISPENSER_COM, stand_in
 from grasp.push.pose import PoseTrials, centred_grasp
 from grasp.push.trials import Trials
-from tests.benchmarks.push.push_settings import usual
+from simulate.thesis.runs.outlines import CONFIGURATIONS, timed, trials_of, usual
 from tests.grasp.push.in_box2d import is_available, simulate_in_box2d
+
+
+def speed() -> None:
+    """Evaluations per second and core."""
+    for setting in CONFIGURATIONS:
+        trials = trials_of("A", setting)
+        _, spent = timed(partial(trials, 0, 400))
+        rate = len(trials.rows) * 400 / spent
+        print(f"{setting}: {rate / 1e6:.2f} M evaluations/s/core (target 1)")
 
 
 def bound() -> None:

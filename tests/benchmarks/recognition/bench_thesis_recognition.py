@@ -1,15 +1,13 @@
-"""The recognition tables of the two theses, beside ours.
+"""Recognition of turned YCB objects, as in Kehoe 2014, 4.5 and 4.6, beside the thesis's figures.
 
-    python bench_thesis_recognition.py                      # Gatto 2016, tables 2 and 3
-    python bench_thesis_recognition.py sets --cache FOLDER  # Kehoe, table 4.1
+    python bench_thesis_recognition.py sets --cache FOLDER  # table 4.1
     python bench_thesis_recognition.py curve --cache FOLDER --save-plot OUT.png
 
-Table 2 (extraction of 111 images of 640 x 480) and table 3 (all pairs of images) need the 45
-scenes of mOSD in ``$RTASK_SHARED_DATA/mosd_learn``; times are scaled to 111 images and 6,105 pairs.
-Table 4, the round trip, is ``bench_robots.py``. ``sets`` stores six products from random and from
-evenly chosen sides, as table 4.1 of Kehoe 2014 does. ``curve`` draws its figures 4.8 and 4.9
-(recall and false answers over the share of stored views), and prints what section 4.6 says of
-confidences. Both need the cache that ``bench_recognition.py turntable --cache`` fills.
+``sets`` stores six products from random and from evenly chosen sides, as table 4.1 does. ``curve``
+draws figures 4.8 and 4.9 (recall and false answers over the share of stored views), and prints what
+section 4.6 says of confidences. Both need the cache that ``bench_recognition.py turntable --cache``
+fills; ``rtask thesis show kehoe-4.1`` and its like run the same on products of the simulator, and
+the tables of Gatto 2016.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # what is timed is one thread of either side
@@ -26,173 +23,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition import Recogniser, Recognition, RecognitionIndex, SiftParams, warm_up
-from features.recognition.index.cascade import build_tables, match_tables, squared_distances
-from features.recognition.index.hashing import TABLES, Hasher, used_table_bits
-from features.recognition.views.sift import detect_keypoints
+from features.recognition import Recogniser, Recognition, RecognitionIndex, warm_up
 from tests.benchmarks.recognition.turntable import (
     described_views,
     without_depth,
     ycb_folder,
     ycb_names,
 )
-
-IMAGES, PAIRS = 111, 6105
-CAP, RATIO = 128_450, 0.64  # (0.7 * 512)**2, and Lowe's 0.8 on squares
-WHOLE_FRAME = SiftParams(contrast=0.04, max_keypoints=2000)
-
-Rows = NDArray[np.int32]
-Described = tuple[NDArray[np.float32], NDArray[np.uint8]]
-
-
-def load_images() -> list[NDArray[np.uint8]]:
-    """Return the scenes in grey."""
-    folder = Path(os.environ.get("RTASK_SHARED_DATA", "shared/data")) / "mosd_learn"
-    paths = sorted(folder.glob("*_rgb.jpg"))
-    return [np.asarray(cv2.imread(str(p), cv2.IMREAD_GRAYSCALE), np.uint8) for p in paths]
-
-
-def describe(image: NDArray[np.uint8]) -> Described:
-    """Extract what a whole frame shows."""
-    return detect_keypoints(image, np.ones(image.shape, bool), WHOLE_FRAME)
-
-
-def timed(image: NDArray[np.uint8]) -> tuple[Described, float, float]:
-    """Return what a frame shows, and the seconds by the clock and of the thread's processor."""
-    start, cpu = time.perf_counter(), time.thread_time()
-    found = describe(image)
-    return found, time.perf_counter() - start, time.thread_time() - cpu
-
-
-def table_2(images: list[NDArray[np.uint8]]) -> list[Described]:
-    """Time the extraction with one and two workers, threads as those that serve robots.
-
-    In the main thread glibc gives the pyramid's memory back to the kernel after every image, and
-    getting it again takes nearly as long as the work itself; heaps of other threads keep it.
-    """
-    cv2.setNumThreads(1)
-    main = [cpu for _, _, cpu in map(timed, images[:5])]
-    scale = IMAGES / len(images)
-    for workers, thesis in ((1, 45.16), (2, 21.84)):
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(timed, images[:workers]))
-            start = time.perf_counter()
-            found, wall, cpu = zip(*pool.map(timed, images), strict=True)
-            took = time.perf_counter() - start
-        print(
-            f"table 2, {IMAGES} images, {workers} threads: {scale * took:.2f} s (thesis {thesis}), "
-            f"of the processor {scale * sum(cpu):.2f} s; one image {np.median(wall):.4f} s (0.379)"
-            f", of the processor {np.median(cpu):.4f} s"
-        )
-    print(
-        f"    in the main thread {np.median(main):.4f} s of the processor; "
-        f"mean {np.mean([len(k) for k, _ in found]):.0f} keypoints"
-    )
-    return list(found)
-
-
-class Pairs:
-    """Matches two images at a time, by hashing or exactly, with cross-check and homography."""
-
-    def __init__(self, found: list[Described]) -> None:
-        self.found = found
-        hasher = Hasher.seeded()
-        build_tables(np.zeros((4, TABLES), np.uint32), 8)  # compiled before the clock runs
-        start = time.thread_time()
-        self.codes = [hasher.encode(descriptors) for _, descriptors in found]
-        bits = [used_table_bits(len(d)) for _, d in found]
-        self.tables = [
-            build_tables(np.ascontiguousarray(buckets), b)
-            for (_, buckets), b in zip(self.codes, bits, strict=True)
-        ]
-        self.hashing_s = time.thread_time() - start
-
-    def hashed(self, i: int, j: int) -> tuple[Rows, Rows]:
-        """Return rows of i and j that are each other's nearest, by cascade hashing.
-
-        The ratio rule holds in one direction, as in :meth:`exact`; only what was matched is
-        matched back.
-        """
-        forward = _kept(*self._by_tables(i, j, np.arange(len(self.found[i][1]))))
-        rows = np.flatnonzero(forward >= 0)
-        targets, where = np.unique(forward[rows], return_inverse=True)
-        mutual = self._by_tables(j, i, targets)[0][where] == rows
-        return rows[mutual].astype(np.int32), forward[rows[mutual]]
-
-    def _by_tables(self, i: int, j: int, chosen: NDArray[np.integer]) -> tuple[Rows, Rows, Rows]:
-        """Return the nearest row, and squared distances to it and to the next."""
-        codes, buckets = self.codes[i]
-        n = len(self.found[j][1])
-        own = np.arange(n, dtype=np.int32)
-        offsets, rows = self.tables[j]
-        best, nearest, _, rival = match_tables(
-            *(self.found[i][1][chosen], codes[chosen], buckets[chosen], self.found[j][1]),
-            *(self.codes[j][0], offsets, rows, own, own, np.ones(n, np.uint8), True),
-        )
-        return best, nearest, rival
-
-    def exact(self, i: int, j: int) -> tuple[Rows, Rows]:
-        """Return the same by the full product, which serves both directions."""
-        distances = squared_distances(self.found[i][1], self.found[j][1])
-        best, back = distances.argmin(axis=1).astype(np.int32), distances.argmin(axis=0)
-        rows = np.arange(len(best))
-        nearest = distances[rows, best].astype(np.int32)
-        distances[rows, best] = 2**30
-        forward = _kept(best, nearest, distances.min(axis=1).astype(np.int32))
-        rows = np.flatnonzero((forward >= 0) & (back[best] == rows))
-        return rows.astype(np.int32), forward[rows]
-
-    def inliers(self, i: int, j: int, rows: Rows, columns: Rows) -> int:
-        """Return how many matches agree on one homography."""
-        if len(rows) < 8:
-            return 0
-        source, target = self.found[i][0][rows, :2], self.found[j][0][columns, :2]
-        _, agreed = cv2.findHomography(source, target, cv2.USAC_FAST, 4.0)
-        return 0 if agreed is None else int(np.sum(agreed))
-
-
-def _kept(best: Rows, nearest: Rows, rival: Rows) -> Rows:
-    good = (nearest < CAP) & (nearest < RATIO * np.minimum(rival, 2**30))
-    return np.where(good, best, -1).astype(np.int32)
-
-
-def table_3(found: list[Described]) -> None:
-    """Match all pairs by both ways in turn."""
-    pairs = Pairs(found)
-    numbers = [(i, j) for i in range(len(found)) for j in range(i + 1, len(found))]
-    pairs.hashed(0, 1)
-    seconds = {"hashed": 0.0, "exact": 0.0, "hashed, check": 0.0, "exact, check": 0.0}
-    agreed: dict[str, list[int]] = {"hashed": [], "exact": []}
-    common = wanted = given = 0
-    for i, j in numbers:
-        kept = {}
-        for name, way in (("hashed", pairs.hashed), ("exact", pairs.exact)):
-            start = time.thread_time()
-            kept[name] = way(i, j)
-            middle = time.thread_time()
-            agreed[name].append(pairs.inliers(i, j, *kept[name]))
-            seconds[name] += middle - start
-            seconds[f"{name}, check"] += time.thread_time() - middle
-        truth, ours = (
-            set(zip(*map(np.ndarray.tolist, kept[n]), strict=True)) for n in ("exact", "hashed")
-        )
-        common, wanted, given = common + len(truth & ours), wanted + len(truth), given + len(ours)
-    scale = PAIRS / len(numbers)
-    print(
-        f"table 3, {PAIRS} pairs, processor time of one thread (thesis 4.82 s at 15 inliers): "
-        f"matching {scale * seconds['hashed']:.2f} s and verifying "
-        f"{scale * seconds['hashed, check']:.2f} s, hashing all once "
-        f"{pairs.hashing_s * IMAGES / len(found):.2f} s; exact matching "
-        f"{scale * seconds['exact']:.2f} s, {seconds['exact'] / seconds['hashed']:.1f} x; "
-        f"recall of matches {common / max(wanted, 1):.3f}, precision {common / max(given, 1):.3f}"
-    )
-    for least in (15, 300):
-        ours, exact = (np.array(agreed[n]) >= least for n in ("hashed", "exact"))
-        print(
-            f"    pairs with {least} inliers: {ours.sum()} of {len(numbers)}, exactly "
-            f"{exact.sum()}, both {(ours & exact).sum()}"
-        )
-
 
 SIX = (
     *("cracker_box", "mustard_bottle", "potted_meat_can"),
@@ -338,22 +175,14 @@ def _text(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", nargs="?", choices=("gatto", "sets", "curve"), default="gatto")
-    parser.add_argument("--images", type=int, default=45, help="gatto: scenes used")
+    parser.add_argument("command", choices=("sets", "curve"))
     parser.add_argument("--cache", type=Path, help="described views of the turntable")
     parser.add_argument("--every", type=int, default=1, help="curve: every so many objects")
     parser.add_argument("--queries", type=int, default=300, help="curve: views asked each time")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--save-plot", type=Path)
     args = parser.parse_args()
-    if args.command != "gatto":
-        (curve if args.command == "curve" else sets)(args)
-        return
-    images = load_images()[: args.images]
-    if not images:
-        raise SystemExit("skipped: mosd_learn not found; set RTASK_SHARED_DATA to its parent")
-    print(f"{len(images)} images, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f}")
-    table_3(table_2(images))
+    (curve if args.command == "curve" else sets)(args)
 
 
 if __name__ == "__main__":

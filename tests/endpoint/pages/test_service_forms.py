@@ -51,6 +51,7 @@ class Forms:
     def __init__(self, server: RunningServer) -> None:
         self.url = server.url
         self.commits: Counter[str] = Counter()
+        self.page = ""
         self.client = httpx.Client(headers={"Accept": "text/html"}, timeout=120)
 
     def close(self) -> None:
@@ -70,6 +71,7 @@ class Forms:
         answer = self.client.post(address, data={"$method": method, **data}, files=sent or None)
         assert answer.status_code == 200, (name, _words(answer.text))
         self.commits[name] += self._last_commit() - before
+        self.page = answer.text
         found = re.search(r"data-json[^>]*>(.*?)</", answer.text, re.DOTALL)
         assert found, name
         return json.loads(html.unescape(found[1]))
@@ -156,7 +158,8 @@ def _remember(forms: Forms) -> None:
     known = {**met, **SIGHT, "success": True, "confirmed_by": "physics"}
     (stored,) = ask("insert_object", {"objects.0.data": seen}, objects=[known])["objects"]
     again = {"data": base64.b64decode(seen_from_above(seed=7, noise_seed=2, shift_px=9))}
-    assert ask("search_object", again, **SIGHT)["similar_objects"]
+    similar = ask("search_object", again, **SIGHT)["similar_objects"][0]
+    assert f'src="/api/blobs/{similar["picture"]}"' in forms.page
     assert ask("recognise_for_grasp", again, gripper_id="right_hand", **SIGHT)
     thing = stored["object"]
     (grasp,) = ask("recall_grasps", object=thing)["grasps"]

@@ -278,3 +278,29 @@ def test_the_links_lead_to_the_robots_and_agree_with_the_numbers(browser: FlaskC
 def test_a_filter_that_is_no_iri_is_refused(browser: FlaskClient) -> None:
     answer = browser.get("/feedback?grasp=not an iri", base_url=HOST)
     assert answer.status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("limit", "address"),
+    [
+        ("objects.MAX_OUTCOMES", "/object?iri=kb:object/1"),
+        ("robots._SHOWN_OUTCOMES", "/robot?iri=kb:robot/nao-7"),
+        ("robots._SHOWN_ATTEMPTS", "/robot?iri=kb:robot/nao-7"),
+        ("graph.resource.MAX_OUTGOING", "/resource?iri=kb:object/1"),
+        ("graph.resource.MAX_INCOMING", "/resource?iri=kb:object/1"),
+        ("graph.classes.MAX_MEMBERS", "/classes?iri=rt:GraspAttempt"),
+        ("feedback.PAGE_SIZE", "/feedback"),
+    ],
+)
+def test_a_list_that_is_cut_says_so_and_leads_to_the_rest(
+    browser: FlaskClient, monkeypatch: pytest.MonkeyPatch, limit: str, address: str
+) -> None:
+    def rests(page: str) -> list[str]:
+        cut = re.findall(r'data-left-out>.*?href="([^"]*)"', page, re.S)
+        cut += re.findall(r'href="(/feedback[^"]*page=2)', page)
+        return [html.unescape(link) for link in cut]
+
+    whole = rests(text_of(browser, address))
+    monkeypatch.setattr(f"endpoint.pages.{limit}", 1)
+    (rest,) = set(rests(text_of(browser, address))) - set(whole)
+    assert "<h1>" in text_of(browser, rest)

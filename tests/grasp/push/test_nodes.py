@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from grasp.push import open_executor
-from tests.benchmarks.push import push_nodes as nodes
+from simulate.thesis.runs import push_nodes as nodes
 
 
 def test_every_nodes_shard_is_timed_in_order(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,12 +13,12 @@ from grasp.spatial.frames import pose_from_planar
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper, panda_hand
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.meshes.mesh import Mesh, as_mesh, enclosed_volume
+from grasp.spatial.meshes.bodies import bodies_apart, enclosed_volume
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.shapes import box_mesh, lathed_mesh, sphere_mesh
 from grasp.spatial.scoring.confidence import PoseNoise, score_grasps
 from grasp.spatial.scoring.holding import (
     CARRY_G,
-    FACTORY,
     LIFT_G,
     assumed_mass,
     demands,
@@ -26,6 +26,7 @@ from grasp.spatial.scoring.holding import (
     with_holding,
 )
 from grasp.spatial.scoring.pads import PadContacts, pad_contacts
+from grasp.spatial.scoring.promises import Promises
 from grasp.spatial.scoring.select import rank, rank_by_holding
 
 HAND = panda_hand()
@@ -100,8 +101,15 @@ def test_holding_adds_its_scores_and_keeps_the_others() -> None:
     candidate = GraspCandidate(_down(), 0.04, opening=0.06, scores={"confidence": 0.5})
     (found,) = with_holding([candidate], box, HAND, 0.1, PoseNoise(0.0, 0.0), samples=1)
     assert found.scores["confidence"] == 0.5
-    for name in ("lift", "carry"):
-        assert found.scores[f"{name}_chance"] == FACTORY[name].chance(found.scores[name])
+    assert found.scores["load"] == pytest.approx(0.1 * 9.81 / (2 * HAND.friction * HAND.max_force))
+    promised = Promises.by(HAND).of(found.scores)
+    assert set(promised) == {"lift_chance", "lift_at_least", "carry_chance", "carry_at_least"}
+    assert promised.items() <= found.scores.items()
+    taught = Promises.by(HAND).after([(found.scores, {"lift": False, "carry": False})] * 30)
+    (less,) = with_holding(
+        [candidate], box, HAND, 0.1, PoseNoise(0.0, 0.0), samples=1, promises=taught
+    )
+    assert all(less.scores[name] < found.scores[name] for name in promised)
     assert 0 < found.scores["carry"] < found.scores["lift"] <= 0.65 + 0.35 * 0.5
     assert found.scores["lever"] == pytest.approx(0.0, abs=1e-9)
     assert with_holding([], box, HAND, 0.1) == []
@@ -172,6 +180,35 @@ def test_an_unknown_mass_is_assumed_and_said() -> None:
     assert any("assumed mass of 0.35 kg" in note for note in found.notes)
     told = plan_on_mesh(box_mesh((0.05, 0.1, 0.1)), HAND, options=SpatialOptions(mass=0.2))
     assert not any("assumed" in note for note in told.notes)
+
+
+def _two_boxes(offset: float) -> Mesh:
+    box = box_mesh((0.1, 0.06, 0.04))
+    moved = box.vertices + np.array([offset, 0.0, 0.0])
+    return as_mesh(
+        np.vstack([box.vertices, moved]), np.vstack([box.faces, box.faces + len(box.vertices)])
+    )
+
+
+@pytest.mark.parametrize("offset", [0.03, 0.05, 0.25])
+def test_space_that_two_bodies_share_counts_once(offset: float) -> None:
+    both = 0.06 * 0.04 * (0.1 + min(offset, 0.1))
+    assert enclosed_volume(_two_boxes(offset)) == pytest.approx(both, rel=0.02)
+
+
+def test_a_hollow_body_is_not_filled() -> None:
+    outer, inner = box_mesh((0.1, 0.1, 0.1)), box_mesh((0.08, 0.08, 0.08))
+    hollow = as_mesh(
+        np.vstack([outer.vertices, inner.vertices]),
+        np.vstack([outer.faces, inner.faces[:, ::-1] + len(outer.vertices)]),
+    )
+    assert enclosed_volume(hollow) == pytest.approx(1e-3 - 0.08**3, rel=0.05)
+
+
+def test_bodies_that_lie_apart_are_told_from_one_in_parts() -> None:
+    assert len(bodies_apart(_two_boxes(0.1))) == 1
+    first, second = bodies_apart(_two_boxes(0.25))
+    assert first.extent.tolist() == pytest.approx(second.extent.tolist())
 
 
 def test_a_flat_mesh_encloses_nothing() -> None:

@@ -12,7 +12,7 @@ import ontology
 import rtask
 from rtask.asking.check.findings import Finding
 from rtask.cli import cli
-from rtask.errors import QuerySyntaxError
+from rtask.errors import DataError, QuerySyntaxError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
 
@@ -155,3 +155,10 @@ def test_the_command_says_beside_the_rows_what_is_certainly_wrong(tmp_path: Path
         "  repair: write rt:hasGrasp",
     ]
     assert run(cli, ["query", asked, "--json", "--no-check", *where]).stderr == ""
+
+
+def test_a_function_that_the_store_lacks_is_an_error_as_in_evaluation(kb: KnowledgeBase) -> None:
+    query = "SELECT ?x { ?x ?p ?o FILTER(<urn:f>(?x)) }"
+    for ask in (kb.check, kb.select):
+        with pytest.raises(DataError, match="function <urn:f> is not supported"):
+            ask(query)

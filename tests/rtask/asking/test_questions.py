@@ -9,6 +9,7 @@ import pytest
 from rtask.asking.questions import answer
 from rtask.asking.questions.catalogue import questions
 from rtask.asking.questions.filling import filled_query
+from rtask.asking.questions.mentions import find_mentions
 from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.syntax import check_query
@@ -96,3 +97,14 @@ def test_each_query_stands_without_what_it_was_written_for(kb: KnowledgeBase) ->
         check_query(text)
         assert "kb/sample" not in text
         assert kb.query(text) is not None
+
+
+def test_more_names_than_are_looked_at_are_said(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "Which grasps has the mug?"
+    assert "looked at" not in answer(kb, text).sentence
+    monkeypatch.setattr("rtask.asking.questions.mentions.MAX_MENTIONS", 1)
+    cut = find_mentions(kb.select, ["twin", "panda-1"], "urn:lab/")
+    assert all(item.is_cut for item in cut)
+    assert "were looked at: more may answer this" in answer(kb, text).sentence

@@ -65,6 +65,46 @@ def test_json_holds_messages_and_planar_views(tmp_path: Path) -> None:
     assert found["verdict"] == ""
 
 
+def test_of_bodies_that_lie_apart_one_is_planned_for_and_the_others_are_named(
+    tmp_path: Path,
+) -> None:
+    large, small = (_box(tmp_path / f"{k}.obj", size) for k, size in enumerate(
+        [(0.04, 0.12, 0.08), (0.03, 0.05, 0.06)]))  # fmt: skip
+    lines = small.read_text().splitlines()
+    moved = [f"v {float(w[1]) + 0.2} {w[2]} {w[3]}" for w in map(str.split, lines) if w[0] == "v"]
+    faces = ["f " + " ".join(str(int(n) + 8) for n in w[1:]) for w in map(str.split, lines)
+             if w[0] == "f"]  # fmt: skip
+    both = tmp_path / "both.obj"
+    both.write_text("\n".join([*large.read_text().splitlines(), *moved, *faces]))
+    asked = [str(both), "--samples", "10", "--limit", "1"]
+    first, second = _run(*asked), _run(*asked, "--part", "2")
+    assert (
+        "12 faces, 40 x 120 x 80 mm; of 2 bodies that lie apart: --part 2 is 30 x 50 x 60 mm"
+        in (first.output)
+    )
+    assert "12 faces, 30 x 50 x 60 mm; of 2 bodies" in second.output
+    assert "--part 3" in str(_run(*asked, "--part", "3").exception)
+
+
+def test_a_table_left_in_a_cloud_is_taken_for_the_support(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    table = np.c_[rng.uniform(-0.15, 0.15, (6000, 2)), rng.normal(0.0, 0.001, 6000)]
+    sides = rng.uniform(-1, 1, (4000, 3)) * (0.02, 0.03, 0.04)
+    axis, sign = rng.integers(0, 3, 4000), rng.choice([-1, 1], 4000)
+    sides[np.arange(4000), axis] = sign * np.array([0.02, 0.03, 0.04])[axis]
+    # A point far below the table, as cameras give them: the lowest point is not the table.
+    points = np.vstack([table, sides + np.array([0, 0, 0.04]), [[0.0, 0.1, -0.05]]])
+    np.save(tmp_path / "cloud.npy", points)
+    done = _run(str(tmp_path / "cloud.npy"), "--samples", "20", "--json")
+    assert done.exit_code == 0, done.output
+    answer = json.loads(done.output)
+    assert any("was taken for its support" in note for note in answer["notes"])
+    for grasp in answer["grasps"]:
+        assert grasp["message"]["grasp_pose"]["pose"]["position"]["z"] > 0.0
+    floating = _run(str(tmp_path / "cloud.npy"), "--samples", "20", "--json", "--floating")
+    assert not any("support" in note for note in json.loads(floating.output)["notes"])
+
+
 def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
     wide = _run(str(_box(tmp_path / "box.obj", (0.2, 0.2, 0.2))), "--samples", "5")
     assert wide.exit_code == 1
@@ -80,7 +120,7 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
     [
         (["--gripper", "hook"], "suction:RADIUS or three:OPENING"),
         (["--gripper", "jaw:"], "expected a stroke"),
-        (["--part", "2"], "'--part'. It is an option of rtask grasp push"),
+        (["--part", "2"], "that lie apart number 1"),
         (["--workers", "2"], "an option of rtask grasp push, rtask grasp batch"),
         (["--gripper", "jaw:0"], "stroke"),
         (["--scale", "0"], "scale"),

@@ -18,7 +18,7 @@ def run(monkeypatch: pytest.MonkeyPatch):
 
     def _run(
         body: Body, server: Server, order: list[tuple[float, float]],
-        on_event=lambda name, data: None, see=None, **config
+        on_event=lambda name, data: None, see=None, on_sight=lambda encounter, seen: None, **config
     ):  # fmt: skip
         ASKED_PLACES[:] = order
 
@@ -26,7 +26,7 @@ def run(monkeypatch: pytest.MonkeyPatch):
             return Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table))
 
         monkeypatch.setattr(second_look, "perceive", see or everything)
-        agent = Agent(body, server, AgentConfig(**config), on_event)
+        agent = Agent(body, server, AgentConfig(**config), on_event, on_sight)
         return agent.clear_table()
 
     return _run

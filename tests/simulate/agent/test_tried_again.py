@@ -125,7 +125,7 @@ def test_what_is_nowhere_is_said_to_be_lost(run) -> None:
     body.look = lambda side: looks.append(side) or look(side)
     (met,) = run(body, Server(), [spot], on_event=lambda name, data: told.append((name, data)))
     assert met.lost
-    assert ("missing", {"object": 1, "last_seen": [0.15, -0.1]}) in told
+    assert ("missing", {"object": 1, "title": "object 1", "last_seen": [0.15, -0.1]}) in told
     assert looks[-2:] == ["right", "left"]
     assert looks.count("left") < 8  # it does not search for ever
 
@@ -184,3 +184,20 @@ def test_what_is_knocked_out_of_the_box_is_not_stored_a_second_time(
     *_, third = run(body, server, [spot, other, there])
     assert (third.recognised, third.placed) == (recognised, True)
     assert server.inserted[2].get("object") == stored
+
+
+def test_the_name_that_somebody_gave_is_stored_with_a_new_object_and_said_of_it(run) -> None:
+    spot, told = (0.15, -0.1), []
+    server = Server()
+
+    def names(encounter: Any, seen: Any) -> None:
+        encounter.name = "carton-7"
+
+    miss = Record("missed", held=False, placed=False)
+    (met,) = run(
+        Body([spot], [miss]), server, [spot] * 2,
+        on_event=lambda name, data: told.append(data), on_sight=names,
+    )  # fmt: skip
+    assert [item.get("name") for item in server.inserted] == ["carton-7", None]
+    assert {data["title"] for data in told if "object" in data} == {"carton-7"}
+    assert met.summary()["name"] == "carton-7"

@@ -19,9 +19,12 @@ import pytest
 
 import ontology
 import rtask
+from rtask.asking.terms import reader_of
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
+from rtask.kb.store.naming import Names, prefixed
+from rtask.rdf.terms import Literal, NamedNode, stored, written
 from tests.commands import run_command
 from tests.servers import running_server
 
@@ -201,7 +204,7 @@ def test_the_report_has_table_pictures_and_queries(finished: Any) -> None:
 
 
 @pytest.mark.deep
-def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> None:
+def test_two_naos_and_a_panda_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> None:
     """The demo as a newcomer starts it, with half of its products."""
     done = subprocess.run(
         [*_DEMO[:4], "--objects", "2", "--data", str(tmp_path / "run")],
@@ -209,16 +212,37 @@ def test_two_naos_end_with_what_sharing_gained_in_this_run(tmp_path: Path) -> No
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
     result = json.loads((tmp_path / "run/report/report.json").read_text("utf-8"))
-    assert [robot["name"] for robot in result["robots"]] == ["nao-1", "nao-2"]
-    assert {met["product"].split("-")[0] for met in result["objects"]} - {""} == {"carton", "rod"}
+    assert [robot["name"] for robot in result["robots"]] == ["nao-1", "nao-2", "panda-3"]
+    assert {met["product"].split("-")[0] for met in result["objects"]} - {""} == {"carton"}
+    with rtask.open(tmp_path / "run/store", mode="r") as kb:
+        named = {row["name"].value for row in kb.query(
+            "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
+            "SELECT ?name { ?object rt:objectId ?id ; rt:name ?name }"
+        )}  # fmt: skip
+    assert {met["product"] for met in result["objects"]} - {""} <= named
     opening, *_ = done.stderr.splitlines()
     assert "hide what decides a grasp" in opening
-    gain = result["gain"]
-    assert gain["robot"] == "nao-2"
-    assert gain["attempts"] >= gain["products"]
     last = [line for line in done.stdout.splitlines() if line]
-    assert gain["sentence"] in last
-    assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
+    assert [gain["robot"] for gain in result["gains"]] == ["nao-2", "panda-3"]
+    assert result["gain"] == result["gains"][-1]
+    for gain in result["gains"]:
+        assert gain["attempts"] >= gain["products"]
+        assert gain["sentence"] in last
+        assert last.index(gain["sentence"]) < [line.split()[0] for line in last].index("pages")
+
+
+def test_every_printed_form_of_every_term_of_its_store_is_read_back(small: Any) -> None:
+    with rtask.open(small[0] / "store", mode="r") as kb:
+        reader, names = reader_of(kb), Names(kb.store, kb.graphs)
+        terms = {term for quad in kb.match() for term in quad}
+        assert {type(term) for term in terms} >= {NamedNode, Literal}
+        for term in terms:
+            if isinstance(term, NamedNode):
+                for form in {written(term), term.value, prefixed(term, kb.base), names(term)}:
+                    assert reader.term(form, "subject") == term, form
+            elif isinstance(term, Literal):
+                for form in {written(term), prefixed(term, kb.base)}:
+                    assert stored(reader.term(form)) == term, form
 
 
 def test_outcomes_and_their_provenance_are_read_from_the_kept_store(small: Any) -> None:
@@ -282,7 +306,7 @@ def test_the_same_seed_gives_the_same_table(finished: Any, tmp_path: Path) -> No
 @pytest.mark.deep
 def test_ctrl_c_ends_every_process_and_leaves_a_whole_store(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     children = list(_children(process.pid))
     assert len(children) == 3
     process.send_signal(signal.SIGINT)
@@ -309,7 +333,7 @@ def test_a_killed_demo_takes_its_children_along(tmp_path: Path) -> None:
 @pytest.mark.deep
 def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     (robot,) = [pid for pid, line in _children(process.pid).items() if '"index": 0' in line]
     os.kill(robot, signal.SIGKILL)
     _, said = process.communicate(timeout=60)
@@ -323,7 +347,7 @@ def test_a_robot_that_disappears_is_named_and_ends_the_demo(tmp_path: Path) -> N
 @pytest.mark.deep
 def test_an_endpoint_that_goes_away_is_named_and_ends_the_demo(tmp_path: Path) -> None:
     process = _start("--data", str(tmp_path / "run"), "--objects", "1")
-    _wait_for_line(process, "nao-1: object 1")
+    _wait_for_line(process, "nao-1: meets ")
     (server,) = [pid for pid, line in _children(process.pid).items() if " serve " in line]
     os.kill(server, signal.SIGKILL)
     _, said = process.communicate(timeout=120)

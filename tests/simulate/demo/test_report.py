@@ -247,10 +247,11 @@ def test_a_cautious_demo_asks_its_robots_for_caution(tmp_path: Path) -> None:
 
 def test_the_hard_products_go_to_robots_that_can_lift_them(tmp_path: Path) -> None:
     hard = Settings(tmp_path, products="hard")
-    assert (hard.kind_of(0), hard.compares) == ("panda", True)
-    assert not Settings(tmp_path, products="hard", robots=1).compares
+    assert (hard.kind_of(0), hard.compared) == ("panda", (1,))
+    assert Settings(tmp_path, products="hard", robots=4).compared == (1, 3)
+    assert Settings(tmp_path, products="hard", robots=1).compared == ()
     plain = Settings(tmp_path)
-    assert (plain.kind_of(1), plain.compares) == ("nao", False)
+    assert (plain.kind_of(1), plain.compared) == ("nao", ())
     assert Settings(tmp_path, kinds=("nao", "panda"), products="hard").kind_of(1) == "panda"
     with pytest.raises(UsageError, match="there is no set 'odd'"):
         Settings(tmp_path, products="odd")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rtask.errors import UsageError
-from simulate.demo.orchestrate import objects_on_table
+from simulate.demo.orchestrate import objects_on_table, robots_in_all
 from simulate.fleet import demos
 from simulate.fleet.demos import (
     COLUMNS,
@@ -42,15 +42,17 @@ def _met(product: str, tries: int | None, source: str = "candidate") -> dict[str
 
 
 def _robot(*met: dict[str, Any]) -> dict[str, Any]:
-    return {"name": "nao", "encounters": list(met)}
+    return {"name": "nao-2", "encounters": list(met)}
 
 
 def _demo(seed: int, shared: dict[str, Any], alone: dict[str, Any]) -> dict[str, Any]:
     teacher = _robot(_met("rod", 2), _met("carton", 3))
-    return {"seed": seed, "shared": [teacher, shared], "alone": alone, "cpu_s": 1.0}
+    return {
+        "seed": seed, "shared": [teacher, shared], "compared": [1], "alone": [alone], "cpu_s": 1.0
+    }  # fmt: skip
 
 
-def test_the_robots_share_a_graph_and_the_last_one_works_once_more_on_its_own(
+def test_the_robots_share_a_graph_and_the_second_and_the_last_work_once_more_on_their_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     worked: list[tuple[str, int, list[str]]] = []
@@ -64,22 +66,46 @@ def test_the_robots_share_a_graph_and_the_last_one_works_once_more_on_its_own(
 
     monkeypatch.setattr(demos, "make_body", lambda job, _: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr(demos, "clear_table", work)
-    study = demo_study(2, 2, 1, 40, "light", ("nao", "panda"), 6, "fast")
+    study = demo_study(2, 3, 1, 40, "fragile", (), 6, "fast")
     result = demo_trial(study.settings, 1)
-    assert worked == [("nao-1", 41, []), ("panda-2", 41, ["nao-1"]), ("panda-2", 41, [])]
-    assert result["seed"] == 41
+    assert worked == [
+        ("nao-1", 41, []), ("nao-2", 41, ["nao-1"]), ("panda-3", 41, ["nao-1", "nao-2"]),
+        ("nao-2", 41, []), ("panda-3", 41, []),
+    ]  # fmt: skip
+    assert (result["seed"], result["compared"]) == (41, [1, 2])
+
+
+def test_what_two_robots_gained_is_shown_for_each_and_added_up() -> None:
+    better, worse = _robot(_met("rod", 1, "memory")), _robot(_met("rod", 3))
+    alone = [_robot(_met("rod", 4)), _robot(_met("rod", 2))]
+    demo = {"seed": 5, "shared": [_robot(_met("rod", 2)), better, worse], "compared": [1, 2],
+            "alone": alone, "cpu_s": 1.0}  # fmt: skip
+    summary = summarise_demos([demo], 6)
+    assert summary["demos"][0]["pairs"] == [[1, 4], [3, 2]]
+    assert summary["lessons"] == {"won": 2, "recalled": 1}
+    (row,) = demo_rows(summary)
+    assert row[COLUMNS.index("robot by robot")] == "nao-2 1, alone 4; nao-2 3, alone 2"
 
 
 def test_products_of_a_set_have_the_robot_that_suits_them() -> None:
-    assert demo_study(1, 2, 6, 0, "light", (), 6, "fast").settings["kinds"] == ["nao"] * 2
+    light = demo_study(1, 3, 6, 0, "fragile", (), 6, "fast").settings
+    assert light["kinds"] == ["nao", "nao", "panda"]
     assert demo_study(1, 2, 6, 0, "hard", (), 6, "fast").settings["kinds"] == ["panda"] * 2
     with pytest.raises(UsageError, match="--robots"):
-        demo_study(1, 1, 6, 0, "light", (), 6, "fast")
+        demo_study(1, 1, 6, 0, "fragile", (), 6, "fast")
 
 
 def test_a_table_has_as_many_light_products_as_a_nao_reaches_unless_a_number_is_given() -> None:
-    assert [objects_on_table(products) for products in ("light", "hard", "plain")] == [4, 6, 6]
+    numbers = [objects_on_table(name) for name in ("light", "fragile", "hard", "plain")]
+    assert numbers == [4, 4, 6, 6]
     assert objects_on_table("light", 2) == 2
+
+
+def test_two_naos_are_followed_by_a_panda_unless_other_robots_are_asked_for() -> None:
+    assert [robots_in_all(products, ()) for products in ("fragile", "hard", "plain")] == [3, 2, 2]
+    assert robots_in_all("light", ("nao",)) == 2
+    assert robots_in_all("light", ("nao", "panda", "nao")) == 3
+    assert robots_in_all("plain", (), 1) == 1
 
 
 def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
@@ -99,7 +125,9 @@ def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
     assert summary["change"]["interval95"] == [-1.5, 3.0]  # of whole demos, not of products
     assert (summary["fewer"], summary["many_more"]) == (1, 1)
     assert summary["lessons"] == {"won": 4, "recalled": 3}
-    assert demo_rows(summary)[0] == ("7", "2", "2", "5", "2", "0", "2 of 2", "2 of 2")
+    assert demo_rows(summary)[0] == (
+        "7", "2", "2", "5", "nao-2 2, alone 5", "2", "0", "2 of 2", "2 of 2"
+    )  # fmt: skip
     assert len(demo_rows(summary)[1]) == len(COLUMNS)
     assert "+0.75 [-1.50, +3.00] over 4 products" in demo_words(summary)[0]
     written = write_demos(tmp_path, [better, worse], {"max_attempts": 6, "seed": 7})

@@ -145,6 +145,11 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert promise["covered"] == promise["covered_by_halves"] == 1.0
     assert 0.9 <= promise["expected_by_halves"] <= 1.0
     assert promise["covered_95"][0] < 1.0 == promise["covered_95"][1]
+    assert promise["widest_gap"] == pytest.approx(max(
+        abs(part["promised"] - part["held"]) for part in promise["quarters"]))  # fmt: skip
+    assert [part["n"] for part in promise["quarters"]] == [8, 8, 7, 7]
+    assert promise["widest_gap_after_50"] < promise["widest_gap"]
+    assert promise["less_former"]["n"] == 30
     assert len(quality_rows(summary)) == 5
 
     same = summarise_quality([_result(n, 0.75, 0.75, 0.75) for n in range(60)])
@@ -202,10 +207,29 @@ def test_where_nearly_all_hold_no_score_can_rank_within_an_object() -> None:
 def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:
     results = [_result(n, 1.0, 1.0, 1.0) for n in range(4)]
     del results[0]["rules"]["sampler"]
+    del results[2]["rules"]["planned"]
+    results.append({"hand": "panda", "object": "anvil", "rules": {}})
     summary = summarise_quality(results)
-    assert summary["none"] == {"planned": 0, "confidence": 0, "sampler": 1}
-    assert summary["cases"]["all"]["minus sampler"]["n"] == 3
-    assert summary["cases"]["all"]["minus confidence"]["n"] == 4
+    assert summary["none"] == {"planned": 2, "confidence": 1, "sampler": 2}
+    assert summary["cases"]["all"]["minus sampler"]["n"] == 2
+    assert summary["cases"]["all"]["minus confidence"]["n"] == 3
+    # Two of the panda's three objects are graspable, and a plan was found for one of them.
+    assert summary["coverage"]["panda"]["n"] == 2
+    assert summary["coverage"]["panda"]["hits"] == 1
+    assert summary["coverage"]["nao"]["share"] == 1.0
+
+
+@pytest.mark.slow
+def test_the_planned_grasps_alone_give_promises_and_coverage(tmp_path: Path) -> None:
+    asked = ["--objects", "2", "-n", "2", "--ranked", "0", "--seed", "5", "--workers", "1",
+             "--alone", "--out", str(tmp_path)]  # fmt: skip
+    done = CliRunner().invoke(grasp_quality, asked)
+    assert done.exit_code == 0, done.output
+    assert "nao: a grasp on 2 of 2 graspable objects" in done.output
+    assert "promised / held by quarters: " in done.output
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert all(set(result["rules"]) <= {"planned"} for result in report["results"])
+    assert report["gate"]["passed"] is False
 
 
 @pytest.mark.slow
@@ -216,7 +240,7 @@ def test_the_command_prints_paired_intervals_and_goes_on_where_it_was(tmp_path: 
         "-n",
         "1",
         "--ranked",
-        "3",
+        "2",
         "--seed",
         "5",
         "--workers",

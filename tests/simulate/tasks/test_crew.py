@@ -233,7 +233,8 @@ def test_a_robot_that_is_killed_anywhere_and_started_again_does_nothing_twice(wo
         (PANDA, "pick"), (PANDA, "put"), (NAO, "pick"), (NAO, "put"),
     ]  # fmt: skip
     (count,) = world.kb.select(f"{PREFIXES}SELECT (COUNT(*) AS ?n) {{ ?a a rt:GraspAttempt }}")
-    assert int(str(count.value("n"))) == 2
+    # A grasp between which and its report the program ended was seen by nobody.
+    assert int(str(count.value("n"))) == (0 if after == "act" else 2)
 
 
 def _watch(executor, die):

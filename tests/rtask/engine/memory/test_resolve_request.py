@@ -8,7 +8,7 @@ import ontology
 import rtask
 from rtask.engine import Engine
 from rtask.engine.memory.meaning import meaning, stems
-from rtask.engine.operations import resolve
+from rtask.engine.operations.resolution import candidates
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 
@@ -208,7 +208,7 @@ def test_a_wish_that_more_fit_than_were_looked_at_is_not_decided(room, monkeypat
     whole = room.ask("a container")
     fitting = {one["object"] for one in (*whole["objects"], *whole["reasons"])}
     assert whole["objects_untried"] == 0
-    monkeypatch.setattr(resolve, "_MAX_CANDIDATES", 2)
+    monkeypatch.setattr(candidates, "MAX_CANDIDATES", 2)
     answer = room.ask("a container")
     assert answer["objects_untried"] == len(fitting) - 2
     assert answer["reasons"][-1]["code"] == "not_decided"
@@ -218,7 +218,7 @@ def test_a_wish_that_more_fit_than_were_looked_at_is_not_decided(room, monkeypat
 
 
 def test_objects_named_in_a_wish_are_found_behind_others_that_fit_it(room, monkeypatch):
-    monkeypatch.setattr(resolve, "_MAX_CANDIDATES", 1)
+    monkeypatch.setattr(candidates, "MAX_CANDIDATES", 1)
     answer = room.ask("a container", objects=[room.pencil])
     assert answer["objects_untried"] == 0
     assert answer["reasons"][0]["code"] == "not_seen"

@@ -41,11 +41,21 @@ def test_an_image_alone_is_stored_and_found_again(engine, bench, robots, box_fra
     assert found["accepted"]
     assert found["outcome"] == "single"
     assert found["similar_objects"][0]["label"] == "tea"
+    view = stored["objects"][0]["view"]
+    assert found["similar_objects"][0]["view"] == view
+    shown = engine.kb.blobs.read("urn:sha256:" + found["similar_objects"][0]["picture"])
+    assert cv2.imdecode(np.frombuffer(shown, np.uint8), 1) is not None
     message = {"format": "jpeg", "data": base64.b64encode(jpeg(again.rgb)).decode()}
     box = [float(n) for n in cv2.boundingRect(again.mask.astype(np.uint8))]
     assert robot.call("search_object", image=message, box=box)["accepted"]
     seen = robot.recognise({}, image=jpeg(again.rgb), mask=encode_rle(again.mask))
     assert seen["task_response"] == "no_grasp"
+    first = seen["recognition"]["matches"][0]
+    assert (first["view"], first["picture"]) == (view, found["similar_objects"][0]["picture"])
+    alike = robot.call("teach_object", operation="search", object=other["objects"][0]["object"])
+    assert {(one["view"], one["picture"]) for one in alike["similar_objects"]} <= {
+        (view, first["picture"])
+    }
 
 
 def test_several_looks_at_one_thing_are_answered_together(engine, bench, robots, box_frame):

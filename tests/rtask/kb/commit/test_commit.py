@@ -20,6 +20,7 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.commit import commit as commit_module
+from rtask.kb.commit import committer
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Change
 from rtask.kb.durability.recovery import Checkpoint, boot_id
@@ -138,7 +139,7 @@ def test_one_commit_at_a_wrong_time_does_not_move_those_after_it(
 
     with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
         first = kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
-        monkeypatch.setattr("rtask.kb.commit.commit.dt.datetime", Fast)
+        monkeypatch.setattr("rtask.kb.commit.committer.dt.datetime", Fast)
         wrong = kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
         monkeypatch.undo()
         third = kb.update("INSERT DATA { <urn:a> <urn:p> 3 }")
@@ -189,10 +190,10 @@ def test_a_commit_beyond_the_limit_is_refused(
     with pytest.raises(TooLargeError, match="removes 3 statements, at most 2 are allowed; remo"):
         write(0, 1, 2, remove=True)
     write(0, remove=True)
-    monkeypatch.setattr(commit_module, "MAX_EMPTIED", 2)
+    monkeypatch.setattr(committer, "MAX_EMPTIED", 2)
     with pytest.raises(TooLargeError, match="removes whole graphs of 3 statements, at most 2 are"):
         write(1, 2, 3, remove=True)
-    monkeypatch.setattr(commit_module, "MAX_EMPTIED", 3)
+    monkeypatch.setattr(committer, "MAX_EMPTIED", 3)
     write(1, 2, 3, remove=True)  # nothing is left
     assert not kb.match("urn:a")
 

@@ -70,7 +70,7 @@ def replaced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         found.append(len(change.removed))  # type: ignore[attr-defined]
         real(store, change)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("rtask.kb.commit.commit.replace_contents", noted)
+    monkeypatch.setattr("rtask.kb.commit.committer.replace_contents", noted)
     return found
 
 

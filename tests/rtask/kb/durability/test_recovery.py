@@ -199,7 +199,7 @@ def test_a_store_that_fails_takes_its_record_back(
         def fail(*args: object) -> None:
             raise OSError("IO error")
 
-        monkeypatch.setattr("rtask.kb.commit.commit.apply", fail)
+        monkeypatch.setattr("rtask.kb.commit.committer.apply", fail)
         with pytest.raises(OSError, match="IO error"):
             kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
         monkeypatch.undo()
@@ -220,7 +220,7 @@ def test_an_interrupted_write_is_completed_by_opening_again(
                 apply(*args)  # type: ignore[arg-type]
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("rtask.kb.commit.commit.apply", interrupted)
+        monkeypatch.setattr("rtask.kb.commit.committer.apply", interrupted)
         with pytest.raises(KeyboardInterrupt):
             kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
         monkeypatch.undo()
@@ -245,10 +245,10 @@ def test_a_number_used_again_is_forced_to_the_disk_again(
             kb._writer.committer.journal.sync(2)  # another thread's fsync comes in between
             raise OSError("IO error")
 
-        monkeypatch.setattr("rtask.kb.commit.commit.apply", fail)
+        monkeypatch.setattr("rtask.kb.commit.committer.apply", fail)
         with pytest.raises(OSError, match="IO error"):
             kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
-        monkeypatch.setattr("rtask.kb.commit.commit.apply", apply)
+        monkeypatch.setattr("rtask.kb.commit.committer.apply", apply)
         before = len(forced)
         assert kb.update("INSERT DATA { <urn:a> <urn:p> 3 }").seq == 2
         assert len(forced) == before + 1

@@ -247,6 +247,29 @@ def test_a_reader_killed_in_the_middle_of_a_commit_loses_none(memory: KnowledgeB
     assert rows.to_dicts() == memory.select("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }").to_dicts()
 
 
+def test_a_reader_that_reads_nothing_is_waited_for_half_of_the_time_of_a_query(
+    memory: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory.warm_up()
+    _, reader = memory.stats()["readers"]["processes"]
+    waits: list[float] = []
+
+    def wait_for(descriptor: int, event: int, timeout_s: float) -> bool:
+        waits.append(timeout_s)
+        return False  # as if the time had passed
+
+    monkeypatch.setattr("rtask.kb.readers.keeper.wait_for", wait_for)
+    os.kill(reader, signal.SIGSTOP)
+    for number in range(80):
+        with memory.transaction() as tx:
+            for at in range(100):
+                tx.add(f"urn:burst:{number}", f"urn:at:{at}", "x" * 100)
+    rows = memory.select("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }", timeout_s=20.0)
+    assert rows.to_dicts() == memory.select("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }").to_dicts()
+    # Commits are passed on without any wait, and the query leaves time for another reader.
+    assert all(wait <= 10.0 for wait in waits)
+
+
 def test_a_bulk_load_is_seen(memory: KnowledgeBase) -> None:
     memory.warm_up()
     quads = (

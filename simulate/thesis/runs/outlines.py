@@ -1,32 +1,23 @@
-"""Parts, settings and drawings that the tables, figures and checks of push grasps share."""
+"""Stand-ins for the outlines of Kehoe 2014, chapter 3, and plans on them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps
+from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps, sample_grasps
 from grasp.push.parts import stand_in
+from grasp.push.trials import Trials
+
+__all__ = ["CONFIGURATIONS", "STAND_INS", "plan", "timed", "trials_of", "usual"]
 
 T = TypeVar("T")
 
 CONFIGURATIONS = ((0.0, 1.5, 5), (0.03, 7.5, 9), (0.09, 20.0, 15))
 """Filter distance, density and angles of the three settings of Table 3.2."""
 
-
-class Drawings:
-    """Folder for figures; none are written unless it is set."""
-
-    folder: Path | None = None
-
-    @classmethod
-    def write(cls, name: str, document: str) -> None:
-        """Write an SVG document."""
-        if cls.folder is not None:
-            cls.folder.mkdir(parents=True, exist_ok=True)
-            (cls.folder / f"{name}.svg").write_text(document, "utf-8")
+STAND_INS = "the thesis's outlines are not published: ours are stand-ins of the same kinds"
 
 
 def usual(name: str) -> tuple[Part, PushTest, Tolerance]:
@@ -36,7 +27,7 @@ def usual(name: str) -> tuple[Part, PushTest, Tolerance]:
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """Return a result and the least of three processor times."""
+    """Return a result and the least of three processor times, s."""
     spans = []
     for _ in range(3):
         began = time.process_time()
@@ -45,11 +36,19 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
     return result, min(spans)
 
 
-def plan(name: str, setting: tuple[float, float, int], **more: object) -> PushPlan:
+def plan(name: str, setting: tuple[float, float, int], **more: Any) -> PushPlan:
     """Return the plan of a stand-in at a setting."""
     part, test, _ = usual(name)
     distance, density, angles = setting
     return plan_push_grasps(
         part.vertices, jaw_width=test.jaw_width, filter_distance=distance, density=density,
         angles=angles, **more,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
+
+
+def trials_of(name: str, setting: tuple[float, float, int]) -> Trials:
+    """Return the trials of a stand-in at a setting of Table 3.2."""
+    part, test, tolerance = usual(name)
+    distance, density, angles = setting
+    grasps = sample_grasps(part, filter_distance=distance, density=density, angles=angles)
+    return Trials.of(part, grasps, test, tolerance, 0)

@@ -1,0 +1,438 @@
+"""Turn a pending change into a stored commit: rights, inference, records, journal, store.
+
+All checks are made before anything is stored, and the result is stored in one atomic step.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import logging
+import threading
+from collections import Counter
+from collections.abc import Collection, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pyoxigraph import Quad
+
+from rtask.errors import (
+    MissingBlobError,
+    StorageFullError,
+    StoreError,
+    TooLargeError,
+    TooMuchFollowsError,
+    VersionConflictError,
+)
+from rtask.kb.commit.budget import UNBOUNDED, Guard, ReasoningLimits
+from rtask.kb.commit.catalogue import Catalogue, GraphFacts
+from rtask.kb.commit.commit import MAX_EMPTIED, Change, Commit, Request
+from rtask.kb.commit.inference import (
+    Inference,
+    Staged,
+    rules_from_now_on,
+)
+from rtask.kb.commit.quarantine import set_aside
+from rtask.kb.commit.schema_right import require_schema
+from rtask.kb.commit.trials.derivation import CAN_FORK, MAX_TRIED, LongDerivationError
+from rtask.kb.commit.validation import ValidationReport, Validator
+from rtask.kb.durability.blobs import PREFIX, BlobStore, digest_of
+from rtask.kb.durability.journal import CommitRecord, Journal
+from rtask.kb.rules.rule import Rule
+from rtask.kb.rules.rulebook import changed
+from rtask.kb.store.apply import apply
+from rtask.kb.store.collector import collector_paused
+from rtask.kb.store.embedded import LARGE
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.late_notes import LateNotes
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived, InGraph, QuadChain, parts_of, quads_written
+from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
+from rtask.kb.store.union import union_change
+from rtask.kb.store.writes import Writes
+from rtask.rdf.bounds import MAX_LITERAL, characters, refuse_long_literal
+from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
+
+__all__ = ["Committer"]
+
+_log = logging.getLogger(__name__)
+MAX_LATE = 1_000
+"""Changes with more statements store their notes at once: it costs them little."""
+
+
+@dataclass
+class Committer:
+    """Stores the changes of one knowledge base; the caller must hold the writer's lock.
+
+    Parameters
+    ----------
+    inference
+        ``None`` without reasoning.
+    validator
+        ``None`` without validation.
+    journal
+        Records each change before it is stored.
+    interrupted
+        Whether Ctrl-C arrived while a commit was being stored. The commit may or may not be in the
+        store; it is in the journal, so opening the folder again completes it.
+    quarantines
+        Move contradictory statements to quarantine instead of refusing the whole commit.
+    late
+        Where the notes of small commits wait; ``None`` without notes.
+    stop
+        Set to end the derivation under way, and each later one.
+    """
+
+    store: GraphStore
+    graphs: Graphs
+    plain: bool
+    blobs: BlobStore
+    catalogue: Catalogue
+    inference: Inference | None
+    journal: Journal
+    validator: Validator | None = None
+    last_seq: int = 0
+    last_time: dt.datetime = LONG_AGO
+    interrupted: bool = False
+    quarantines: bool = False
+    late: LateNotes | None = None
+    stop: threading.Event = field(default_factory=threading.Event)
+
+    def commit(self, change: Overlay, request: Request) -> Change:
+        """Store a change with the statements derived from it, or raise and store nothing."""
+        makes_many = len(change.added) + len(change.removed) > MAX_LATE
+        with collector_paused() if makes_many else nullcontext():
+            return self._commit(change, request)
+
+    def _commit(self, change: Overlay, request: Request) -> Change:
+        is_empty = self._check(change, request)
+        if is_empty and not request.recount:
+            return self._unchanged(request)
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged, aside = self._derive(change, request)
+        try:
+            validator = self.validator
+            report = ValidationReport() if validator is None else validator.check(change, derived)
+            stored = self._store(change, derived, staged, request)
+            commit = replace(
+                stored.commit, warnings=tuple(report), shapes=report.shapes, quarantined=aside
+            )
+            return replace(stored, commit=commit)
+        except BaseException:
+            if staged is not None:
+                staged.discard()
+            raise
+
+    def rehearse(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None]:
+        """Return what would follow from a change, for the caller to discard; store nothing."""
+        if self._check(change, request):
+            return Derived(), None
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged, _ = self._derive(change, request)
+        return derived, staged
+
+    def _check(self, change: Overlay, request: Request) -> bool:
+        """Refuse what may not be written now; return whether the change is empty."""
+        if self.interrupted:
+            raise StoreError("a write was interrupted; open the knowledge base again")
+        if self.store.is_stuck:
+            self.store.reopen()
+        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
+        self._check_version(request)
+        self._check_rights(change, request)
+        if not (request.trusted or self.plain):
+            require_schema(change, request.access, self.graphs, self.graphs.is_input)
+        if not request.trusted:
+            self._check_literals(change)
+        return is_empty
+
+    def _check_version(self, request: Request) -> None:
+        if request.if_version is not None and request.if_version != self.last_seq:
+            raise VersionConflictError(
+                f"expected version {request.if_version}, found {self.last_seq}; "
+                "read again and retry",
+                expected=request.if_version,
+                found=self.last_seq,
+            )
+
+    def is_used(self, graph: GraphName) -> bool:
+        """Whether a graph has statements."""
+        return self.catalogue.triple_count(graph) > 0
+
+    def _check_rights(self, change: Overlay, request: Request) -> None:
+        if request.trusted:
+            return
+        for graph in sorted(change.touched_graphs(), key=str):
+            request.access.require_write(graph, "write")
+        if request.access.role == "robot" and not self.plain:
+            for quad in change.added:
+                request.access.require_own_identity(quad, self.graphs, self.is_used)
+        removed, emptied = len(change.removed), 0
+        if removed > request.max_quads:
+            by_graph = Counter(quad.graph_name for quad in change.removed)
+            counts = self.catalogue.triple_count
+            emptied = sum(size for graph, size in by_graph.items() if size == counts(graph))
+        for size, what, allowed, instead in (
+            (len(change.added), "adds", request.max_quads, "load a file instead"),
+            (
+                removed - emptied, "removes", request.max_quads,
+                "remove them in parts, each with a LIMIT",
+            ),
+            (
+                emptied, "removes whole graphs of", max(MAX_EMPTIED, request.max_quads),
+                "remove them one by one",
+            ),
+        ):  # fmt: skip
+            if size > allowed:
+                raise TooLargeError(
+                    f"the commit {what} {size} statements, at most {allowed} are allowed; "
+                    f"{instead}",
+                    limit="statements",
+                    value=size,
+                    allowed=allowed,
+                )
+
+    def _check_literals(self, change: Overlay) -> None:
+        """Refuse literals that are too long, unless the store has them already."""
+        for quad in change.added:
+            if characters(quad.object) <= MAX_LITERAL:
+                continue
+            stored = self.store.quads_for_pattern(None, None, quad.object, None)
+            if next(iter(stored), None) is None:
+                refuse_long_literal(quad.object, f"{quad.subject} {quad.predicate}")
+
+    def _check_blobs(self, change: Overlay) -> None:
+        for quad in change.added:
+            named = quad.object
+            if not isinstance(named, NamedNode) or not named.value.startswith(PREFIX):
+                continue
+            digest = digest_of(named)
+            if digest is None or not self.blobs.has(named):
+                raise MissingBlobError(
+                    f"{quad.subject} {quad.predicate} names {named}, which is not stored here; "
+                    "store its bytes first with tx.blob() or kb.blobs.put()",
+                    blob=digest,
+                )
+
+    def _derive(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None, int]:
+        rules = None if self.plain else changed(change, self.graphs)
+        if self.inference is None:
+            return Derived(), None, 0
+        size = len(change.added) + len(change.removed)
+        is_tried = self._is_tried(request, size)
+        limits = request.reasoning_limits or UNBOUNDED
+        guard = Guard(limits, self.stop)
+        budget = limits.first_look(size, guard) if is_tried else limits.budget(size, guard)
+        # Notes say nothing about the world, so those that wait do not matter here.
+        with self.late.quiet() if self.late is not None else nullcontext():
+            if request.trial is not None:
+                adopted = self.inference.adopt(change, rules, request.trial)
+                if adopted is not None:
+                    return *adopted, 0
+            if is_tried:
+                return self._look_at(change, request, rules, budget, limits)
+            if self.quarantines and not request.strict:
+                seq = self.last_seq + 1
+                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
+            return *self.inference.stage(change, rules, request.cause_ms, budget), 0
+
+    @staticmethod
+    def _is_tried(request: Request, size: int) -> bool:
+        """Whether a derivation that a first look does not end is tried aside."""
+        limited = request.reasoning_limits is not None
+        return limited and CAN_FORK and request.is_repeatable and 0 < size <= MAX_TRIED
+
+    def _look_at(
+        self,
+        change: Overlay,
+        request: Request,
+        rules: Sequence[Rule] | None,
+        budget: Any,
+        limits: ReasoningLimits,
+    ) -> tuple[Derived, Staged | None, int]:
+        """Derive what follows from a change, or raise :class:`LongDerivationError`."""
+        from reasoner import NeedsRebuildError
+
+        assert self.inference is not None
+        gained, lost = self.inference.gained_and_lost(change)
+        size = len(change.added) + len(change.removed)
+        sets_aside = self.quarantines and not request.strict
+        try:
+            if sets_aside:
+                seq = self.last_seq + 1
+                return set_aside(change, self.inference, self.graphs, seq, rules, budget)
+            derived, staged, clashes = self.inference.try_stage(change, rules, budget)
+        except (TooMuchFollowsError, NeedsRebuildError):
+            clashes = [None]
+        if not clashes:
+            return derived, staged, 0
+        raise LongDerivationError(
+            gained,
+            lost,
+            rules_from_now_on(rules),
+            size,
+            limits,
+            None if sets_aside else request.cause_ms,
+        )
+
+    def _store(
+        self, change: Overlay, derived: Derived, staged: Staged | None, request: Request
+    ) -> Change:
+        late = self.late
+        if late is None:
+            return self._store_now(change, derived, staged, request)
+        small = len(change.added) + len(change.removed) + len(derived.added) <= MAX_LATE
+        common = not (change.dropped or request.sources or request.recount)
+        with late.storing(small and common) as is_late, late.quiet():
+            return self._store_now(change, derived, staged, request, late if is_late else None)
+
+    def _store_now(
+        self,
+        change: Overlay,
+        derived: Derived,
+        staged: Staged | None,
+        request: Request,
+        late: LateNotes | None = None,
+    ) -> Change:
+        record = self._next_record(request)
+        notes = Overlay(self.store)
+        if not self.plain:
+            current = self._closure_state(change, staged, request)
+            facts = GraphFacts(
+                request.kinds, request.sources, self._sizes(request, change, derived), current
+            )
+            notes = self.catalogue.record(change, derived, record, facts)
+        whole = _whole(change, derived, notes)
+        self.journal.append(record, whole)
+        self.interrupted = True
+        try:
+            if is_large_removal(self.store, whole):
+                self.journal.sync(record.seq)
+                replace_contents(self.store, whole)
+            else:
+                now = whole if late is None else _whole(change, derived, Overlay(self.store))
+                self._write(now, record.seq)
+        except ReplacementError:
+            raise  # the journal keeps the commit, and opening the folder again completes it
+        except Exception as error:
+            self.journal.withdraw()
+            self.interrupted = False
+            if "No space left" in str(error):
+                self.store.is_stuck = True
+                raise StorageFullError("no room in the store; nothing was stored") from error
+            raise
+        if late is not None:
+            late.add(notes)
+        if staged is not None:
+            staged.apply()
+        self._advance(record, notes, change)
+        self.interrupted = False
+        return self._describe(change, derived, record, request)
+
+    def _write(self, writes: Writes, seq: int) -> None:
+        """Change the store, and the union in it."""
+        if not (self.plain or self.store.is_view):
+            # What is derived or large is copied as it is: the store ignores what it holds, and
+            # looking up every statement of a file costs more.
+            parts = parts_of(writes.added)
+            whole = [part for part in parts if isinstance(part, InGraph)]
+            looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
+            copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
+            fresh = (self.graphs.provenance,)
+            union = union_change(self.store, writes.removed, looked_up, fresh, copied)
+            copies = (InGraph(triples, DEFAULT) for triples in copied)
+            writes = replace(
+                writes,
+                removed=QuadChain(writes.removed, union.removed),
+                added=QuadChain(union.added, *copies, writes.added),
+                has_union=True,
+            )
+        if len(writes.added) > LARGE:
+            self.journal.sync(seq)
+        apply(self.store, writes)
+
+    def _closure_state(
+        self, change: Overlay, staged: Staged | None, request: Request
+    ) -> bool | None:
+        """Whether the inferred graph is current after this commit; ``None`` if irrelevant."""
+        if staged is not None or (request.trusted and self.inference is not None):
+            return True
+        touched = change.touched_graphs() | request.recount
+        concerned = self.graphs.rules in touched or any(map(self.graphs.is_input, touched))
+        return False if concerned else None
+
+    def _sizes(self, request: Request, change: Overlay, derived: Derived) -> dict[GraphName, int]:
+        added = QuadChain(change.added, derived.added)
+        removed = QuadChain(change.removed, derived.removed)
+        return {
+            graph: self.store.count(graph)
+            + sum(quad.graph_name == graph for quad in added)
+            - sum(quad.graph_name == graph for quad in removed)
+            for graph in request.recount
+        }
+
+    def _next_record(self, request: Request) -> CommitRecord:
+        # As the clock has it, even if it was set back: commits are ordered by their numbers.
+        ended = dt.datetime.now(dt.UTC)
+        started = min(request.started, ended)
+        return CommitRecord(
+            self.last_seq + 1,
+            started,
+            ended,
+            request.access.agent,
+            request.access.role,
+            request.note,
+            is_partial=bool(request.recount),
+        )
+
+    def _advance(self, record: CommitRecord, notes: Overlay, change: Overlay) -> None:
+        self.last_seq, self.last_time = record.seq, record.ended
+        if not self.plain:
+            self.catalogue.apply(notes)
+            for graph in change.dropped:
+                self.catalogue.forget(graph)
+
+    def _describe(
+        self, change: Overlay, derived: Derived, record: CommitRecord, request: Request
+    ) -> Change:
+        commit = Commit(
+            seq=record.seq,
+            added=len(change.added),
+            removed=len(change.removed),
+            derived=len(derived.added),
+            time=record.ended,
+            activity=None if self.plain else self.catalogue.activity(record.seq),
+            withdrawn=len(derived.removed),
+        )
+        _log.debug("commit %d: +%d -%d", commit.seq, commit.added, commit.removed)
+        return Change(
+            commit,
+            request.access.agent,
+            request.note,
+            tuple(change.added),
+            tuple(change.removed),
+            derived.added,
+            derived.removed,
+        )
+
+    def _unchanged(self, request: Request) -> Change:
+        commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
+        return Change(commit, request.access.agent, request.note, (), (), (), ())
+
+
+def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
+    """Return all that a commit changes in named graphs."""
+    return Writes(
+        QuadChain(change.removed, derived.removed, notes.removed),
+        QuadChain(*_written_if_large(change.added), *_written_if_large(derived.added), notes.added),
+        list(change.created),
+        list(change.dropped),
+        inferred=derived.inferred,
+    )
+
+
+def _written_if_large(quads: Collection[Quad]) -> list[InGraph] | list[Collection[Quad]]:
+    return quads_written(quads) if len(quads) > LARGE else [quads]

@@ -1,0 +1,173 @@
+"""Checks of a robot that was read: sizes, limits and followers that cannot be meant as written.
+
+They look at numbers alone and take no time, so that a wrong unit is named before any search begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rtask.errors import RobotError
+from simulate.robots.description import Joint, Link, Shape
+from simulate.robots.mesh_cover import mesh_box
+
+__all__ = ["Oversized", "doubtful_limits", "lost_sources", "oversized", "with_scale"]
+
+_TURNS_RAD = 4 * math.pi
+"""Beyond two turns to either side, a limit is rather one in degrees."""
+_ENDLESS_RAD = 1000.0
+"""Beyond that, writers mean that there is no limit."""
+_TIMES_REACH = 20.0
+_LARGE_M = 1.0
+_LONGEST_M = 30.0
+"""Span of the joints of a robot, m: beyond that they are hardly in metres."""
+
+
+@dataclass(frozen=True)
+class Oversized:
+    """A link whose shape is far larger than the robot.
+
+    Parameters
+    ----------
+    link
+        Its name.
+    size_m, reach_m
+        Longest side of the shape, and the span of the robot's joints.
+    """
+
+    link: str
+    size_m: float
+    reach_m: float
+
+    def __str__(self) -> str:
+        return (
+            f"link {self.link!r} is {self.size_m:.3g} m large on a robot that spans "
+            f"{self.reach_m:.2g} m: millimetres? --scale 0.001 reads such shapes so"
+        )
+
+
+def doubtful_limits(joints: Iterable[Joint]) -> Iterator[str]:
+    """Yield a sentence for each turning joint whose limits look like degrees.
+
+    Examples
+    --------
+    >>> from simulate.robots.description import Pose
+    >>> elbow = Joint("elbow", "a", "b", Pose(), kind="revolute", lower=-143, upper=143)
+    >>> [says] = doubtful_limits([elbow])
+    >>> says.partition(";")[0]
+    "joint 'elbow' turns from -143 to 143 rad: degrees?"
+    """
+    for joint in joints:
+        farthest = max(abs(joint.lower), abs(joint.upper))
+        if joint.kind == "revolute" and _TURNS_RAD < farthest <= _ENDLESS_RAD:
+            lower, upper = math.radians(joint.lower), math.radians(joint.upper)
+            yield (
+                f"joint {joint.name!r} turns from {joint.lower:g} to {joint.upper:g} rad: "
+                f"degrees?; taken as it stands (in rad, these would be {lower:.3g} and {upper:.3g})"
+            )
+
+
+def lost_sources(joints: Sequence[Joint]) -> dict[str, str]:
+    """Return why joints cannot follow the one that they mimic, by name of the joint."""
+    by_name = {joint.name: joint for joint in joints}
+    reasons: dict[str, str] = {}
+    for joint in joints:
+        if joint.mimic is None or joint.kind == "fixed":
+            continue
+        source = by_name.get(joint.mimic[0])
+        if source is None:
+            reasons[joint.name] = f"follows {joint.mimic[0]!r}, which is no joint of the file"
+        elif source.kind == "fixed":
+            reasons[joint.name] = f"follows {source.name!r}, which does not move"
+        elif _is_ring(joint, by_name):
+            reasons[joint.name] = f"follows {source.name!r}, which follows it in turn"
+    return reasons
+
+
+def _is_ring(joint: Joint, by_name: Mapping[str, Joint]) -> bool:
+    seen: set[str] = set()
+    at: Joint | None = joint
+    while at is not None and at.mimic is not None:
+        if at.name in seen:
+            return True
+        seen.add(at.name)
+        at = by_name.get(at.mimic[0])
+    return False
+
+
+def oversized(links: Iterable[Link], joints: Sequence[Joint]) -> list[Oversized]:
+    """Return the moving links that are at least 20 times as large as the span of all joints.
+
+    Raises
+    ------
+    RobotError
+        The joints themselves span more than any robot.
+    """
+    reach = _reach(joints)
+    if reach > _LONGEST_M:
+        raise RobotError(
+            f"the joints span {reach:.3g} m: a URDF states lengths in m; are these millimetres?"
+        )
+    if reach <= 0:
+        return []
+    moved = {joint.child for joint in joints if joint.kind != "fixed"}
+    for joint in joints:  # parents come first
+        if joint.parent in moved:
+            moved.add(joint.child)
+    limit = max(_TIMES_REACH * reach, _LARGE_M)
+    sizes = [
+        (link.name, max((_longest_side(shape) for shape in link.shapes), default=0.0))
+        for link in links
+        if link.name in moved
+    ]
+    return [Oversized(name, size, reach) for name, size in sizes if size > limit]
+
+
+def with_scale(links: Sequence[Link], joints: Sequence[Joint], scale: float) -> tuple[Link, ...]:
+    """Return the links with every shape multiplied that is far larger than the robot.
+
+    Raises
+    ------
+    RobotError
+        ``scale`` is not a positive number, or no shape is so large.
+    """
+    if not (math.isfinite(scale) and scale > 0):
+        raise RobotError(f"a scale is a positive number, got {scale:g}")
+    if not oversized(links, joints):
+        raise RobotError("--scale is for shapes far larger than the robot; there are none")
+    limit = max(_TIMES_REACH * _reach(joints), _LARGE_M)
+
+    def scaled(shape: Shape) -> Shape:
+        if _longest_side(shape) <= limit:
+            return shape
+        return replace(shape, size=tuple(scale * side for side in shape.size))
+
+    return tuple(replace(link, shapes=tuple(map(scaled, link.shapes))) for link in links)
+
+
+def _reach(joints: Sequence[Joint]) -> float:
+    """Return the length of the longest chain, m: offsets of its joints and ways of sliding ones."""
+    spans: dict[str, float] = {}
+    for joint in joints:  # parents come first
+        step = float(np.linalg.norm(joint.pose.xyz))
+        if joint.kind == "prismatic":
+            step += joint.upper - joint.lower
+        spans[joint.child] = spans.get(joint.parent, 0.0) + step
+    return max(spans.values(), default=0.0)
+
+
+def _longest_side(shape: Shape) -> float:
+    if shape.kind == "mesh":
+        try:
+            low, high = mesh_box(shape.path, shape.size)
+        except RobotError:
+            return 0.0
+        return float((high - low).max())
+    if shape.kind == "box":
+        return max(shape.size)
+    radius = 2 * shape.size[0]
+    return max(radius, shape.size[1]) if shape.kind == "cylinder" else radius

@@ -1,0 +1,206 @@
+"""The command ``rtask thesis``."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rtask.errors import RtaskError
+from simulate import options
+
+if TYPE_CHECKING:
+    from simulate.thesis.running import Outcome
+
+__all__ = ["thesis"]
+
+_fast = click.option(
+    "--fast", is_flag=True, help="Smaller sizes; each entry says what was made smaller."
+)
+_images = click.option(
+    "--images",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Photographs of 640 x 480 instead of simulated images, for Tables 2 and 3 of Gatto 2016.",
+)
+_only = click.option("--only", type=click.Choice(["gatto", "kehoe"]), help="Of one thesis alone.")
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def thesis(context: click.Context) -> None:
+    """Run the tables and figures of the two theses, ours beside theirs.
+
+    Without a command, list them.
+    """
+    if context.invoked_subcommand is None:
+        context.invoke(list_entries)
+
+
+@thesis.command("list")
+@_only
+@click.option("--limit", type=click.IntRange(min=1), help="List at most so many.")
+@options.json_flag("entries")
+def list_entries(only: str | None, limit: int | None, as_json: bool) -> None:
+    """List every table, figure, algorithm, listing and experiment, and its state.
+
+    compared: a run prints our figures beside the thesis's; shown: a run shows ours, the thesis
+    gives no figure; done differently, not applicable: no run, and the list says why.
+    """
+    from simulate.study.commands import print_table
+    from simulate.thesis.registry import ENTRIES
+
+    every = [entry for entry in ENTRIES if only in (None, entry.thesis)]
+    entries = every[:limit]
+    if as_json:
+        rows = [
+            {"name": e.name, "section": e.section, "shows": e.shows, "state": e.state,
+             "why": e.why or None}
+            for e in entries
+        ]  # fmt: skip
+        click.echo(json.dumps({"entries": rows, "more": len(every) - len(entries)}))
+        return
+    print_table(
+        "Two theses", ("name", "section", "shows", "state", "why"),
+        [(e.name, e.section, e.shows, e.state, e.why) for e in entries],
+    )  # fmt: skip
+    if len(entries) < len(every):
+        click.echo(f"{len(every) - len(entries)} more; --limit {len(every)} lists all")
+
+
+@thesis.command()
+@click.argument("name")
+@_fast
+@options.seed("every draw")
+@_images
+@click.option("--save-plots", type=options.folder(), help="Folder to write the pictures to.")
+@options.json_flag("the figures")
+def show(
+    name: str, fast: bool, seed: int, images: Path | None, save_plots: Path | None, as_json: bool
+) -> None:
+    """Run NAME and print ours beside the thesis's: kehoe-table-3.1, or kehoe-3.1 for all 3.1."""
+    from simulate.thesis.registry import entries_named
+    from simulate.thesis.result import Setting
+    from simulate.thesis.running import machine, run_entries
+
+    setting = Setting(fast, seed, images)
+    entries = entries_named(name)
+    with _results_alone():
+        outcomes = run_entries(entries, setting, lambda outcome: None)
+    for outcome in outcomes:
+        if not as_json:
+            _print(outcome)
+        if save_plots is not None:
+            _save(outcome, save_plots)
+    if as_json:
+        shown = {"machine": machine(), "seed": seed, "fast": fast,
+                 "entries": [outcome.to_json() for outcome in outcomes]}  # fmt: skip
+        click.echo(json.dumps(shown))
+    _fail_for(outcomes)
+
+
+@thesis.command("all")
+@_fast
+@_only
+@options.seed("every draw")
+@_images
+@click.option("--out", default="rtask-theses", show_default=True, type=options.folder(),
+              help="Folder for report.html and results.jsonl.")  # fmt: skip
+@click.option("--markdown", type=options.folder(),
+              help="Also write theses.md and images/theses/ to this folder.")  # fmt: skip
+@options.json_flag("where the report is, and each verdict")
+def run_all(
+    fast: bool,
+    only: str | None,
+    seed: int,
+    images: Path | None,
+    out: Path,
+    markdown: Path | None,
+    as_json: bool,
+) -> None:
+    """Run all entries, and write a report with tables and pictures.
+
+    With --fast within half an hour on two cores. No stored figure is reused; results.jsonl has
+    each entry as soon as it has run.
+    """
+    from simulate.thesis.page import to_html, write_markdown
+    from simulate.thesis.registry import ENTRIES
+    from simulate.thesis.result import Setting
+    from simulate.thesis.running import machine, run_entries
+
+    setting = Setting(fast, seed, images)
+    entries = [entry for entry in ENTRIES if only in (None, entry.thesis)]
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / "results.jsonl").open("w", encoding="utf-8") as journal, _results_alone():
+
+        def note(outcome: Outcome) -> None:
+            journal.write(json.dumps(outcome.to_json()) + "\n")
+            journal.flush()
+            click.echo(
+                f"{outcome.entry.name}: {outcome.verdict} ({outcome.seconds:.1f} s)", err=True
+            )
+
+        outcomes = run_entries(entries, setting, note)
+    where = machine()
+    (out / "report.html").write_text(to_html(setting, where, outcomes), encoding="utf-8")
+    written = None if markdown is None else write_markdown(markdown, setting, where, outcomes)
+    if as_json:
+        verdicts = {outcome.entry.name: outcome.verdict for outcome in outcomes}
+        click.echo(json.dumps({"report": str(out / "report.html"), "verdicts": verdicts}))
+    else:
+        click.echo(f"report  {out / 'report.html'}")
+        if written is not None:
+            click.echo(f"written  {written}")
+    _fail_for(outcomes)
+
+
+@contextmanager
+def _results_alone() -> Iterator[None]:
+    """Send what Bullet and Mesa write to standard output to standard error."""
+    out = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(out, 1)
+        os.close(out)
+
+
+def _print(outcome: Outcome) -> None:
+    from simulate.study.commands import print_table
+    from simulate.thesis.words import cells
+
+    entry = outcome.entry
+    click.echo(f"{entry.title} (section {entry.section}): {entry.shows}: {outcome.verdict}")
+    if outcome.result is None:
+        click.echo(outcome.error or entry.why)
+        return
+    if outcome.result.rows:
+        columns = ("what", "ours [95 %]", "thesis", "verdict")
+        print_table(entry.name, columns, [cells(row) for row in outcome.result.rows])
+    for note in outcome.result.notes:
+        click.echo(f"- {note}")
+    if outcome.result.pictures:
+        click.echo(f"{len(outcome.result.pictures)} pictures; --save-plots FOLDER writes them")
+
+
+def _save(outcome: Outcome, folder: Path) -> None:
+    if outcome.result is None:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, picture in enumerate(outcome.result.pictures.values(), 1):
+        suffix = "png" if isinstance(picture, bytes) else "svg"
+        data = picture if isinstance(picture, bytes) else picture.encode("utf-8")
+        path = folder / f"{outcome.entry.name}-{number}.{suffix}"
+        path.write_bytes(data)
+        click.echo(f"picture  {path}")
+
+
+def _fail_for(outcomes: list[Outcome]) -> None:
+    broken = [outcome.entry.name for outcome in outcomes if outcome.error]
+    if broken:
+        raise RtaskError(f"{len(broken)} of {len(outcomes)} runs broke: {', '.join(broken)}")

@@ -1,0 +1,1 @@
+"""Runs of the entries: each takes a setting and returns our figures beside the thesis's."""

@@ -1,0 +1,167 @@
+"""Numbers of a URDF that cannot be meant as written are named before any work begins."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtask.errors import RobotError
+from simulate.onboarding import guess
+from simulate.robots.description import Pose, Shape
+from simulate.robots.mass import estimated_inertial
+from simulate.robots.robot_files import bare_robot
+from simulate.robots.urdf_reader import read_urdf
+
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+LIMIT = '<limit lower="{}" upper="{}" velocity="2" effort="3"/>'
+TRIANGLE = (
+    "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex {0} 0 0\nvertex 0 {0} 0\n"
+    "endloop\nendfacet\nendsolid x\n"
+)
+
+
+def box(size: str) -> str:
+    return f'<collision><geometry><box size="{size}"/></geometry></collision>'
+
+
+def arm(
+    folder: Path, shape: str = "", limit: tuple[float, float] = (-1, 1), rest: str = ""
+) -> Path:
+    """Write three links in a row, 0.3 m apart; the last has a shape, the last joint the rest."""
+    names = ("base", "upper", "fore")
+    links = "".join(
+        f'<link name="{name}">{INERTIAL}{shape if name == "fore" else ""}</link>' for name in names
+    )
+    joints = "".join(
+        f'<joint name="to_{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>{LIMIT.format(*limit)}'
+        f"{rest if child == 'fore' else ''}</joint>"
+        for parent, child in pairwise(names)
+    )
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    return path
+
+
+@pytest.fixture
+def no_search(monkeypatch):
+    """Fail as soon as the search for a workplace begins."""
+
+    def search(*_: object) -> None:
+        raise AssertionError("the search began")
+
+    monkeypatch.setattr(guess, "place_robot", search)
+
+
+@pytest.mark.parametrize("shape", ["box", "mesh"])
+def test_shapes_in_millimetres_are_named_before_the_search(tmp_path, no_search, shape):
+    (tmp_path / "pad.stl").write_text(TRIANGLE.format(40))
+    mesh = '<collision><geometry><mesh filename="pad.stl"/></geometry></collision>'
+    path = arm(tmp_path, box("40 10 20") if shape == "box" else mesh)
+    says = "link 'fore' is 40 m large on a robot that spans 0.6 m: millimetres? --scale 0.001"
+    with pytest.raises(RobotError, match=re.escape(says)):
+        guess.guess_robot(path, "arm")
+    assert any(says in warning for warning in bare_robot(path, name="arm")[1])
+    robot, warnings = bare_robot(path, name="arm", scale=0.001)
+    assert warnings == ()
+    assert max(robot.link("fore").shapes[0].size) == pytest.approx(
+        0.04 if shape == "box" else 0.001
+    )
+
+
+def test_a_scale_that_nothing_needs_or_that_is_none_is_refused(tmp_path):
+    path = arm(tmp_path, box("0.04 0.01 0.02"))
+    with pytest.raises(RobotError, match="there are none"):
+        bare_robot(path, name="arm", scale=0.001)
+    with pytest.raises(RobotError, match="positive number"):
+        bare_robot(path, name="arm", scale=float("nan"))
+
+
+def test_joints_in_millimetres_are_refused(tmp_path):
+    path = arm(tmp_path)
+    path.write_text(path.read_text().replace("0 0 0.3", "0 0 300"))
+    with pytest.raises(RobotError, match="span 600 m: a URDF states lengths in m"):
+        bare_robot(path, name="arm")
+
+
+def test_a_floor_that_does_not_move_is_no_shape_in_millimetres(tmp_path):
+    path = arm(tmp_path)
+    floor = f'<link name="base">{INERTIAL}{box("100 100 0.1")}'
+    path.write_text(path.read_text().replace(f'<link name="base">{INERTIAL}', floor))
+    assert bare_robot(path, name="arm")[1] == ()
+
+
+def test_limits_in_degrees_are_doubted_and_full_turns_are_not(tmp_path):
+    warnings = read_urdf(arm(tmp_path, limit=(-143, 143))).warnings
+    assert len(warnings) == 2
+    assert "'to_upper' turns from -143 to 143 rad: degrees?" in warnings[0]
+    assert "-2.5 and 2.5" in warnings[0]
+    assert read_urdf(arm(tmp_path, limit=(-6.2832, 6.2832))).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("source", "says"),
+    [
+        ("nobody", "follows 'nobody', which is no joint of the file"),
+        ("to_fore", "follows 'to_fore', which follows it in turn"),
+        ("stiff", "follows 'stiff', which does not move"),
+    ],
+)
+def test_a_joint_that_can_follow_none_moves_by_itself(tmp_path, source, says):
+    path = arm(tmp_path, rest=f'<mimic joint="{source}" multiplier="-1"/>')
+    stiff = (
+        f'<link name="cap">{INERTIAL}</link><joint name="stiff" type="fixed">'
+        '<parent link="base"/><child link="cap"/></joint></robot>'
+    )
+    path.write_text(path.read_text().replace("</robot>", stiff))
+    read = read_urdf(path, strict=False)
+    assert read.warnings == (f"joint 'to_fore' {says}; moves by itself",)
+    assert all(joint.mimic is None for joint in read.joints)
+    with pytest.raises(RobotError, match=re.escape(says)):
+        read_urdf(path)
+
+
+@pytest.mark.parametrize("written", ["package://my_arm/pad%20a.stl", "pad%20a.stl", "pad a.stl"])
+def test_mesh_paths_are_decoded(tmp_path, written):
+    folder = tmp_path / "my_arm"
+    folder.mkdir()
+    (folder / "pad a.stl").write_text(TRIANGLE.format(0.04))
+    mesh = f'<collision><geometry><mesh filename="{written}"/></geometry></collision>'
+    read = read_urdf(arm(folder, mesh))
+    assert [Path(s.path).name for link in read.links for s in link.shapes] == ["pad a.stl"]
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        '<box size="0 0 0"/>', '<box size="0.1 0.1 -0.1"/>', '<sphere radius="0"/>',
+        '<cylinder radius="0.1" length="0"/>', '<mesh filename="a.stl" scale="0 0 0"/>',
+    ],
+)  # fmt: skip
+def test_shapes_without_volume_are_left_out_and_masses_stay_numbers(tmp_path, shape):
+    path = arm(tmp_path, f"<collision><geometry>{shape}</geometry></collision>")
+    path.write_text(path.read_text().replace(f'<link name="fore">{INERTIAL}', '<link name="fore">'))
+    read = read_urdf(path, strict=False)
+    assert "left out" in read.warnings[0]
+    (fore,) = (link for link in read.links if link.name == "fore")
+    assert fore.shapes == ()
+    assert np.isfinite(fore.inertial.mass)
+    assert np.isfinite(fore.inertial.tensor).all()
+
+
+def test_space_that_shapes_share_weighs_once():
+    cube = Shape("box", (0.1, 0.1, 0.1))
+    half = Shape("box", (0.1, 0.1, 0.1), Pose((0.05, 0.0, 0.0)))
+    apart = Shape("box", (0.1, 0.1, 0.1), Pose((0.3, 0.0, 0.0)))
+    assert estimated_inertial([cube, cube]).mass == pytest.approx(1.0)
+    assert estimated_inertial([cube, half]).mass == pytest.approx(1.5)
+    assert estimated_inertial([cube, apart]).mass == pytest.approx(2.0)
+    joined = estimated_inertial([cube, half])
+    assert joined.centre[0] == pytest.approx(0.025, abs=0.01)
