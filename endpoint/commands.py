@@ -27,7 +27,7 @@ from rtask.cli.options import (
     shown_rows,
     yes_option,
 )
-from rtask.errors import RtaskError, UsageError
+from rtask.errors import RtaskError, UnknownTermError, UsageError
 
 if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
@@ -336,7 +336,10 @@ def _right(text: str, folder: Path) -> str:
         return text
     from rtask.kb.durability.settings import Settings
 
-    return f"{name}{colon}{resource(graph, Settings.load(folder).base)}"
+    try:
+        return f"{name}{colon}{resource(graph, Settings.load(folder).base)}"
+    except (UsageError, UnknownTermError) as error:
+        raise UsageError(f"--right {text}: {error}") from error
 
 
 def _audit(folder: Path, event: str, token_id: str, **facts: Any) -> None:
