@@ -212,9 +212,7 @@ def _term(client: Client, prefixes: str, role: str, text: str) -> str:
 
 def _share(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return how many attempts held, in all and of each robot, and how many do not count."""
-    made, attempts, held = (
-        sum(row[name] for row in rows) for name in ("made", "attempts", "held")
-    )
+    made, attempts, held = (sum(row[name] for row in rows) for name in ("made", "attempts", "held"))
     robots = ", ".join(f"{row['robot']} {row['held']} of {row['attempts']}" for row in rows)
     text = f"{held} of {attempts} held: {robots}" if attempts else "no attempt counts yet"
     if made > attempts:

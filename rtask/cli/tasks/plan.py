@@ -34,7 +34,11 @@ __all__ = ["plan"]
     "--assume-reach", is_flag=True,
     help="Plan as if robots reached places of which that is not known, and say so.",
 )  # fmt: skip
-@click.option("--because", is_flag=True, help="Print why each precondition of each step holds, and each chance.")
+@click.option(
+    "--because",
+    is_flag=True,
+    help="Print why each precondition of each step holds, and each chance.",
+)
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
 @click.option(
     "--priority", type=click.IntRange(-100, 100), default=0, show_default=True,

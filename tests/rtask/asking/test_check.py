@@ -119,7 +119,9 @@ def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, b
 
 def test_a_step_along_one_property_is_not_taken_for_a_step_back() -> None:
     """No surface lies on another here, and the pattern turned would repeat the first one."""
-    body = "SELECT ?below { ?object rt:locatedOn ?surface OPTIONAL { ?surface rt:locatedOn ?below } }"
+    body = (
+        "SELECT ?below { ?object rt:locatedOn ?surface OPTIONAL { ?surface rt:locatedOn ?below } }"
+    )
     graph = rtask.open(":memory:")
     assert isinstance(graph, KnowledgeBase)
     with graph:

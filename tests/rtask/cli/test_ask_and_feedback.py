@@ -103,7 +103,8 @@ def test_people_judge_by_the_command_line(run: Run) -> None:
     assert "0 say that it held, 1 that it did not: it counts as a failure" in out
     assert "held 0 of 1 times" in out
     assert "why: rtask feedback --with-grasp urn:lab/grasp/1 --data " in err
-    assert run("feedback", "--with-grasp", "kb:grasp/1")[1].startswith("0 of 1 held: nao-1 0 of 1\n")
+    shown = run("feedback", "--with-grasp", "kb:grasp/1")[1]
+    assert shown.startswith("0 of 1 held: nao-1 0 of 1\n")
     assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--agent", "bob")[1]
     assert "counts: disputed" in run("feedback")[1]
 

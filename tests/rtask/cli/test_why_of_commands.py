@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,9 +20,9 @@ ROBOTS = ("nao-1", "nao-2", "panda-3")
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the store that a demo left."""
-    yield Path(unpack(tmp_path_factory.mktemp("recorded") / "demo")["store"])
+    return Path(unpack(tmp_path_factory.mktemp("recorded") / "demo")["store"])
 
 
 @pytest.fixture
