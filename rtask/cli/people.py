@@ -103,9 +103,9 @@ def feedback(
 ) -> None:
     """Confirm, refuse or correct what a robot reported about an attempt.
 
-    Without TASK_ID, lists the latest attempts; exit code 1 if there are none. With --robot, --object
-    or --with-grasp it lists those behind a chance, with how many of each robot held. The majority of
-    verdicts counts. While there is a tie, the attempt is left out of all statistics.
+    Without TASK_ID, lists the latest attempts; exit code 1 if there are none. With --robot,
+    --object or --with-grasp it lists those behind a chance, below how many of each robot held. The
+    majority of verdicts counts. While there is a tie, the attempt is left out of all statistics.
     """
     about = {
         role: text

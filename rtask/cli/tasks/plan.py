@@ -158,6 +158,6 @@ def _show_supports(result: dict[str, Any]) -> None:
 
 
 def _in_one_line(sparql: str) -> str:
-    """Return a query without comments, and without the prefixes that the command line predefines."""
+    """Return a query without comments and the prefixes that the command line predefines."""
     lines = (line for line in sparql.splitlines() if not line.startswith(("PREFIX ", "#")))
     return " ".join(" ".join(lines).split())

@@ -60,7 +60,8 @@ INSERT DATA {{
     rt:estimatedPose <urn:lab/pose/1> ; rt:poseConfidence 0.9e0 .
   <urn:lab/grasp/1> rt:graspPose <urn:lab/pose/2> ; rt:contactWidth 0.04e0 ; rt:jawOpening 0.06e0 .
   <urn:lab/object/1> rt:bodyFrame <urn:lab/frame/2> .
-  <urn:lab/pose/2> a rt:PlanarPose ; rt:inFrame <urn:lab/frame/2> ; rt:x 0e0 ; rt:y 0e0 ; rt:z 0.02e0 ; rt:theta 0e0 .
+  <urn:lab/pose/2> a rt:PlanarPose ; rt:inFrame <urn:lab/frame/2> ;
+    rt:x 0e0 ; rt:y 0e0 ; rt:z 0.02e0 ; rt:theta 0e0 .
   <urn:lab/pose/1> a rt:Pose ; rt:inFrame <urn:lab/frame/1> ; rt:x 0.1e0 ; rt:y 0e0 ; rt:z 0e0 ;
     rt:atTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
 }}"""
