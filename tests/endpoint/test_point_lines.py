@@ -18,6 +18,7 @@ from endpoint.point_lines import Instead, PointLines, PointQuery
 from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 from rtask.knowledge_base import KnowledgeBase
+from rtask.sparql.slow_shapes import SlowShapes
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +62,8 @@ class Asked:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self.lines = PointLines(kb.readers, self._start_reader)
+        self.slow = SlowShapes()
+        self.lines = PointLines(kb.readers, self._start_reader, self.slow)
 
     def _start_reader(self) -> None:
         asyncio.get_running_loop().run_in_executor(None, self._kb.readers.start, False)
@@ -103,6 +105,19 @@ def number_in(found: Found) -> int:
     assert isinstance(found, Answer)
     [row] = json.loads(found.body)["results"]["bindings"]
     return int(row["o"]["value"])
+
+
+def test_a_query_that_takes_longer_than_it_looked_is_noted(kb: KnowledgeBase) -> None:
+    pairs = SLOW.replace(" . <urn:hub> <urn:has> ?c", "").replace(", STR(?c)", "")
+    again = pairs.replace(", STR(?b)", ", STR(?b), STR(?a), STR(?b), STR(?a), STR(?b), STR(?a)")
+
+    async def work(asked: Asked) -> None:
+        number_in(await asked.ask(value(1))[1])
+        assert value(2) not in asked.slow
+        await asked.ask(again)[1]
+        assert again in asked.slow
+
+    run(kb, work)
 
 
 def test_each_of_many_queries_gets_its_own_answer_from_few_readers(kb: KnowledgeBase) -> None:
