@@ -43,7 +43,10 @@ def kb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KnowledgeBase]:
         things = " ".join(f"<urn:thing:{n}> <urn:number> {n} ." for n in range(200))
         hub = ", ".join(f"<urn:{n}>" for n in range(300))
         lines = ", ".join(f'"{n} {"x" * 90}"' for n in range(4_000))
-        kb.update(f"INSERT DATA {{ {things} <urn:hub> <urn:has> {hub} }}")
+        few = ", ".join(f"<urn:{n}>" for n in range(8))
+        kb.update(
+            f"INSERT DATA {{ {things} <urn:hub> <urn:has> {hub} . <urn:few> <urn:has> {few} }}"
+        )
         kb.update(f"INSERT DATA {{ <urn:long> <urn:line> {lines} }}")
         kb.readers.start()
         yield kb
@@ -108,14 +111,13 @@ def number_in(found: Found) -> int:
 
 
 def test_a_query_that_takes_longer_than_it_looked_is_noted(kb: KnowledgeBase) -> None:
-    pairs = SLOW.replace(" . <urn:hub> <urn:has> ?c", "").replace(", STR(?c)", "")
-    again = pairs.replace(", STR(?b)", ", STR(?b), STR(?a), STR(?b), STR(?a), STR(?b), STR(?a)")
+    some = SLOW.replace("<urn:hub> <urn:has> ?c", "<urn:few> <urn:has> ?c")
 
     async def work(asked: Asked) -> None:
         number_in(await asked.ask(value(1))[1])
         assert value(2) not in asked.slow
-        await asked.ask(again)[1]
-        assert again in asked.slow
+        await asked.ask(some)[1]
+        assert some in asked.slow
 
     run(kb, work)
 

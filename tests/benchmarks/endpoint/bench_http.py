@@ -29,7 +29,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import httpx
@@ -80,6 +80,8 @@ class Side:
     """One server under test."""
 
     peer: Peer
+    tokens: tuple[str, ...] = ("",)
+    """Of several callers, as the server limits how many requests of one are in progress."""
 
     def cpu_s(self) -> float:
         """Return the processor time of the server and all its children, ended ones included."""
@@ -101,23 +103,25 @@ def texts(kind: str) -> list[str]:
     return [text.format(n=i * 7 % THINGS) for i in range(THINGS)]
 
 
-def requests_of(kind: str, peer: Peer) -> list[bytes]:
+def requests_of(kind: str, side: Side) -> list[bytes]:
     """Return the requests of one kind."""
-    if kind != "post":
-        more = "X-Request-Id: {n}\r\n\r\n" if kind == "header" else "\r\n"
-        more = "Connection: close\r\n\r\n" if kind == "new" else more
-        return [
-            peer.request(text)[:-2] + more.format(n=n).encode()
-            for n, text in enumerate(texts(kind))
-        ]
-    who = f"Authorization: Bearer {peer.token}\r\n" if peer.token else ""
     return [
-        (
-            f"POST /query HTTP/1.1\r\nHost: 127.0.0.1:{peer.port}\r\nAccept: {JSON_TYPE}\r\n{who}"
-            f"Content-Type: application/sparql-query\r\nContent-Length: {len(text)}\r\n\r\n{text}"
-        ).encode()
-        for text in texts(kind)
+        request_of(kind, replace(side.peer, token=side.tokens[n % len(side.tokens)]), text, n)
+        for n, text in enumerate(texts(kind))
     ]
+
+
+def request_of(kind: str, peer: Peer, text: str, n: int) -> bytes:
+    """Return the bytes of the n-th request of a kind."""
+    if kind != "post":
+        more = f"X-Request-Id: {n}\r\n\r\n" if kind == "header" else "\r\n"
+        more = "Connection: close\r\n\r\n" if kind == "new" else more
+        return peer.request(text)[:-2] + more.encode()
+    who = f"Authorization: Bearer {peer.token}\r\n" if peer.token else ""
+    return (
+        f"POST /query HTTP/1.1\r\nHost: 127.0.0.1:{peer.port}\r\nAccept: {JSON_TYPE}\r\n{who}"
+        f"Content-Type: application/sparql-query\r\nContent-Length: {len(text)}\r\n\r\n{text}"
+    ).encode()
 
 
 async def _ask_anew(peer: Peer, requests: list[bytes], seconds: float) -> list[float]:
@@ -194,7 +198,7 @@ def commits_us(sides: list[Side]) -> dict[str, float]:
 
 def compare(kind: str, sides: list[Side], clients: int = CONNECTIONS) -> dict[str, float]:
     """Ask all servers in turn, several rounds; return the median cost of each, µs."""
-    requests = {side.peer.name: requests_of(kind, side.peer) for side in sides}
+    requests = {side.peer.name: requests_of(kind, side) for side in sides}
     found: dict[str, list[float]] = {side.peer.name: [] for side in sides}
     for number in range(ROUNDS + 1):
         for side in sides:
@@ -256,7 +260,7 @@ def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[S
         data = folder / name.replace(", ", "-")
         rtask.open(data).close()
         with contextlib.closing(TokenStore(data)) as store:
-            token = store.create("admin")[0]
+            token, *more = (store.create("admin")[0] for _ in range(CONNECTIONS))
         # The rate is above what one machine can ask, so that the limiter works and does not bite.
         rates = ["--rate", "1e6", "--write-rate", "1e6"]
         server = stack.enter_context(running_server(data, *rates, *options))
@@ -266,7 +270,7 @@ def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[S
             headers={"Authorization": f"Bearer {token}", "Content-Type": "application/n-triples"},
             timeout=300,
         ).raise_for_status()
-        ours.append(Side(Peer(name, server.port, server.process.pid, token)))
+        ours.append(Side(Peer(name, server.port, server.process.pid, token), (token, *more)))
         tokens.append(token)
         url = url or server.url
     others = []
