@@ -58,9 +58,9 @@ def test_a_tree_from_the_map_to_a_camera_is_asked_in_any_frame_at_any_instant(
     camera = state("camera", "base", (0.0, 0.1), -100, NAO, sigma=0.003)
     assert camera.frame == f"{BASE}frame/camera"
     state("table", "room", (2.0, 0.0), 50)
-    assert (11.0, 0.6) == at(locate("camera", "map", 0))
-    assert (12.0, 0.6) == at(locate("camera", "map", 60))
-    assert (0.0, -0.6) == at(locate("table", "camera", 60)), "also downwards"
+    assert at(locate("camera", "map", 0)) == (11.0, 0.6)
+    assert at(locate("camera", "map", 60)) == (12.0, 0.6)
+    assert at(locate("table", "camera", 60)) == (0.0, -0.6), "also downwards"
     answer = locate("camera", time_s=60)
     assert (answer.target, answer.sigma) == (lab.map, pytest.approx(0.003))
     assert answer.path[0] == camera.frame
@@ -119,7 +119,7 @@ def test_two_parents_at_one_time_are_refused_and_not_known_where_they_are_stored
       <{lab.table}> rt:parentFrame <{lab.map}> ; rt:poseInParent <urn:p> .
       <urn:p> a rt:Pose ; rt:inFrame <{lab.map}> ; rt:x 2.0e0 ; rt:y 0.0e0 ; rt:z 0.0e0 ;
         rt:qx 0.0e0 ; rt:qy 0.0e0 ; rt:qz 0.0e0 ; rt:qw 1.0e0 }} }}""")
-    assert (2.0, 0.0) == at(locate("table", "map"))
+    assert at(locate("table", "map")) == (2.0, 0.0)
     state("room", "map", (5.0, 0.0), -100)
     with pytest.raises(ConflictError, match=r"table stands in map for ever .*in two frames"):
         state("table", "room", (0.0, 0.0), 0)
@@ -162,7 +162,7 @@ def test_a_robot_moves_its_own_frames_and_shared_ones_but_no_other_robot(lab, st
     with pytest.raises(ForbiddenError, match="on another robot's body than that of 'nao-1'"):
         state("nao-2/base", "map", (1.0, 0.0), 0, NAO)
     assert state("nao-2/base", "map", (4.0, 0.0), 0, ANN).frame == lab.frame("nao-2")
-    assert (3.0, 0.0) == at(locate("nao-2/base", "nao-1/base"))
+    assert at(locate("nao-2/base", "nao-1/base")) == (3.0, 0.0)
     state("nao-2/wrist", "nao-2/base", (0.1, 0.0), 0, Access("nao-2", "robot"))
     assert state("wrist", "map", (1.0, 0.0), 0, NAO).frame == f"{BASE}frame/wrist"
 

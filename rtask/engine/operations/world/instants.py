@@ -40,7 +40,7 @@ def stated_instant(stamp: float | None) -> float:
     ahead_s = time_s - time.time()
     if ahead_s > _MAX_AHEAD_S:
         raise UsageError(
-            f"stamp: it is {ahead_s:.0f} s ahead of the clock here; set the robot's clock, or leave "
-            "stamp out", field="stamp",
+            f"stamp: it is {ahead_s:.0f} s ahead of the clock here; set the robot's clock, or "
+            "leave stamp out", field="stamp",
         )  # fmt: skip
     return time_s
