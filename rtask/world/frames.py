@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import CORA, RDF, RT
-from rtask.rdf.terms import NamedNode, Quad, iri
+from rtask.rdf.terms import NamedNode, iri
 from rtask.world.placement import Placement, pose_of
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ class FrameTree:
         placement = self._placement_at(frame, time_s)
         rival = None if placement is None else self._rival_at(frame, time_s)
         node = iri(frame)
-        parents = {q.object.value for q in self._kb.match(node, RT.parentFrame) if _is_node(q)}
+        parents = {parent.value for parent in self._named(node, RT.parentFrame)}
         if placement is not None and placement.frame:
             parents.add(placement.frame)
         if rival is not None and rival.frame:
@@ -219,7 +219,7 @@ class FrameTree:
                 return _Step(fault=f"frame {self.name_of(frame)} has two poses at that time")
             pose, sigma_m = placement.frame_from_subject, placement.sigma_m
             return _Step(placement.frame, pose, sigma_m**2)
-        poses = {q.object for q in self._kb.match(node, RT.poseInParent) if _is_node(q)}
+        poses = self._named(node, RT.poseInParent)
         if len(poses) > 1:
             return _Step(fault=f"frame {self.name_of(frame)} has two poses at that time")
         for stored in poses if parents else ():
@@ -228,12 +228,12 @@ class FrameTree:
                 return _Step(parent, pose_in_parent)
         return _Step()
 
+    def _named(self, node: NamedNode, predicate: NamedNode) -> set[NamedNode]:
+        objects = (quad.object for quad in self._kb.match(node, predicate))
+        return {value for value in objects if isinstance(value, NamedNode)}
+
     def _depth(self, frame: str) -> str:
         return f"frame {self.name_of(frame)} is below more than {MAX_DEPTH} frames"
 
     def _names(self, frames: Iterable[str]) -> str:
         return ", ".join(self.name_of(frame) for frame in frames)
-
-
-def _is_node(quad: Quad) -> bool:
-    return isinstance(quad.object, NamedNode)

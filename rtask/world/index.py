@@ -163,6 +163,15 @@ class PlacementIndex:
             ]  # fmt: skip
             return [entry.node for entry in sorted(entries)]
 
+    def held_at(self, time_s: float) -> set[str]:
+        """Return the things and frames that have a placement at an instant."""
+        with self._lock:
+            self._catch_up()
+            rows = np.flatnonzero((self._begins <= time_s) & (time_s < self._ends))
+            numbers = {int(self._subjects[k]) for k in rows if int(k) not in self._gone}
+            numbers |= {e.subject for e in self._tail.values() if e.begin <= time_s < e.end}
+            return {name for name, number in self._numbers.items() if number in numbers}
+
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""
         with self._lock:
