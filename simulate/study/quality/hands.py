@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from grasp.spatial.candidate import Proposals
 from grasp.spatial.collision import Support, Surroundings
@@ -132,7 +134,12 @@ def _shares_of_first(
             bench.world, bench.body, pose, plan[0].opening, bench.rest, draw.conditions
         )
         outcomes.append((done.held, bool(done.carried)))
-    return np.mean(np.array(outcomes, dtype=float), axis=0)
+    shares: Floats = np.mean(np.array(outcomes, dtype=float), axis=0)
+    return shares
+
+
+def _mean_of(values: Floats, rows: NDArray[np.intp]) -> float:
+    return float(values[rows].mean())
 
 
 def summarise_hands(shares: Floats) -> dict[str, Any]:
@@ -151,7 +158,7 @@ def summarise_hands(shares: Floats) -> dict[str, Any]:
     }
     for k, name in enumerate(_OUTCOMES):
         difference = table[:, 1, k] - table[:, 0, k]
-        low, high = bootstrap(lambda i, d=difference: float(d[i].mean()), len(table))
+        low, high = bootstrap(partial(_mean_of, difference), len(table))
         summary[name] = {
             "mesh": float(table[:, 0, k].mean()),
             "view": float(table[:, 1, k].mean()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, TextIO
 
@@ -39,6 +39,7 @@ def hands(kind: str, objects: int, seed: int, radius: float, opening: float, as_
         import numpy as np
 
         from simulate.study.quality.hands import (
+            StudiedHand,
             cup,
             held_shares,
             jaws,
@@ -47,7 +48,7 @@ def hands(kind: str, objects: int, seed: int, radius: float, opening: float, as_
         )
         from simulate.study.runner import Progress
 
-        kinds = {
+        kinds: dict[str, Callable[[], StudiedHand]] = {
             "cup": partial(cup, radius), "three": partial(three_fingers, opening), "jaws": jaws,
         }  # fmt: skip
         hand = kinds[kind]()
