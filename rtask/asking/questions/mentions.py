@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import ontology
-from rtask.asking.questions.words import STOP, forms
+from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError
 from rtask.rdf.terms import Literal, NamedNode, Term
