@@ -148,7 +148,7 @@ def _check_names(
             acting = actor_of(here, names)
             if acting is not None and speaks_here(acting[1]) and not kb.match(*here):
                 raise ForbiddenError(
-                    f"{here.graph_name.value}: an unsigned graph cannot state {here.predicate} "
+                    f"{here.graph_name}: an unsigned graph cannot state {here.predicate} "
                     f"{here.object}: {acting[1]!r} speaks for itself",
                     statement=f"{here.subject} {here.predicate} {here.object}",
                 )
