@@ -8,7 +8,7 @@ import numpy as np
 
 from simulate.motion.collision import link_poses
 from simulate.onboarding.closing import finger_source, points_of
-from simulate.onboarding.found_hand import TIP_M, FoundHand
+from simulate.onboarding.measured_hand import TIP_M, MeasuredHand
 from simulate.robots.description import Arm, Floats, Joint, RobotDescription
 
 __all__ = ["arm_from", "tip_gap"]
@@ -18,7 +18,9 @@ _FINGER_N = 15.0
 _PAYLOAD_KG = 1.0
 
 
-def arm_from(hand: FoundHand, name: str, side: int, joints: Sequence[Joint], home: Floats) -> Arm:
+def arm_from(
+    hand: MeasuredHand, name: str, side: int, joints: Sequence[Joint], home: Floats
+) -> Arm:
     """Return the arm of a found hand.
 
     Parameters

@@ -298,13 +298,16 @@ def survey(
         makers = recall_by_maker(rows)
         for maker in makers:
             bare = f", {maker.unmeasured} not measurable" if maker.unmeasured else ""
-            click.echo(f"hands in {maker.found:3} of {maker.shown:3} files{bare}: {maker.maker}")
-        shown, found = sum(m.shown for m in makers), sum(m.found for m in makers)
+            click.echo(
+                f"hands in {maker.recognised:3} of {maker.shown:3} files{bare}: {maker.maker}"
+            )
+        shown = sum(maker.shown for maker in makers)
+        recognised = sum(maker.recognised for maker in makers)
         if shown:
             click.echo(
-                f"hands in {found} of {shown} files that name one ({found / shown:.2f}), not "
-                f"measurable in {sum(m.unmeasured for m in makers)}, and in "
-                f"{sum(bool(row.hands) for row in rows) - found} that name none"
+                f"hands in {recognised} of {shown} files that name one ({recognised / shown:.2f}), "
+                f"not measurable in {sum(m.unmeasured for m in makers)}, and in "
+                f"{sum(bool(row.hands) for row in rows) - recognised} that name none"
             )
         read = sum(not row.error for row in rows)
         click.echo(f"{read} of {len(rows)} can be read")

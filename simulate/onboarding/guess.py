@@ -15,7 +15,7 @@ from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.arms import arm_from
 from simulate.onboarding.closing import points_of
-from simulate.onboarding.found_hand import FoundHand
+from simulate.onboarding.measured_hand import MeasuredHand
 from simulate.onboarding.hands import (
     MIN_ARM_JOINTS,
     arm_ends,
@@ -146,7 +146,7 @@ def guess_robot(
     return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share, limits)
 
 
-def _limits(robot: RobotDescription, hands: Sequence[FoundHand]) -> Iterator[str]:
+def _limits(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> Iterator[str]:
     """Yield what the arms and hands of a robot cannot do."""
     for arm in robot.arms.values():
         count = len(arm.joints)
@@ -205,7 +205,7 @@ def _no_hand(robot: RobotDescription, urdf: Path, warnings: Sequence[str]) -> Ro
 
 def _hands(
     robot: RobotDescription, other: OtherHand | None, jaws: tuple[str, str] | None
-) -> list[FoundHand]:
+) -> list[MeasuredHand]:
     """Return the hands to use: the one that was hung on if it is none of jaws, else those found."""
     if jaws is not None:
         hand = hand_between(robot, jaws)
@@ -213,14 +213,14 @@ def _hands(
             raise RobotError(f"--jaws: {hand.wrist!r} has no arm of three or more moving joints")
         return [hand]
     if other is None:
-        found = find_hands(robot)
-        return _chosen([h for h in found if len(h.joints) >= MIN_ARM_JOINTS and not h.is_triple])
+        hands = find_hands(robot)
+        return _chosen([h for h in hands if len(h.joints) >= MIN_ARM_JOINTS and not h.is_triple])
     wrist, _ = robot.frames[MOUNT]
     hand_made = mounted_hand(robot, wrist)
     return [hand_made] if hand_made is not None else []
 
 
-def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
+def _chosen(hands: Sequence[MeasuredHand]) -> list[MeasuredHand]:
     """Return the hand with the most joints behind it, and another if it has an arm of its own."""
     ordered = sorted(hands, key=lambda hand: -len(hand.joints))
     for other in ordered[1:]:
@@ -230,7 +230,7 @@ def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
     return ordered[:1]
 
 
-def _unused(robot: RobotDescription, hands: Sequence[FoundHand]) -> list[Joint]:
+def _unused(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> list[Joint]:
     """Return the joints that no arm or hand moves: bases, torsos, heads, legs, other hands."""
     chains = [{joint.name for joint in hand.joints} for hand in hands]
     shared = set.intersection(*chains) if len(chains) > 1 else set()
@@ -254,7 +254,7 @@ def _standing(robot: RobotDescription) -> Pose:
 
 
 def _arms(
-    robot: RobotDescription, hands: Sequence[FoundHand], other: OtherHand | None
+    robot: RobotDescription, hands: Sequence[MeasuredHand], other: OtherHand | None
 ) -> Iterator[tuple[str, Arm]]:
     """Yield the arms by name: ``arm``, or ``left_arm`` and ``right_arm``."""
     two = len(hands) == 2
@@ -269,7 +269,7 @@ def _arms(
 
 
 def _arm_to(
-    robot: RobotDescription, hand: FoundHand, name: str, middle: Floats, other: OtherHand
+    robot: RobotDescription, hand: MeasuredHand, name: str, middle: Floats, other: OtherHand
 ) -> Arm:
     """Return the arm that carries a suction cup or a hand with three fingers."""
     bare = Arm(
@@ -281,7 +281,7 @@ def _arm_to(
     return arm_with(bare, other, robot.frames[MOUNT][1].matrix)
 
 
-def _shoulder_y(robot: RobotDescription, hand: FoundHand) -> float:
+def _shoulder_y(robot: RobotDescription, hand: MeasuredHand) -> float:
     poses = link_poses(robot.root, robot.joints, {})
     return float(poses[hand.joints[0].child][1, 3])
 

@@ -15,7 +15,7 @@ import numpy as np
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.closing import Closing, best_pair, neutral, subtree
-from simulate.onboarding.found_hand import FoundHand, measured_jaw, measured_pair
+from simulate.onboarding.measured_hand import MeasuredHand, measured_jaw, measured_pair
 from simulate.onboarding.hand_words import is_of_hand, names_a_hand, names_a_wrist, names_no_hand
 from simulate.onboarding.single_jaw import single_jaw
 from simulate.robots.description import Floats, Joint, RobotDescription
@@ -46,32 +46,32 @@ _ALONE_M = 0.2
 _CLOSED_M = 0.03
 
 
-def find_hands(robot: RobotDescription) -> list[FoundHand]:
+def find_hands(robot: RobotDescription) -> list[MeasuredHand]:
     """Return the hands of a robot without fixed joints, in the order of its links.
 
     A hand whose wrist has fewer than three joints behind it, such as a gripper of its own, is
-    found too: see :attr:`FoundHand.joints`.
+    found too: see :attr:`MeasuredHand.joints`.
     """
     below = _below(robot)
     depth = {link.name: len(robot.path(link.name)) for link in robot.links}
-    found: dict[str, FoundHand] = {}
+    by_wrist: dict[str, MeasuredHand] = {}
     taken: set[str] = set()
     for link in sorted(depth, key=lambda name: depth[name]):
         if link in taken or not _may_be_wrist(robot, below, link):
             continue
         hand = _hand_on(robot, below, link)
         if hand is not None and (depth[link] >= MIN_ARM_JOINTS or _is_alone(robot, below, hand)):
-            found[link] = hand
+            by_wrist[link] = hand
             taken |= {joint.child for joint in _fingers_on(below, link)}
-    return [found[link.name] for link in robot.links if link.name in found]
+    return [by_wrist[link.name] for link in robot.links if link.name in by_wrist]
 
 
-def hand_of(robot: RobotDescription, wrist: str) -> FoundHand | None:
+def hand_of(robot: RobotDescription, wrist: str) -> MeasuredHand | None:
     """Return the hand on a wrist link; None if its fingers do not open and close."""
     return _hand_on(robot, _below(robot), wrist)
 
 
-def hand_between(robot: RobotDescription, links: tuple[str, str]) -> FoundHand:
+def hand_between(robot: RobotDescription, links: tuple[str, str]) -> MeasuredHand:
     """Return the hand whose jaws are two links that somebody named.
 
     Parameters
@@ -156,7 +156,7 @@ def unmeasured_hand(robot: RobotDescription) -> str:
     return ""
 
 
-def mounted_hand(robot: RobotDescription, wrist: str) -> FoundHand | None:
+def mounted_hand(robot: RobotDescription, wrist: str) -> MeasuredHand | None:
     """Return a hand of known kind on a wrist link, of which only the arm is found; None = no arm.
 
     Its sizes are 0: whoever hung it on knows them.
@@ -167,7 +167,7 @@ def mounted_hand(robot: RobotDescription, wrist: str) -> FoundHand | None:
     fingers = tuple(joint for joint in robot.joints if joint.name in FINGERS)
     ends = (0.0,) * len(fingers)
     none, z, x = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    return FoundHand(wrist, joints, fingers, ends, ends, none, z, x, 0.0, 0.0, 0.0, 0.0)
+    return MeasuredHand(wrist, joints, fingers, ends, ends, none, z, x, 0.0, 0.0, 0.0, 0.0)
 
 
 def arm_ends(robot: RobotDescription) -> list[str]:
@@ -222,7 +222,7 @@ def _moved(points: Floats, pose: Floats) -> Floats:
 
 def _hand_on(
     robot: RobotDescription, below: Mapping[str, Sequence[Joint]], wrist: str
-) -> FoundHand | None:
+) -> MeasuredHand | None:
     joints = below.get(wrist, [])
     branches = [list(subtree(below, joint)) for joint in joints]
     branches = [branch for branch in branches if not names_no_hand(branch)]
@@ -243,7 +243,7 @@ def _hand_on(
 
 
 def _folded(
-    wrist: str, branches: Sequence[Sequence[Joint]], closing: Closing, hand: FoundHand
+    wrist: str, branches: Sequence[Sequence[Joint]], closing: Closing, hand: MeasuredHand
 ) -> dict[str, float]:
     """Return the joints of the other fingers, at the limits that keep these farthest back."""
     used = {joint.name for joint in closing.joints}
@@ -267,7 +267,7 @@ def _at_rest(joint: Joint) -> float:
 
 
 def _is_alone(
-    robot: RobotDescription, below: Mapping[str, Sequence[Joint]], hand: FoundHand
+    robot: RobotDescription, below: Mapping[str, Sequence[Joint]], hand: MeasuredHand
 ) -> bool:
     """Tell whether what is on a link near the root is a gripper of its own, not legs or wheels."""
     whole = len(robot.joints) == len(_fingers_on(below, hand.wrist)) + len(hand.joints)

@@ -65,8 +65,8 @@ def single_jaw(robot: RobotDescription, wrist: str, joint: Joint) -> SingleJaw |
     palm, jaw = link_cloud(robot, wrist), link_cloud(robot, joint.child)
     if not (len(palm) and len(jaw)) or joint.parent != wrist:
         return None
-    found = _sliding if joint.kind == "prismatic" else _turning
-    return found(robot, wrist, joint, palm)
+    measure = _sliding if joint.kind == "prismatic" else _turning
+    return measure(robot, wrist, joint, palm)
 
 
 def _turning(robot: RobotDescription, wrist: str, joint: Joint, palm: Floats) -> SingleJaw | None:

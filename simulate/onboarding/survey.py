@@ -93,7 +93,7 @@ class Recall:
         As of :class:`Surveyed`.
     shown
         Files whose joints are named after a hand.
-    found
+    recognised
         Those of them in which a hand is found.
     unmeasured
         Those of the others whose fingers have no shapes, or limits that leave no motion.
@@ -101,7 +101,7 @@ class Recall:
 
     maker: str
     shown: int
-    found: int
+    recognised: int
     unmeasured: int = 0
 
 
@@ -137,7 +137,7 @@ class SurveyLog:
 
 
 def survey_files(
-    files: Iterable[Path], strict: bool = False, known: Iterable[str] = ()
+    files: Iterable[Path], strict: bool = False, skipped: Iterable[str] = ()
 ) -> Iterator[Surveyed]:
     """Yield what each URDF file shows; a folder stands for all below it.
 
@@ -147,10 +147,10 @@ def survey_files(
         Files and folders.
     strict
         Count a file with gaps as one that cannot be read.
-    known
+    skipped
         Paths that are left out, as they were surveyed before.
     """
-    done = set(known)
+    done = set(skipped)
     for file in files:
         if not file.exists():
             raise UsageError(f"{file}: there is no such file or folder")
@@ -179,12 +179,12 @@ def _surveyed(path: Path, strict: bool, below: Path) -> Surveyed:
     maker = _maker(path, below)
     try:
         robot, warnings = bare_robot(path, name=path.stem, strict=strict)
-        found = find_hands(robot)
+        hands_on = find_hands(robot)
     except _UNREADABLE as error:
         return Surveyed(str(path), str(error) or type(error).__name__, maker=maker)
-    hands = tuple(hand.wrist for hand in found)
+    hands = tuple(hand.wrist for hand in hands_on)
     ends = () if hands else tuple(arm_ends(robot))
-    alone = tuple(hand.wrist for hand in found if len(hand.joints) < MIN_ARM_JOINTS)
+    alone = tuple(hand.wrist for hand in hands_on if len(hand.joints) < MIN_ARM_JOINTS)
     return Surveyed(
         str(path), "", warnings, len(robot.joints), hands, ends, maker,
         tuple(hand_joints(robot)), alone, "" if hands else unmeasured_hand(robot),

@@ -12,7 +12,7 @@ from simulate.onboarding.closing import Closing, points_of
 from simulate.onboarding.single_jaw import SingleJaw
 from simulate.robots.description import Floats, Joint, RobotDescription, Vector
 
-__all__ = ["TIP_M", "FoundHand", "measured_jaw", "measured_pair"]
+__all__ = ["TIP_M", "MeasuredHand", "measured_jaw", "measured_pair"]
 
 TIP_M = 0.015
 """Length of a finger that counts as its tip."""
@@ -23,7 +23,7 @@ _ALIGNED = 0.94
 
 
 @dataclass(frozen=True)
-class FoundHand:
+class MeasuredHand:
     """A hand: its wrist link, its arm's joints and its fingers.
 
     Parameters
@@ -73,12 +73,12 @@ class FoundHand:
     is_triple: bool = False
     rest: Mapping[str, float] = field(default_factory=dict)
 
-    def with_rest(self, rest: Mapping[str, float]) -> FoundHand:
+    def with_rest(self, rest: Mapping[str, float]) -> MeasuredHand:
         """Return the hand with the joints that it does not use."""
         return replace(self, rest=dict(rest))
 
 
-def measured_pair(robot: RobotDescription, wrist: str, closing: Closing) -> FoundHand | None:
+def measured_pair(robot: RobotDescription, wrist: str, closing: Closing) -> MeasuredHand | None:
     """Return the hand of two fingertips that close; None if they leave no opening between them."""
     fingers, closed, opened = closing.joints, closing.closed, closing.opened
     near = [points_of(robot, tip, link_poses(wrist, fingers, closed)[tip]) for tip in closing.tips]
@@ -96,7 +96,7 @@ def measured_pair(robot: RobotDescription, wrist: str, closing: Closing) -> Foun
     return replace(hand, is_triple=closing.is_triple) if hand is not None else None
 
 
-def measured_jaw(robot: RobotDescription, wrist: str, jaw: SingleJaw) -> FoundHand | None:
+def measured_jaw(robot: RobotDescription, wrist: str, jaw: SingleJaw) -> MeasuredHand | None:
     """Return the hand of a single moving jaw; None if it leaves no opening."""
     link, name = jaw.joint.child, jaw.joint.name
     closed, opened = {name: jaw.closed}, {name: jaw.opened}
@@ -125,7 +125,7 @@ def _measured(
     axes: tuple[Floats, Floats],
     closed: Mapping[str, float],
     opened: Mapping[str, float],
-) -> FoundHand | None:
+) -> MeasuredHand | None:
     """Return the hand whose jaws' points are ``clouds``, closed and open, wrist frame."""
     (near, wide), (approach, closing) = clouds, axes
     across = np.cross(approach, closing)
@@ -146,7 +146,7 @@ def _measured(
     width = float(np.median([np.ptp(points @ across) for points in pads]))
     shut = [_tip_slice(points, approach) @ closing for points in near]
     moving = [j for j in fingers if abs(opened[j.name] - closed[j.name]) > 1e-6]
-    return FoundHand(
+    return MeasuredHand(
         wrist=wrist,
         joints=tuple(robot.path(wrist)),
         fingers=tuple(moving),
