@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from rtask.cli.changing.new_folder import open_or_make
 from rtask.cli.connection import open_to_read
 from rtask.cli.options import (
     agent_option,
@@ -145,15 +146,13 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     Counts, beliefs and hidden causes are then restated from all attempts, in a second one. What
     is known already changes nothing.
     """
-    import rtask
-
     if not file.exists():  # before a knowledge base is made for what is not there
         raise UsageError(f"{file}: there is no such file")
     from rtask.engine import Engine
     from rtask.extras import naming_extras
-    from rtask.interop.episodes.recording import read_episodes
+    from rtask.interop.episodes.reading import read_episodes
 
-    with rtask.open(data) as kb, naming_extras(_EXTRA), Working("reading"):
+    with open_or_make(data) as kb, naming_extras(_EXTRA), Working("reading"):
         before = kb.seq
         read = read_episodes(kb, file)
         commit = kb.seq

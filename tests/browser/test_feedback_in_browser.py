@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -19,12 +21,18 @@ ATTEMPTS = 22
 pytestmark = pytest.mark.browser
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
+    """A folder with attempts and their pictures, which each test copies."""
+    folder = tmp_path_factory.mktemp("filled") / "store"
+    return folder, *store_of_attempts(folder, ATTEMPTS)
+
+
 @pytest.fixture
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServer, str, str]]:
-    """A server with attempts and their pictures, and the tokens of two people."""
-    folder = tmp_path_factory.mktemp("judging") / "store"
-    ann, bob = store_of_attempts(folder, ATTEMPTS)
-    with running_server(folder) as running:
+def site(filled: tuple[Path, str, str], tmp_path: Path) -> Iterator[tuple[RunningServer, str, str]]:
+    """A server of its own for each test, and the tokens of two people."""
+    folder, ann, bob = filled
+    with running_server(shutil.copytree(folder, tmp_path / "store")) as running:
         yield running, ann, bob
 
 

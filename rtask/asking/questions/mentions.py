@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import ontology
-from rtask.asking.questions.words import STOP, forms, split_name, stem
+from rtask.asking.questions.words import STOP, forms
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError
 from rtask.rdf.terms import Literal, NamedNode, Term
@@ -224,14 +224,3 @@ def _longest(mentions: list[Mention]) -> list[Mention]:
         if is_free:
             chosen.append(item)
     return chosen
-
-
-def words_without(tokens: list[str], mentions: list[Mention]) -> list[str]:
-    """Return the stems of a question with ``@role`` for each mention, beside its words."""
-    at = {item.start: item for item in mentions}
-    words: list[str] = []
-    for place, token in enumerate(tokens):
-        if place in at:
-            words += [f"@{item.role}" for item in mentions if item.start == place]
-        words += [stem(part) for part in split_name(token.strip('"<>').lower())]
-    return words

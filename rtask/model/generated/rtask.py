@@ -1279,6 +1279,8 @@ class HiddenCause(InformationEntity):
     ----------
     cause_probability
         The probability of the cause, given the attempts that it is derived from. [UNITLESS]
+    explains_failure
+        An attempt that failed as the cause would have it.
     explains_reason
         A reason given for attempts that failed as the cause would have it.
     hidden_cause_of
@@ -1289,6 +1291,7 @@ class HiddenCause(InformationEntity):
     __required__: ClassVar[tuple[str, ...]] = ("cause_probability", "was_derived_from",)
 
     cause_probability: One[float] = One(_RT + "causeProbability", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    explains_failure: Links[GraspAttempt] = Links(_RT + "explainsFailure", _RT + "GraspAttempt")
     explains_reason: Links[OutcomeReason] = Links(_RT + "explainsReason", _RT + "OutcomeReason", limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_came_apart", _RT + "reason_crushed", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
     hidden_cause_of: Links[ManipulableObject] = Links(_RT + "hiddenCauseOf", _RT + "ManipulableObject", inverse=_RT + "hasHiddenCause", stored=False)
 

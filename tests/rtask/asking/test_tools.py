@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -311,7 +312,7 @@ def test_a_scripted_caller_answers_the_questions_about_the_sample(
     expected = [line for line in text.splitlines() if line.startswith("# expected: ")]
     if expected and not any("object/" in str(row) or "robot/" in str(row) for row in asked):
         listed = expected[0].removeprefix("# expected: ").split("; ")
-        assert sorted(rows) == sorted(tuple(row.split()) for row in listed)
+        assert sorted(rows) == sorted(tuple(shlex.split(row)) for row in listed)
 
 
 @pytest.mark.parametrize("file", ontology.episode_queries(), ids=lambda file: file.stem)
