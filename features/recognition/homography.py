@@ -9,6 +9,7 @@ and a good one is fitted again to what agrees within a wider, then narrower reac
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -144,7 +145,7 @@ def _draw_four(state: np.uint64, n: int, corners: NDArray[np.int64]) -> np.uint6
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _turn(points: Points, a: int, b: int, c: int) -> float:
+def _turn(points: Points, a: int, b: int, c: int) -> Any:
     return (points[b, 0] - points[a, 0]) * (points[c, 1] - points[a, 1]) - (
         points[b, 1] - points[a, 1]
     ) * (points[c, 0] - points[a, 0])
@@ -197,7 +198,7 @@ def _compose(left: Points, right: Points, mapping: Points) -> None:
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _agrees(mapping: Points, source: Points, target: Points, k: int, tolerance: float) -> bool:
+def _agrees(mapping: Points, source: Points, target: Points, k: int, tolerance: float) -> Any:
     x, y = source[k, 0], source[k, 1]
     weight = mapping[2, 0] * x + mapping[2, 1] * y + mapping[2, 2]
     across = mapping[0, 0] * x + mapping[0, 1] * y + mapping[0, 2] - weight * target[k, 0]

@@ -147,7 +147,7 @@ def _two_nearest(
     histogram: Rows,
     short: Rows,
     measured: NDArray[np.int64],
-) -> tuple[int, int, int, int]:
+) -> tuple[Any, Any, Any, Any]:
     """Measure the candidates of least Hamming distance: best row and distance, rival's likewise.
 
     ``histogram`` of the Hamming distances is used up; ``short`` and ``measured`` are scratch of

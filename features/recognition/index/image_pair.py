@@ -8,6 +8,7 @@ nearest cache, and only what matched is matched back.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -152,7 +153,7 @@ def _nearest(
     candidates: Rows,
     hamming: NDArray[np.int16],
     histogram: Rows,
-) -> tuple[int, int, int]:
+) -> tuple[Any, Any, Any]:
     """Return the nearest stored row, and squared distances to it and to the next nearest.
 
     ``marks`` holds the last query row that met a stored one, so that nothing need be cleared.
