@@ -15,7 +15,6 @@ from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.arms import arm_from
 from simulate.onboarding.closing import points_of
-from simulate.onboarding.measured_hand import MeasuredHand
 from simulate.onboarding.hands import (
     MIN_ARM_JOINTS,
     arm_ends,
@@ -24,6 +23,7 @@ from simulate.onboarding.hands import (
     mounted_hand,
     shapeless_fingers,
 )
+from simulate.onboarding.measured_hand import MeasuredHand
 from simulate.onboarding.touching import SelfContacts, without_contacts
 from simulate.onboarding.workplace import home_postures, place_robot
 from simulate.robots.description import (

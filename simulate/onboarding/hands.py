@@ -15,8 +15,8 @@ import numpy as np
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
 from simulate.onboarding.closing import Closing, best_pair, neutral, subtree
-from simulate.onboarding.measured_hand import MeasuredHand, measured_jaw, measured_pair
 from simulate.onboarding.hand_words import is_of_hand, names_a_hand, names_a_wrist, names_no_hand
+from simulate.onboarding.measured_hand import MeasuredHand, measured_jaw, measured_pair
 from simulate.onboarding.single_jaw import single_jaw
 from simulate.robots.description import Floats, Joint, RobotDescription
 from simulate.robots.mesh_cover import shape_corners
