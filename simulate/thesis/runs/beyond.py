@@ -128,12 +128,12 @@ def lessons(setting: Setting) -> Result:
                           ("nao", "panda"))  # fmt: skip
     results = [sharing_trial(study.settings, number) for number in range(fleets)]
     gain = summarise_sharing(results, study.settings["max_attempts"])["shared_less_not_shared"]
-    change = gain["common"]
-    low, high = change["interval95"]
+    change = gain["common"]["attempts"]
+    interval = change["interval95"] and tuple(change["interval95"])
     return Result(
         (
             Compared("attempts for a thing with the Nao's lessons less those without",
-                     change["mean"], interval=(low, high)),
+                     change["mean"], interval=interval),
         ),
         (
             f"{fleets} fleets of a Nao, then a Panda; {things} things each, half of them common",
