@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
+from rtask.cli.changing.new_folder import NewFolder
 from rtask.cli.options import (
     announce_undo,
     confirm_final,
@@ -22,10 +23,11 @@ from rtask.cli.options import (
     json_option,
     listing_option,
     print_json,
+    resource,
     shown_rows,
     yes_option,
 )
-from rtask.errors import RtaskError, UsageError
+from rtask.errors import RtaskError, UnknownTermError, UsageError
 
 if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
@@ -88,6 +90,7 @@ def serve(
         made: Engine | None = None
         secret = token_file.read_text("utf-8").strip() if token_file is not None else None
         kb: ServedGraph
+        new = stack.enter_context(NewFolder(folder)) if folder and not follow else None
         if follow:
             kb = stack.enter_context(_copy_of(follow, secret, folder, flush))
         else:
@@ -110,6 +113,8 @@ def serve(
 
         def ready(url: str) -> None:
             kb.publish(url=url)
+            if new is not None:
+                new.keep()
             click.echo(f"ready {url} data {store or folder or 'in memory'}")
             if sys.stderr.isatty():
                 click.echo(f"Open {url} in a browser; Ctrl-C ends the server.", err=True)
@@ -212,7 +217,8 @@ def token() -> None:
     help="What it allows beyond its role: rules, to change rules of the reasoner; schema, to state "
     "axioms about terms of others; replicate, to copy everything, as a follower does; deploy, to "
     "carry out calls of services, as a worker does. For a reader: read:<IRI>, to read that named "
-    "graph and no other but those it has the same right for; without any, it reads all.",
+    "graph and no other but those it has the same right for; without any, it reads all. The IRI "
+    "may be in any form that commands print, such as read:kb:graph/shared.",
 )
 @json_option
 def create(
@@ -234,8 +240,10 @@ def create(
     from endpoint.access.lifetimes import parse_lifetime
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
-    with closing(_tokens(data, make=True, store=store)) as tokens:
-        text, made = tokens.create(role, agent=robot or name, lifetime=lifetime, rights=rights)
+    with NewFolder(data) as new, closing(_tokens(data, make=True, store=store)) as tokens:
+        granted = [_right(text, data) for text in rights]
+        text, made = tokens.create(role, agent=robot or name, lifetime=lifetime, rights=granted)
+        new.keep()
     facts = {"role": made.role, "agent": made.agent, "expires": made.expires}
     _audit(data, "token-created", made.id, **facts, rights=list(made.rights))
     if as_json:
@@ -319,6 +327,19 @@ def _tokens(folder: Path, *, make: bool = False, store: str = "") -> TokenStore:
     elif store and Settings.load(folder).store is None:
         raise UsageError(f"{folder} keeps its statements itself, not at {store}; name a new folder")
     return TokenStore(folder)
+
+
+def _right(text: str, folder: Path) -> str:
+    """Return a right; the IRI of a graph to read may be in any form that commands print."""
+    name, colon, graph = text.partition(":")
+    if name != "read" or not graph.strip():
+        return text
+    from rtask.kb.durability.settings import Settings
+
+    try:
+        return f"{name}{colon}{resource(graph, Settings.load(folder).base)}"
+    except (UsageError, UnknownTermError) as error:
+        raise UsageError(f"--right {text}: {error}") from error
 
 
 def _audit(folder: Path, event: str, token_id: str, **facts: Any) -> None:

@@ -11,6 +11,7 @@ from typing import Final
 
 __all__ = [
     "BASE",
+    "FUNCTIONS",
     "NS",
     "ONTOLOGY",
     "PREFIXES",
@@ -29,6 +30,9 @@ NS: Final = "https://w3id.org/rtask-kg/ns#"
 
 ONTOLOGY: Final = "https://w3id.org/rtask-kg/onto"
 """IRI of the root ontology; a module's IRI is this, a slash and the module's name."""
+
+FUNCTIONS: Final = "https://w3id.org/rtask-kg/functions#"
+"""Namespace of the place functions in queries, which the engine computes and no graph holds."""
 
 BASE: Final = "https://w3id.org/rtask-kg/kb/"
 """What the instance IRIs of a store begin with: this, the store's id and a slash."""

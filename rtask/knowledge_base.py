@@ -11,6 +11,7 @@ from pyoxigraph import RdfFormat
 from rtask.kb.commit.commit import Commit
 from rtask.kb.core import GraphCore
 from rtask.rdf.terms import NamedNode
+from rtask.sparql.place_service import PLACE_SERVICE, with_places
 
 if TYPE_CHECKING:
     from rtask.asking.check.findings import Finding
@@ -74,6 +75,10 @@ class KnowledgeBase(GraphCore):
         from rtask.world import world_of
 
         return world_of(self)
+
+    def _expand_services(self, text: str) -> str:
+        text = super()._expand_services(text)
+        return with_places(text, self.world.related) if PLACE_SERVICE in text else text
 
     @property
     def tasks(self) -> Tasks:

@@ -8,13 +8,14 @@ attempts make them more or less likely by Bayes' rule. What follows holds for ev
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hidden", "hidden_causes", "hidden_share"]
+__all__ = ["Hidden", "decisive_causes", "hidden_causes", "hidden_share"]
 
 _NOTHING, _MASS, _ZONE = 0.6, 0.2, 0.2
 """Chances that nothing hides, that the mass lies anywhere, that a zone is weak."""
@@ -134,21 +135,7 @@ def hidden_causes(
     if len(tried) == 0 or np.all(held > 0):
         return []
     posterior = _posterior(tried, half_fingers, held, np.ones(len(tried)))
-    mass, zones = posterior[1 : 1 + len(_CENTRES)], posterior[1 + len(_CENTRES) :]
-    causes = []
-    for side in (-1.0, 1.0):
-        chance = np.where(side * _CENTRES > _MIDDLE, mass, 0.0)
-        total = float(chance.sum())
-        if total > 0:
-            mean = float(chance @ _CENTRES) / total
-            variance = float(chance @ _CENTRES**2) / total - mean**2
-            spread = max(variance, _STEP**2 / 12) ** 0.5
-            causes.append(Hidden("mass", total, mean - spread, mean + spread))
-        mine = np.where(_ZONES[:, 0] == side, zones, 0.0)
-        total = float(mine.sum())
-        reach = float(mine @ _ZONES[:, 1]) / total if total > 0 else 0.0
-        ends = sorted((side * 0.5, side * (0.5 - reach)))
-        causes.append(Hidden("zone", total, ends[0], ends[1]))
+    causes = [cause for cause, _ in _named(posterior)]
     likely = [
         Hidden(
             cause.kind, *(round(v, 9) + 0.0 for v in (cause.probability, cause.start, cause.end))
@@ -157,6 +144,64 @@ def hidden_causes(
         if cause.probability >= least
     ]
     return sorted(likely, key=lambda cause: (-cause.probability, cause.kind, cause.start))
+
+
+def decisive_causes(
+    places: NDArray[np.float64],
+    half_finger: float,
+    tried: NDArray[np.float64],
+    held: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    least: float = 0.05,
+) -> list[Hidden | None]:
+    """Return for each grasp the cause that lowers its chance most, None where none does much.
+
+    The parameters are those of :func:`hidden_share`.
+
+    Parameters
+    ----------
+    least
+        By how much attempts must have lowered the chance through that cause, as a share of it.
+
+    Examples
+    --------
+    >>> right = decisive_causes(
+    ...     np.array([0.3, -0.3]), 0.05, np.array([0.25, -0.3]), np.array([0.0, 1.0]), np.ones(2)
+    ... )
+    >>> [cause and (cause.kind, cause.end) for cause in right]
+    [('zone', 0.5), None]
+    """
+    if len(tried) == 0:
+        return [None] * len(places)
+    posterior = _posterior(tried, half_finger, held, weights)
+    refused = 1.0 - _allowed(places, half_finger)
+    named = list(_named(posterior))
+    lost = np.stack([(posterior - _PRIOR)[members] @ refused[members] for _, members in named])
+    most = np.argmax(np.round(lost, 9), axis=0)
+    return [
+        named[cause][0] if lost[cause, place] >= least else None
+        for place, cause in enumerate(most.tolist())
+    ]
+
+
+def _named(posterior: NDArray[np.float64]) -> Iterator[tuple[Hidden, NDArray[np.intp]]]:
+    """Yield what a person would call one cause, with the numbers of its hypotheses."""
+    first_zone = 1 + len(_CENTRES)
+    for side in (-1.0, 1.0):
+        members = np.flatnonzero(side * _CENTRES > _MIDDLE)
+        chance, centres = posterior[1 + members], _CENTRES[members]
+        total = float(chance.sum())
+        if total > 0:
+            mean = float(chance @ centres) / total
+            variance = float(chance @ centres**2) / total - mean**2
+            spread = max(variance, _STEP**2 / 12) ** 0.5
+            yield Hidden("mass", total, mean - spread, mean + spread), 1 + members
+        members = np.flatnonzero(_ZONES[:, 0] == side)
+        chance = posterior[first_zone + members]
+        total = float(chance.sum())
+        reach = float(chance @ _ZONES[members, 1]) / total if total > 0 else 0.0
+        ends = sorted((side * 0.5, side * (0.5 - reach)))
+        yield Hidden("zone", total, ends[0], ends[1]), first_zone + members
 
 
 def _posterior(

@@ -86,16 +86,17 @@ def connection(
         With a folder: the robot or person on whose behalf calls are made. A server knows it from
         the token.
     creates
-        Make the folder if it does not exist.
+        Make the folder if it does not exist; see `open_or_make`.
     """
     import rtask
+    from rtask.cli.changing.new_folder import open_or_make
 
     if server:
         with rtask.connect(server, token=os.environ.get("RTASK_TOKEN")) as client:
             yield client
         return
     with (
-        rtask.open(data) if creates else open_to_change(data) as kb,
+        open_or_make(data) if creates else open_to_change(data) as kb,
         rtask.connect(kb, agent=agent) as client,
     ):
         yield client

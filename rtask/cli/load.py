@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rtask.cli.changing.new_folder import open_or_make
 from rtask.cli.options import (
     announce_final,
     announce_undo,
@@ -91,53 +92,58 @@ def load(
     whole or not at all. Without SOURCES, a new knowledge base is created with the ontology that
     comes with RTASK.
     """
-    import rtask
-
-    reports = []
+    reports: list[LoadReport] = []
     progress = LoadProgress() if sys.stderr.isatty() and not as_json else None
     if shapes and validate == "off":
         validate = "refuse"
-    with rtask.open(data, reason=not no_reason, validate=validate, shapes=shapes) as kb:
+    options = {"reason": not no_reason, "validate": validate, "shapes": shapes}
+    with open_or_make(data, stores=not dry_run, **options) as kb:
         graph = None if graph is None else resource(graph, kb.base)
         before = {str(name) for name in kb.store.named_graphs()}
         seq = kb.seq
-        for source in sources:
-            report = kb.load(
-                source,
-                format=form,
-                graph=graph,
-                base=base,
-                catalogs=catalogs,
-                replace=replace,
-                missing_imports=missing_imports,
-                dry_run=dry_run,
-                on_read=progress,
-                patches=not no_patches,
-            )
-            reports.append(report)
-            if progress is not None:
-                progress.clear()
-            if as_json:
-                continue
-            for file in report.files:
-                where = f" -> {file.graph}" if file.graph else ""
-                click.echo(
-                    f"{file.name}: {file.format}, {file.read} statements, +{file.added} "
-                    f"-{file.removed}, {file.derived} derived, {file.seconds:.2f} s{where}"
+        try:
+            for source in sources:
+                report = kb.load(
+                    source,
+                    format=form,
+                    graph=graph,
+                    base=base,
+                    catalogs=catalogs,
+                    replace=replace,
+                    missing_imports=missing_imports,
+                    dry_run=dry_run,
+                    on_read=progress,
+                    patches=not no_patches,
                 )
-            for file in report.files:
-                for name in file.patches:
-                    click.echo(f"{file.name}: mended by the patch {name}", err=True)
-            for name in report.missing_imports:
-                click.echo(f"missing import: {name}", err=True)
-            for name in report.undeclared:
-                click.echo(f"unknown term: {name}", err=True)
-            for text in report.warnings:
-                click.echo(f"warning: {text}", err=True)
-        if not as_json and not dry_run:
-            _announce_undo(kb, reports, before, seq)
+                reports.append(report)
+                if progress is not None:
+                    progress.clear()
+                if not as_json:
+                    _print_report(report)
+        finally:  # what was stored before a source that fails stays, and can be undone
+            if not as_json and not dry_run:
+                _announce_undo(kb, reports, before, seq)
     if as_json:
         print_json([report.to_dict() for report in reports])
+
+
+def _print_report(report: LoadReport) -> None:
+    """Print what became of a source: a line for each file, and what was mended or is missing."""
+    for file in report.files:
+        where = f" -> {file.graph}" if file.graph else ""
+        click.echo(
+            f"{file.name}: {file.format}, {file.read} statements, +{file.added} "
+            f"-{file.removed}, {file.derived} derived, {file.seconds:.2f} s{where}"
+        )
+    for file in report.files:
+        for name in file.patches:
+            click.echo(f"{file.name}: mended by the patch {name}", err=True)
+    for name in report.missing_imports:
+        click.echo(f"missing import: {name}", err=True)
+    for name in report.undeclared:
+        click.echo(f"unknown term: {name}", err=True)
+    for text in report.warnings:
+        click.echo(f"warning: {text}", err=True)
 
 
 def _announce_undo(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 import click
 
@@ -198,6 +199,9 @@ def twins(
     else:
         for pair in shown:
             click.echo(f"{pair.confidence:.2f}  {pair.first}  {pair.second}")
+        if shown:
+            pages = urlencode({"iri": shown[0].second, "into": shown[0].first})
+            click.echo(f"why: `rtask serve`, then its page /object/merge?{pages}#why", err=True)
         for commit in commits:
             click.echo(f"merged: {commit}")
         if commits:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import urlencode
 
 import click
 from click.core import ParameterSource
@@ -17,6 +18,8 @@ __all__ = [
     "announce_final",
     "announce_more",
     "announce_undo",
+    "announce_why",
+    "announce_why_stated",
     "budget_option",
     "confirm_final",
     "data_option",
@@ -165,13 +168,35 @@ def announce_more(number: int, which: str = "more", what: str = "") -> None:
 
 def announce_undo(*command: str) -> None:
     """Print, on standard error, the command that undoes a change, for the same graph or server."""
+    click.echo(f"undo: rtask {shlex.join([*command, *_same_graph()])}", err=True)
+
+
+def announce_why(*command: str) -> None:
+    """Print, on standard error, the command that shows what the numbers of an answer rest on."""
+    click.echo(f"why: rtask {shlex.join([*command, *_same_graph()])}", err=True)
+
+
+def announce_why_stated(iri: str) -> None:
+    """Print, on standard error, where to see who stated what about something, and when.
+
+    For a folder that is a command; a server has a page instead of its journal.
+    """
+    server = click.get_current_context().params.get("server")
+    if server:
+        click.echo(f"why: {server.rstrip('/')}/resource?{urlencode({'iri': iri})}", err=True)
+    else:
+        announce_why("history", iri)
+
+
+def _same_graph() -> list[str]:
+    """Return the options that name the folder or server of this call; none where none was given."""
     context = click.get_current_context()
     where: list[str] = []
     for name in ("data", "server"):
         value = context.params.get(name)
         if value and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             where += [f"--{name}", str(value)]
-    click.echo(f"undo: rtask {shlex.join([*command, *where])}", err=True)
+    return where
 
 
 def announce_final(remains: str) -> None:

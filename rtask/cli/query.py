@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.changing.new_folder import open_or_make
 from rtask.cli.connection import base_of, open_graph, reasoner_of
 from rtask.cli.options import (
     agent_option,
@@ -271,12 +272,12 @@ def update(
     The update is one commit: it is stored as a whole or not at all. The prefixes of `rtask query`
     are predefined here, too.
     """
-    import rtask
-
     asked = read_text(text, file)
-    graph: Graph = open_graph(data, server) if server else rtask.open(data)
-    with graph, _predefining(asked, base_of(graph)) as whole:
-        done = graph.update(whole, agent=agent, note=note)
+    graph: AbstractContextManager[Graph] = (
+        open_graph(data, server) if server else open_or_make(data)
+    )
+    with graph as kb, _predefining(asked, base_of(kb)) as whole:
+        done = kb.update(whole, agent=agent, note=note)
     if done is None:
         click.echo('{"done": true}' if as_json else "done")
         if not as_json:

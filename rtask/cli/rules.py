@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rtask.cli.changing.new_folder import open_or_make
 from rtask.cli.connection import open_to_change, open_to_read, reasoner_of
 from rtask.cli.options import (
     agent_option,
@@ -83,7 +84,7 @@ def add(
             made = client.add(parsed, replace)
             facts = {name: made[name] for name in ("commit", "derived", "changed")}
     else:
-        with announce_compilation(), rtask.open(data) as kb:
+        with announce_compilation(), open_or_make(data) as kb:
             present = kb.rules()
             commit = kb.add_rules(parsed, agent, replace=replace)
         facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}

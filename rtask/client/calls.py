@@ -33,6 +33,7 @@ __all__ = [
     "ListedPlans",
     "ListedStep",
     "Located",
+    "LocatedFrame",
     "LocatedThing",
     "Look",
     "MotionReport",
@@ -60,6 +61,7 @@ __all__ = [
     "SceneSegment",
     "SimilarObject",
     "SimilarObjects",
+    "StatedFrame",
     "StatedPlace",
     "StepTimes",
     "StoredPlan",
@@ -81,6 +83,8 @@ REPEATABLE = frozenset(
         "resolve_request",
         "where_is",
         "state_place",
+        "locate_frame",
+        "state_frame",
         "plan_goal",
         "list_plans",
         "claim_step",
@@ -680,6 +684,7 @@ class LocatedThing(TypedDict):
     place_label: str
     frame_id: str
     frame: str
+    frame_reason: str
     pose: dict[str, Any] | None
     since: float | None
     seen: float | None
@@ -704,6 +709,27 @@ class Located(TypedDict):
 class StatedPlace(TypedDict):
     """The commit, which can be undone."""
 
+    commit: str
+
+
+class LocatedFrame(TypedDict):
+    """Where a frame stood in another; "not known" is an answer."""
+
+    known: bool
+    text: str
+    frame: str
+    target: str
+    pose: dict[str, Any] | None
+    sigma: float | None
+    time: float
+    path: list[str]
+
+
+class StatedFrame(TypedDict):
+    """The frame, and the commit, which can be undone."""
+
+    frame: str
+    parent: str
     commit: str
 
 
@@ -1400,6 +1426,60 @@ class Calls(ABC):
             in whose name; default: the caller
         """
         answer: StatedPlace = self._operate("state_place", locals())
+        return answer
+
+    def locate_frame(
+        self,
+        *,
+        frame: str,
+        target: str | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+    ) -> LocatedFrame:
+        """Tell where a frame stood in another one at a time.
+
+        Parameters
+        ----------
+        frame
+            its name in tf, robot/name or its IRI
+        target
+            frame in which its pose is asked for; default: the root of its tree
+        stamp
+            time that is asked about; default: now (s)
+        """
+        answer: LocatedFrame = self._operate("locate_frame", locals())
+        return answer
+
+    def state_frame(
+        self,
+        *,
+        frame: str,
+        parent: str | None = None,
+        pose: Mapping[str, Any] | None = None,
+        sigma: float | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        lost: bool | None = None,
+        agent: str | None = None,
+    ) -> StatedFrame:
+        """State where a frame stands in another one.
+
+        Parameters
+        ----------
+        frame
+            its name in tf, robot/name or its IRI; made if the graph has none of that name
+        parent
+            the frame in which it stands; default: none, for the root of a tree
+        pose
+            geometry_msgs/Pose of the frame in its parent; default: none, for the root of a tree
+        sigma
+            standard deviation of the position per axis (m); default: 0.0
+        stamp
+            since when; default: now (s)
+        lost
+            whether it no longer stands where it did, and nobody knows where; default: False
+        agent
+            in whose name; default: the caller
+        """
+        answer: StatedFrame = self._operate("state_frame", locals())
         return answer
 
     def plan_goal(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
 
 from grasp.learning.bandit import Choice
+from grasp.learning.causes import Hidden
 from grasp.spatial.candidate import Contacts, GraspCandidate
 from grasp.spatial.planar import PlanarGrasp
 from rtask.engine.names import tail
@@ -20,10 +21,13 @@ from rtask.rdf.terms import iri
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["MIN_EVIDENCE", "Decision", "Offer", "Option", "graph_against_geometry"]
+__all__ = ["LOWERED", "MIN_EVIDENCE", "Decision", "Offer", "Option", "graph_against_geometry"]
 
 MIN_EVIDENCE = 0.05
 """Evidence on a grasp, in outcomes, below which the graph is taken to know nothing of it."""
+
+LOWERED = 0.95
+"""Share of a grasp's quality below which attempts elsewhere on the object are said to lower it."""
 
 _SAME_M, _SAME_RAD = 0.005, 0.17
 
@@ -50,6 +54,9 @@ class Option:
         Orientation (x, y, z, w) of a grasp in space in the object's frame, else None.
     contacts
         Of a cup or of three fingers in the gripper frame; None for jaws.
+    cause
+        What attempts say hides in the object that lowers its chance most, from and to in the
+        object's frame, m; None if nothing does much.
     """
 
     id: str
@@ -60,6 +67,7 @@ class Option:
     sources: tuple[str, ...] = ()
     quaternion: tuple[float, float, float, float] | None = None
     contacts: Contacts | None = None
+    cause: Hidden | None = None
 
     @property
     def quality(self) -> float:
@@ -83,6 +91,8 @@ class Option:
         doubted = _doubted(self.remembered)
         if doubted:
             parts["doubted"] = doubted
+        if self.cause is not None:
+            parts["cause"] = asdict(self.cause)
         parts["text"] = _sentence(self, parts)
         return parts
 
@@ -228,8 +238,8 @@ class Decision:
 
 
 def graph_against_geometry(first: Option, alone: Option) -> str:
-    """Return in words how the graph changed the choice: what it says of the first grasp, and where
-    the robot would have grasped without it.
+    """Return in words how the graph changed the choice: what it says of the first grasp, where the
+    robot would have grasped without it, and what the graph believes to speak against that.
     """
     assert first.choice is not None
     remembered, (won, lost) = first.remembered, first.choice.explanation["graph"]
@@ -245,7 +255,15 @@ def graph_against_geometry(first: Option, alone: Option) -> str:
     return (
         f"graph: {evidence}; alone: {1000 * away:.0f} mm from there, turned by "
         f"{math.degrees(turned):.0f} degrees, quality {alone.quality:.2f}"
+        + (f"; not there, because {_cause_words(alone.cause)}" if alone.cause else "")
     )
+
+
+def _cause_words(cause: Hidden) -> str:
+    """Return a cause in words: what it is, where along the object, and how likely."""
+    where = f"from {1000 * cause.start:.0f} to {1000 * cause.end:.0f} mm along it"
+    what = "its weight lies" if cause.kind == "mass" else "it gives way"
+    return f"{what} {where} with a chance of {cause.probability:.2f}"
 
 
 def _doubted(remembered: Remembered | None) -> list[dict[str, Any]]:
@@ -265,8 +283,9 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     assert option.choice is not None
     won, lost = parts["graph"]
     clauses = [f"geometry rates it {parts['quality']:.2f}"]
-    if parts["hidden"] < 0.95:
-        clauses.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that")
+    if parts["hidden"] < LOWERED:
+        why = f", because {_cause_words(option.cause)}" if option.cause else ""
+        clauses.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that{why}")
     if option.remembered is not None and option.remembered.attempts:
         remembered = option.remembered
         clauses.append(f"it held {remembered.successes} of {remembered.attempts} times")

@@ -16,6 +16,7 @@ from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.kb.searching import Searching
 from rtask.rdf.terms import GraphName, NamedNode, Subject, Value, iri, object_term, subject_term
 from rtask.sparql.bindings import Bindings, bind
+from rtask.sparql.place_service import PLACE_SERVICE
 from rtask.sparql.results import Solutions, Triples, read_answer
 from rtask.sparql.service import TEXT_SERVICE
 
@@ -63,7 +64,7 @@ class Reading(Searching):
             The query exceeds its memory limit.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._expand_text_search(bind(text, bindings or {}))
+        text = self._expand_services(bind(text, bindings or {}))
         if timeout_s is not None and self.readers.possible:
             with self._ask(text, dataset, Question(""), timeout_s) as answer:
                 return read_answer(answer.kind, answer.read())
@@ -95,7 +96,7 @@ class Reading(Searching):
             If the media type does not fit the kind of query.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._expand_text_search(bind(text, bindings or {}))
+        text = self._expand_services(bind(text, bindings or {}))
         return evaluation.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
 
     def stream(
@@ -143,7 +144,7 @@ class Reading(Searching):
             Raised here or while reading.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
-        text = self._expand_text_search(text)
+        text = self._expand_services(text)
         if not self.readers.possible:
             form = media_type or evaluation.default_media_type(text)
             data = evaluation.serialize(
@@ -180,14 +181,15 @@ class Reading(Searching):
         Returns
         -------
         The payload for :meth:`rtask.kb.readers.pool.Readers.send`, which ends with the text of the
-        query, in UTF-8. ``None`` if the text searches for words: use :meth:`stream` in a thread.
+        query, in UTF-8. ``None`` if the text searches for words or places: use :meth:`stream` in a
+        thread.
 
         Raises
         ------
         ForbiddenError, TooLargeError
             As :meth:`stream`; the parameters are the same.
         """
-        if TEXT_SERVICE in text:
+        if TEXT_SERVICE in text or PLACE_SERVICE in text:
             return None
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
         question = Question(

@@ -83,6 +83,6 @@ class Searching(GraphBase):
         with self.index.reading() as db:
             return self.places.near(db, iri(frame), point, radius)
 
-    def _expand_text_search(self, text: str) -> str:
-        """Replace ``SERVICE <urn:rtask:text>`` in a query or update with the hits it finds."""
+    def _expand_services(self, text: str) -> str:
+        """Replace what this store answers itself in a query or update by the answers."""
         return with_found_texts(text, self.search)

@@ -86,7 +86,7 @@ class Writing(Searching):
             self.access(agent, access), note, if_version=if_version, reasoning=reasoning
         )
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
-        text = self._expand_text_search(text)
+        text = self._expand_services(text)
         if limits is not None and self.readers.evaluate_updates and needs_reader(text):
             order = UpdateOrder(
                 text, request.access, dataset, limits, self._ontologies(), self.store.is_view

@@ -10,7 +10,7 @@ import difflib
 from rtask.sparql.lexer import body_start
 from rtask.sparql.tokens import Token
 
-__all__ = ["bare_slash", "misspelling"]
+__all__ = ["bare_slash", "misplaced", "misspelling"]
 
 _QUERY_FORMS = ("SELECT", "CONSTRUCT", "DESCRIBE", "ASK")
 _UPDATE_FORMS = (
@@ -62,6 +62,25 @@ def misspelling(tokens: list[Token], is_query: bool) -> tuple[str, Token] | None
         if token.kind == "word" and token.text.upper() not in _KEYWORDS:
             return f"{token.text!r} is no keyword{_hint(token.text.upper(), _KEYWORDS)}", token
     return None
+
+
+def misplaced(token: Token, expected: str) -> str:
+    """Return what is wrong with a token of an update that is not one of those expected.
+
+    Examples
+    --------
+    >>> from rtask.sparql.lexer import tokenise
+    >>> misplaced(tokenise("INSER DATA { }")[0], "INSERT, DELETE")
+    "'INSER' is no keyword; did you mean INSERT?"
+    >>> misplaced(tokenise("ASK { }")[0], "INSERT, DELETE")
+    'ASK begins a query; expected INSERT, DELETE'
+    """
+    if token.is_word(*_QUERY_FORMS):
+        return f"{token.text} begins a query; expected {expected}"
+    near = _hint(token.text.upper(), _KEYWORDS)
+    if token.kind == "word" and token.text.upper() not in _KEYWORDS and near:
+        return f"{token.text!r} is no keyword{near}"
+    return f"expected {expected}, got {repr(token.text) if token.text else 'the end'}"
 
 
 def bare_slash(tokens: list[Token]) -> tuple[str, Token] | None:

@@ -20,7 +20,8 @@ from pyoxigraph import Literal, NamedNode
 import ontology
 from rtask.errors import ForbiddenError, QuerySyntaxError
 from rtask.rdf.terms import Term, written
-from rtask.sparql.lexer import body_start, find_block_end, tokenise
+from rtask.sparql.lexer import find_block_end, tokenise
+from rtask.sparql.service_blocks import block_refusal, replace_blocks, string_value
 from rtask.sparql.templates import resolve
 from rtask.sparql.tokens import Token, line_and_column
 
@@ -28,7 +29,6 @@ __all__ = ["TEXT_SERVICE", "with_found_texts", "without_services"]
 
 TEXT_SERVICE = "urn:rtask:text"
 MAX_HITS = 1_000
-_STRING_MARKS = ('"""', "'''", '"', "'")
 
 
 class Hit(Protocol):
@@ -108,24 +108,11 @@ def with_found_texts(text: str, search: Search) -> str:
     QuerySyntaxError
         If a text service block contains anything else.
     """
-    if TEXT_SERVICE not in text:
-        return text
-    tokens = tokenise(text)
-    prologue = text[: tokens[body_start(tokens)].start]
-    pieces, done, at = [], 0, 0
-    while tokens[at].kind != "end":
-        start = at
-        at += 1
-        if not tokens[start].is_word("SERVICE"):
-            continue
-        name = at + tokens[at].is_word("SILENT")
-        if tokens[name].text != f"<{TEXT_SERVICE}>" or not tokens[name + 1].is_mark("{"):
-            continue
-        end = find_block_end(tokens, name + 1)
-        block = _read(text, prologue, tokens[name + 2 : end - 1])
-        pieces += [text[done : tokens[start].start], _values(text, prologue, block, search)]
-        done, at = tokens[end - 1].end, end
-    return "".join([*pieces, text[done:]])
+    return replace_blocks(
+        text,
+        TEXT_SERVICE,
+        lambda prologue, tokens: _values(text, prologue, _read(text, prologue, tokens), search),
+    )
 
 
 def _read(text: str, prologue: str, tokens: list[Token]) -> _Block:
@@ -152,33 +139,14 @@ def _read(text: str, prologue: str, tokens: list[Token]) -> _Block:
 
 
 def _refusal(text: str, tokens: list[Token], message: str) -> QuerySyntaxError:
-    line, column = line_and_column(text, tokens[0].start if tokens else 0)
-    return QuerySyntaxError(
-        f"{line}:{column}: in SERVICE <{TEXT_SERVICE}>: {message}", line=line, column=column
-    )
-
-
-def _string(token: Token) -> str:
-    """Return the value of a string token."""
-    mark = next(mark for mark in _STRING_MARKS if token.text.startswith(mark))
-    inner = token.text[len(mark) : -len(mark)]
-    pairs = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
-    out, at = [], 0
-    while at < len(inner):
-        if inner[at] == "\\" and at + 1 < len(inner):
-            out.append(pairs.get(inner[at + 1], inner[at + 1]))
-            at += 2
-        else:
-            out.append(inner[at])
-            at += 1
-    return "".join(out)
+    return block_refusal(text, TEXT_SERVICE, tokens, message)
 
 
 def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
     given = block.given
     options = {"limit": min(MAX_HITS, int(given["limit"].text)) if "limit" in given else MAX_HITS}
-    language = _string(given["lang"]) if "lang" in given else None
-    hits = search(_string(given["matches"]), lang=language, **options)
+    language = string_value(given["lang"]) if "lang" in given else None
+    hits = search(string_value(given["matches"]), lang=language, **options)
     variables: list[str] = []
     if block.subject.kind == "variable":
         variables.append("subject")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.lexer import find_block_end, tokenise
+from rtask.sparql.misspelt import misplaced
 from rtask.sparql.tokens import Token, line_and_column
 
 __all__ = ["Block", "Operation", "Target", "read_update"]
@@ -244,7 +245,5 @@ class _Reader:
     def _fail(self, expected: str) -> str:
         token = self.tokens[self.at]
         line, column = line_and_column(self.text, token.start)
-        actual = repr(token.text) if token.text else "the end"
-        raise QuerySyntaxError(
-            f"{line}:{column}: expected {expected}, found {actual}", line=line, column=column
-        )
+        message = misplaced(token, expected)
+        raise QuerySyntaxError(f"update {line}:{column}: {message}", line=line, column=column)

@@ -117,14 +117,14 @@ class _Asked:
         )
         if last.frame_from_subject is None:
             return whereabouts
-        frame, pose, variance = last.frame, last.frame_from_subject, 0.0
-        resolved = None if self.frame is None else world.pose_in(seen, self.frame, time_s)
-        if resolved is not None and self.frame is not None:
-            frame, (pose, variance) = self.frame, resolved
-        spread = replace(spread, sigma_m=float(np.sqrt(spread.sigma_m**2 + variance)))
+        frame, pose = last.frame, last.frame_from_subject
+        way = world.way_to(seen, self.frame or frame, time_s)
+        if way.target_from_source is not None:
+            frame, pose = self.frame or frame, way.target_from_source @ pose
+        spread = replace(spread, sigma_m=float(np.sqrt(spread.sigma_m**2 + way.variance_m2)))
         return replace(
             whereabouts, frame=frame, frame_id=world.frames.name_of(frame),
-            frame_from_exemplar=pose, radius90_m=spread.radius(_CHANCE),
+            frame_from_exemplar=pose, radius90_m=spread.radius(_CHANCE), frame_reason=way.reason,
         )  # fmt: skip
 
     def _spots(self, mark: str, frame: str) -> list[NDArray[np.float64]]:

@@ -17,6 +17,7 @@ from rtask.rdf.namespaces import RT, mint
 from rtask.rdf.terms import Literal, NamedNode, iri
 from rtask.world.identity import Candidate, identify
 from rtask.world.placement import DEFAULT_SIGMA_M, Placement, Relation
+from rtask.world.standing import is_same_standing
 from rtask.world.state import WorldState
 from rtask.world.statements import Statement, confirmed, doubted, ended, new_exemplar, placed
 from rtask.world.uncertainty import Spread, spread_of
@@ -181,6 +182,8 @@ class WorldEdit:
     ) -> None:
         """State that a frame stands in another one, from a time on.
 
+        A frame that did not move keeps its interval, which is confirmed.
+
         Parameters
         ----------
         frame, parent
@@ -191,6 +194,9 @@ class WorldEdit:
         """
         last = self.last(frame)
         if last is not None and time_s < last.begin:
+            return
+        if last is not None and is_same_standing(last, parent, parent_from_frame):
+            self._confirm(last, time_s)
             return
         self._close(frame, time_s)
         self._open(

@@ -6,6 +6,7 @@ graph, and follows its commits. Placements since the last sorting lie in a short
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
@@ -100,6 +101,40 @@ class PlacementIndex:
                     best = entry if best is None else max(best, entry)
             return best
 
+    def rival(self, subject: str, time_s: float) -> str | None:
+        """Return another placement that holds at an instant and began when the last one did."""
+        with self._lock:
+            last = self._last(subject, time_s)
+            if last is None or time_s >= last.end:
+                return None
+            low, high = self._range(last.subject)
+            first = low + int(np.searchsorted(self._begins[low:high], last.begin, side="left"))
+            rows = (self._entry(k) for k in range(first, high) if k not in self._gone)
+            begun = itertools.takewhile(lambda entry: entry.begin == last.begin, rows)
+            for entry in (*begun, *self._tail.values()):
+                is_same = (entry.subject, entry.begin) == (last.subject, last.begin)
+                if is_same and entry.node != last.node and time_s < entry.end:
+                    return entry.node
+            return None
+
+    def begins(self, subject: str, since_s: float, until_s: float = _NEVER) -> list[float]:
+        """Return when placements of a thing or frame began after one time and by another."""
+        with self._lock:
+            self._catch_up()
+            number = self._numbers.get(subject)
+            if number is None:
+                return []
+            low, high = self._range(number)
+            first, end = low + np.searchsorted(
+                self._begins[low:high], [since_s, until_s], side="right"
+            )
+            begins = [float(self._begins[k]) for k in range(first, end) if k not in self._gone]
+            begins += [
+                entry.begin for entry in self._tail.values()
+                if entry.subject == number and since_s < entry.begin <= until_s
+            ]  # fmt: skip
+            return sorted(begins)
+
     def history(self, subject: str) -> list[str]:
         """Return all placements of a thing, oldest first."""
         with self._lock:
@@ -127,6 +162,15 @@ class PlacementIndex:
                 if entry.subject == number and np.isinf(entry.end)
             ]  # fmt: skip
             return [entry.node for entry in sorted(entries)]
+
+    def held_at(self, time_s: float) -> set[str]:
+        """Return the things and frames that have a placement at an instant."""
+        with self._lock:
+            self._catch_up()
+            rows = np.flatnonzero((self._begins <= time_s) & (time_s < self._ends))
+            numbers = {int(self._subjects[k]) for k in rows if int(k) not in self._gone}
+            numbers |= {e.subject for e in self._tail.values() if e.begin <= time_s < e.end}
+            return {name for name, number in self._numbers.items() if number in numbers}
 
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, Triple, iri, python_value
-from rtask.world.frames import FrameTree
+from rtask.world.frames import FrameTree, Way
 from rtask.world.index import PlacementIndex
 from rtask.world.placement import Placement, read_placement
 from rtask.world.uncertainty import NEARBY_M, Spread, spread_of
@@ -40,7 +40,7 @@ class WorldState:
         # The knowledge base owns its world, which must not keep it from being collected.
         self.kb: GraphCore = weakref.proxy(kb)
         self.index = PlacementIndex(self.kb)
-        self.frames = FrameTree(kb, self.placement_at)
+        self.frames = FrameTree(kb, self.placement_at, self._rival_at)
 
     def exemplars_of(self, product: str) -> list[str]:
         """Return the things that are exemplars of a product, sorted, merged ones apart."""
@@ -65,6 +65,10 @@ class WorldState:
         """Return the placement of a thing or frame at an instant, or None if it is not known."""
         last = self.last_placement(subject, time_s)
         return last if last is not None and last.holds_at(time_s) else None
+
+    def _rival_at(self, subject: str, time_s: float) -> Placement | None:
+        node = self.index.rival(subject, time_s)
+        return None if node is None else read_placement(self.kb, node)
 
     def last_placement(self, subject: str, time_s: float = _NEVER) -> Placement | None:
         """Return the last placement of a thing that had begun by an instant, ended or not."""
@@ -121,26 +125,31 @@ class WorldState:
             or self.kb.match(other, RT.mergedInto, exemplar)
         )
 
+    def way_to(self, placement: Placement, frame: str, time_s: float) -> Way:
+        """Return the pose of a frame's measurements in another frame, for a placement at a time."""
+        measured_s = placement.confirmed if placement.end is None else placement.begin
+        return self.frames.way(frame, placement.frame, time_s, min(measured_s, time_s))
+
     def pose_in(
         self, placement: Placement, frame: str, time_s: float
     ) -> tuple[NDArray[np.float64], float] | None:
         """Return the pose (4, 4), m, of a placement in a frame at a time, and the variance added.
 
-        None if it has no pose, or if the two frames are in different trees.
+        None if it has no pose, or if no way leads from one frame to the other.
         """
         if placement.frame_from_subject is None:
             return None
-        measured_s = placement.confirmed if placement.end is None else placement.begin
-        measured_s = min(measured_s, time_s)
-        way = self.frames.target_from_source(frame, placement.frame, time_s, measured_s)
-        if way is None:
+        way = self.way_to(placement, frame, time_s)
+        if way.target_from_source is None:
             return None
-        target_from_source, variance = way
-        return target_from_source @ placement.frame_from_subject, variance
+        return way.target_from_source @ placement.frame_from_subject, way.variance_m2
 
     def spread(self, placement: Placement, time_s: float) -> Spread:
         """Return how far the thing of a placement may be from there at a time."""
         events = self.index.events_near(placement, placement.confirmed, time_s, NEARBY_M)
+        if placement.frame and not self.frames.is_of_robot(placement.frame):
+            # A table that was pushed may have shaken off what stood on it.
+            events += len(self.index.begins(placement.frame, placement.confirmed, time_s))
         return spread_of(placement, time_s, events)
 
     def close(self) -> None:

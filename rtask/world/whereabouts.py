@@ -67,6 +67,8 @@ class Whereabouts:
         IRI and name of the support, container or hand; or empty.
     frame, frame_id, frame_from_exemplar
         IRI and name of the frame, and the pose (4, 4) in it, m; empty and None without a pose.
+    frame_reason
+        Why this is not the frame that was asked for, in words; empty if it is.
     since_s, seen_s, until_s
         Unix time since when it was there, when it was last seen there, and until when, if it has
         ended.
@@ -91,6 +93,7 @@ class Whereabouts:
     frame: str = ""
     frame_id: str = ""
     frame_from_exemplar: NDArray[np.float64] | None = None
+    frame_reason: str = ""
     since_s: float | None = None
     seen_s: float | None = None
     until_s: float | None = None

@@ -86,6 +86,8 @@ def _where(place: Whereabouts) -> str:
     if place.frame_from_exemplar is not None:
         x, y, z = place.frame_from_exemplar[:3, 3]
         parts.append(f"at ({x:.3f}, {y:.3f}, {z:.3f}) m in {place.frame_id}")
+    if place.frame_reason:
+        parts.append(f"(not known in the frame asked for: {place.frame_reason})")
     return " ".join(parts)
 
 

@@ -6,7 +6,9 @@ import threading
 import weakref
 from typing import TYPE_CHECKING, Any
 
+from rtask.sparql.place_service import PlaceQuestion, PlaceRow
 from rtask.world.asking import answer
+from rtask.world.relations import related
 from rtask.world.state import WorldState
 from rtask.world.whereabouts import Question, Whereis
 
@@ -46,6 +48,10 @@ class World(WorldState):
             Several frames have the name.
         """
         return answer(self, Question(name, **question))
+
+    def related(self, question: PlaceQuestion) -> list[PlaceRow]:
+        """Return the pairs between which a spatial relation holds; see :func:`related`."""
+        return related(self, question)
 
 
 _worlds: weakref.WeakKeyDictionary[GraphCore, World] = weakref.WeakKeyDictionary()

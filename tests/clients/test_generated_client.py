@@ -145,6 +145,10 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     stored = call("store_plan", {**goal, "digest": plan["digest"]}).to_dict()["task"]
     step = call("claim_step", {"robot": "urn:lab/robot/panda-1"}).to_dict()
     call("state_place", {"thing": "urn:lab/thing/1", "place": "urn:lab/robot/panda-1/hand"})
+    pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    for more in ({"frame": "map"}, {"frame": "table", "parent": "map", "pose": pose}):
+        call("state_frame", more)
+    assert call("locate_frame", {"frame": "table", "target": "map"}).to_dict()["known"]
     call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
     assert [one["state"] for one in call("list_plans", {}).to_dict()["plans"]] == ["running"]
     call("cancel_plan", {"plan": stored, "reason": "enough"})

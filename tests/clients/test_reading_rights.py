@@ -14,6 +14,7 @@ import pytest
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 
+import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
@@ -153,6 +154,7 @@ def test_only_the_own_graph_exists(lab: Lab) -> None:
         (f"SELECT * FROM <{SECRET}> {{ ?s ?p ?o }}", {}),
         (f"SELECT * FROM NAMED <{SECRET}> {{ GRAPH ?g {{ ?s ?p ?o }} }}", {}),
         (f'SELECT * {{ SERVICE <urn:rtask:text> {{ ?s <urn:rtask:words> "{MARK}" }} }}', {}),
+        (f"SELECT * {{ SERVICE <urn:rtask:place> {{ ?s <{ontology.FUNCTIONS}near> ?o }} }}", {}),
         ("SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }", {}),
         ("SELECT * { \\u0053ERVICE <urn:rtask:text> { ?s ?p ?o } }", {}),
     ],

@@ -58,6 +58,7 @@ class ByData:
         """Return whether a pattern matches with those beside it only the other way round."""
         return (
             not self._is_named_so(edge, context)
+            and not _is_chained(edge, context)
             and self._evidence.ends_differ(edge.steps[0].node.value, self._vocabulary)
             and self._fitting.is_contradicted(edge, context)
             and self._fitting.is_attested(reversed_edge(edge), context)
@@ -136,3 +137,21 @@ class ByData:
         )
         repairs = self._repairs.of(edge, context)
         return Finding("never-together", "likely", node.start, node.end, words, tuple(repairs))
+
+
+def _is_chained(edge: Edge, context: Context) -> bool:
+    """Return whether the same property leads to a pattern's subject, or away from its value.
+
+    Turned, the pattern would only repeat the one beside it, so that it always matches.
+    """
+    (step,) = edge.steps
+    walked = [(step.node.value, step.is_inverse)]
+    return any(
+        [(it.node.value, it.is_inverse) for it in other.steps] == walked
+        and (
+            is_same_variable(other.object, edge.subject)
+            or is_same_variable(other.subject, edge.object)
+        )
+        for other in context.edges
+        if other is not edge
+    )

@@ -8,13 +8,16 @@ from rtask.asking.check.findings import Finding
 from rtask.asking.check.fitting import Fitting, reversed_edge
 from rtask.asking.check.names import affinity, words_of
 from rtask.asking.check.repairs import Repairs
-from rtask.asking.check.syntax.outline import Node
+from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
 from rtask.asking.check.usual import kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded
 
 __all__ = ["ByNames"]
+
+_READ_AS_EITHER = ({"number", "dateTime"}, {"number", "boolean"})
+"""Families of literals that one name is used for: ``?held`` says whether, and how often."""
 
 
 class ByNames:
@@ -96,7 +99,7 @@ class ByNames:
                     is_odd = usual and self._vocabulary.are_foreign(demand.bits, usual)
                 if not is_odd and not self._is_odd_literal(demand, literals):
                     continue
-                if self._fitting.is_attested(edge, context):
+                if self._is_named_after(demand, edge) or self._fitting.is_attested(edge, context):
                     continue
                 self._blamed.add(id(edge))
                 node = edge.steps[0].node
@@ -120,7 +123,22 @@ class ByNames:
         kinds = {family(kind) for kind in demand.datatypes}
         if not kinds or "" in kinds | usual or kinds & usual:
             return False
-        return not kinds <= {"number", "dateTime"} or not usual <= {"number", "dateTime"}
+        return not any(kinds | usual <= both for both in _READ_AS_EITHER)
+
+    def _is_named_after(self, demand: Demand, edge: Edge) -> bool:
+        """Return whether a variable is named after the property of its pattern, or after its kind.
+
+        What is called ``?plan`` may be a task plan, though the questions know other plans.
+        """
+        step = edge.steps[0]
+        axioms = self._vocabulary.properties.get(step.node.value)
+        if axioms is None or step.node.value == TYPE:
+            return False
+        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+            return True
+        kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
+        named = {word for iri in kinds for word in words_of(local(iri))}
+        return bool(named.intersection(words_of(demand.node.value)))
 
     def _is_literal_of_thing(self, demand: Demand) -> bool:
         """Return whether a name of a class stands for a literal that no member of it has."""

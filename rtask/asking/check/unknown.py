@@ -14,6 +14,7 @@ from rtask.asking.check.syntax.outline import Edge, Node, Outline
 from rtask.asking.check.syntax.writing import written
 from rtask.asking.check.types import TYPE
 from rtask.asking.check.vocabulary import Vocabulary, local
+from rtask.sparql.place_service import PLACE_SERVICE
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -79,6 +80,10 @@ class Unknown:
         iri = node.value
         if iri in _OF_SERVICE and not self._evidence.matches(edge):
             words = f"{local(iri)} is answered inside SERVICE <urn:rtask:text> {{ }} only"
+            yield Finding("needs-service", "certain", node.start, node.end, words)
+            return
+        if iri.startswith(ontology.FUNCTIONS):
+            words = f"{local(iri)} is answered inside SERVICE <{PLACE_SERVICE}> {{ }} only"
             yield Finding("needs-service", "certain", node.start, node.end, words)
             return
         if iri == TYPE or iri in self._vocabulary.properties or iri in _OF_RDFS:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qsl, urlsplit
 
 import click
 
 from rtask.cli.connection import connection, open_graph
 from rtask.cli.options import (
     agent_option,
+    announce_why,
+    announce_why_stated,
     data_option,
     exit_if_empty,
     json_option,
@@ -30,8 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["ask"]
 
 _MAX_WIDTH = 40
-_MAX_PAGES = 5
 _ROWS = 20
+_OPTIONS = {"robot": "--robot", "object": "--object", "grasp": "--with-grasp"}
+"""Options of ``rtask feedback`` for the fields of the page of outcomes."""
 
 
 @click.command()
@@ -80,7 +84,7 @@ def ask(
         with open_graph(data, server) as kb:
             from rtask.asking.questions import answer
 
-            _show_answer(answer(kb, " ".join(words)), limit, as_json, server)
+            _show_answer(answer(kb, " ".join(words)), limit, as_json)
         return
     request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
     if gripper:
@@ -99,7 +103,7 @@ def ask(
         raise SystemExit(1)
 
 
-def _show_answer(result: Answer, limit: int | None, as_json: bool, server: str | None) -> None:
+def _show_answer(result: Answer, limit: int | None, as_json: bool) -> None:
     shown = shown_rows(result.rows, limit, as_json, default=_ROWS)
     if as_json:
         rows = [row.to_dict() for row in shown]
@@ -114,7 +118,7 @@ def _show_answer(result: Answer, limit: int | None, as_json: bool, server: str |
     if len(result.rows):
         click.echo()
         _print_rows(result, shown)
-        _print_why(result, server)
+        _announce_why(result)
     click.echo(f"\n{result.sparql.rstrip()}")
     exit_if_empty(len(result.rows))
 
@@ -133,14 +137,21 @@ def _print_rows(result: Answer, rows: Sequence[Row]) -> None:
         click.echo("  ".join(padded).rstrip())
 
 
-def _print_why(result: Answer, server: str | None) -> None:
-    """Print the pages of what the numbers rest on; the query is printed anyway."""
-    pages = dict.fromkeys(why for why in result.why if why and not why.startswith("/sparql"))
-    for address in list(pages)[:_MAX_PAGES]:
-        site = server.rstrip("/") if server else "a page of rtask serve: "
-        click.echo(f"Why? {site}{address}")
-    if len(pages) > _MAX_PAGES:
-        click.echo(f"... {len(pages) - _MAX_PAGES} more pages; --json lists them", err=True)
+def _announce_why(result: Answer) -> None:
+    """Print how to see what the numbers of the first row with any rest on.
+
+    Those that rest on the query alone need no line, as it is printed anyway.
+    """
+    for address in result.why:
+        parts = urlsplit(address)
+        fields = dict(parse_qsl(parts.query))
+        if parts.path == "/feedback":
+            options = ((_OPTIONS[name], iri) for name, iri in fields.items())
+            announce_why("feedback", *(word for option in options for word in option))
+            return
+        if parts.path == "/resource":
+            announce_why_stated(fields["iri"])
+            return
 
 
 def _show_resolved(answer: ResolvedRequest) -> None:
@@ -155,5 +166,15 @@ def _show_resolved(answer: ResolvedRequest) -> None:
             )
         for line in answer["explanation"]["proof"]:
             click.echo(f"  {line}")
+        if answer["grasps"]:
+            _announce_why_grasp(answer["grasps"][0])
     for reason in answer["reasons"]:
         click.echo(f"{reason['code']}: {reason['text']}", err=not answer["object"])
+
+
+def _announce_why_grasp(grasp: Mapping[str, Any]) -> None:
+    """Print how to see what the numbers of a grasp rest on: its outcomes, or who stated it."""
+    if grasp["statistics"]["attempts"]:
+        announce_why("feedback", "--with-grasp", grasp["id"])
+    else:
+        announce_why_stated(grasp["id"])

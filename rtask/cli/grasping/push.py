@@ -287,8 +287,8 @@ def _store(
 
     import numpy as np
 
-    import rtask
     from grasp.spatial.planar import tip_heights
+    from rtask.cli.connection import open_to_change
     from rtask.engine.engine import Engine
     from rtask.engine.operations.planned import PlannedGrasp, store_planned
 
@@ -313,7 +313,7 @@ def _store(
         raise UsageError(
             "nothing stored: no candidate closes; try more candidates (--density, --angles)"
         )
-    with rtask.open(data) as kb, Engine(kb) as engine:
+    with open_to_change(data) as kb, Engine(kb) as engine:
         return store_planned(engine.context, object_iri, planned, call.gripper_type)
 
 

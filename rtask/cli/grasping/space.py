@@ -273,14 +273,14 @@ def _object(source: str, data: Path) -> ObjectShape:
 def _store(
     data: Path, stored_shape: ObjectShape, proposals: Proposals, hand: EndEffector, call: _SpaceCall
 ) -> dict[str, Any]:
-    import rtask
+    from rtask.cli.connection import open_to_change
     from rtask.engine.engine import Engine
     from rtask.engine.operations.planned import as_planned, store_planned_in_space
 
     sure = [c for c in proposals if c.scores["confidence"] >= call.min_confidence][: call.limit]
     if not sure:
         raise UsageError(f"nothing stored: {verdict(proposals, call) or proposals.reason}")
-    with rtask.open(data) as kb, Engine(kb) as engine:
+    with open_to_change(data) as kb, Engine(kb) as engine:
         return store_planned_in_space(
             engine.context,
             stored_shape.object_iri,

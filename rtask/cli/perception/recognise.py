@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import click
 
 from rtask.cli.connection import connection, open_to_read
 from rtask.cli.options import (
+    announce_why_stated,
     data_option,
     exit_if_empty,
     json_option,
@@ -125,7 +127,17 @@ def recognise(
             click.echo(
                 f"      {match['confidence']:.2f}  {match['name']}  {match['object']}{evidence}"
             )
+    _announce_why(rows, server, has_plot=save_plot is not None)
     exit_if_empty(recognised)
+
+
+def _announce_why(rows: Sequence[Mapping[str, Any]], server: str | None, *, has_plot: bool) -> None:
+    """Print how to see what the confidences rest on: a picture, or the view that agrees."""
+    views = [match["view"] for row in rows for match in row["matches"]]
+    if views and server:
+        announce_why_stated(views[0])
+    elif views and not has_plot:
+        click.echo("why: the same call with --save-plot FILE draws what agrees", err=True)
 
 
 def _further(file: Path, view: View, preset: str) -> Frame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from rtask.cli.connection import connection, open_to_change, open_to_read
 from rtask.cli.options import (
     agent_option,
     announce_undo,
+    announce_why,
     data_option,
     json_option,
     print_json,
@@ -32,7 +34,11 @@ __all__ = ["plan"]
     "--assume-reach", is_flag=True,
     help="Plan as if robots reached places of which that is not known, and say so.",
 )  # fmt: skip
-@click.option("--because", is_flag=True, help="Print why each precondition of each step holds.")
+@click.option(
+    "--because",
+    is_flag=True,
+    help="Print why each precondition of each step holds, and each chance.",
+)
 @click.option("--store", is_flag=True, help="Store the plan as a tree of planned tasks.")
 @click.option(
     "--priority", type=click.IntRange(-100, 100), default=0, show_default=True,
@@ -78,7 +84,7 @@ def plan(
         result = _plan_there(goal, server, agent, order, form)
     else:
         result = _plan_here(goal, data, agent, order, form)
-    _show(result, form, because)
+    _show(result, form, because, assume_reach)
     if "task" in result:
         click.echo(f"stored as {result['task']}", err=True)
         announce_undo("undo", result["commit"])
@@ -118,7 +124,7 @@ def _plan_there(
     return answer
 
 
-def _show(result: dict[str, Any], form: str, because: bool) -> None:
+def _show(result: dict[str, Any], form: str, because: bool, assume_reach: bool) -> None:
     if form == "json":
         print_json(result)
     elif form == "pddl":
@@ -129,11 +135,16 @@ def _show(result: dict[str, Any], form: str, because: bool) -> None:
         click.echo(result["text"])
         if because:
             _show_supports(result)
+        elif result["steps"]:
+            asked = ["--assume-reach"] if assume_reach else []
+            announce_why("plan", result["goal"], *asked, "--because")
 
 
 def _show_supports(result: dict[str, Any]) -> None:
     for step in result["steps"]:
         click.echo(f"\n{step['step']}. {step['text']}, because")
+        asked = shlex.join(["rtask", "query", _in_one_line(step["outcomes"])])
+        click.echo(f"   chance {step['chance']:.2f}: {step['why']}  ({asked})")
         for item in step["because"]:
             if item["step"] is not None:
                 why = f"after step {item['step']}"
@@ -144,3 +155,9 @@ def _show_supports(result: dict[str, Any]) -> None:
             else:
                 why = "as nothing says otherwise"
             click.echo(f"   {item['text']}  ({why})")
+
+
+def _in_one_line(sparql: str) -> str:
+    """Return a query without comments and the prefixes that the command line predefines."""
+    lines = (line for line in sparql.splitlines() if not line.startswith(("PREFIX ", "#")))
+    return " ".join(" ".join(lines).split())

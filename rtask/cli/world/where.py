@@ -9,6 +9,8 @@ import click
 
 from rtask.cli.connection import connection, open_to_read
 from rtask.cli.options import (
+    announce_why,
+    announce_why_stated,
     data_option,
     json_option,
     listing_option,
@@ -74,6 +76,8 @@ def where(
     else:
         for line in [thing["text"] for thing in answer["things"]] or [answer["text"]]:
             click.echo(line)
+        if answer["things"]:
+            _announce_why(answer["things"][0], at)
         untried = answer["things_untried"]
         if untried and answer["things"]:
             click.echo(
@@ -82,6 +86,14 @@ def where(
             )
     if not answer["known"]:
         raise SystemExit(1)
+
+
+def _announce_why(thing: dict[str, Any], at: str | None) -> None:
+    """Print how to see who saw a thing at its place: only what holds at present has a proof."""
+    if at is None and thing["place"] and thing["relation"] in ("in", "on"):
+        announce_why("explain", thing["thing"], "rt:locatedOn", thing["place"])
+    else:
+        announce_why_stated(thing["thing"])
 
 
 def _ask(question: dict[str, Any], data: Path, server: str | None) -> dict[str, Any]:

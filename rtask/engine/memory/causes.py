@@ -184,14 +184,17 @@ def _stated(
         start, end = cause.start * length, cause.end * length
         side = "positive" if start + end > 0 else "negative"
         node = iri(f"{object_iri.value}/cause/{cause.kind}-{side}")
-        reasons = Counter(
-            tried.reason for tried in tries
+        explained = [
+            tried for tried in tries
             if not tried.held and _touches(tried, start, end) is (cause.kind == "zone")
-        )  # fmt: skip
+        ]  # fmt: skip
+        reasons = Counter(tried.reason for tried in explained)
         triples.add(object_iri, RT.hasHiddenCause, node)
         triples.node(node, [RT.HiddenCause], {RT.causeProbability: cause.probability})
         for code in sorted(reasons):
             triples.add(node, RT.explainsReason, reason(code))
+        for tried in explained:
+            triples.add(node, RT.explainsFailure, tried.attempt)
         for tried in tries:
             triples.add(node, PROV.wasDerivedFrom, tried.attempt)
         if cause.kind == "mass":

@@ -247,6 +247,9 @@ def _choose(
     alone = None
     if any(max(choice.explanation["graph"]) >= MIN_EVIDENCE for choice in chosen):
         alone = unaided(candidates, scene, situation.memory, context.policy, maps)
+        same = next((o for o in chosen if alone is not None and o.id == alone.id), None)
+        if alone is not None and same is not None:
+            alone = replace(alone, cause=same.cause)
     clock.lap("choice_s")
     return chosen, alone
 

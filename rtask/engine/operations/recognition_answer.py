@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
@@ -171,6 +171,7 @@ def _alone(situation: Situation) -> dict[str, Any] | None:
         "in_object": dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True)),
         "mean": option.choice.mean,
         "quality": option.quality,
+        "cause": None if option.cause is None else asdict(option.cause),
         "text": graph_against_geometry(situation.chosen[0], option),
     }
 

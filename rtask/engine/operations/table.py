@@ -27,6 +27,7 @@ from rtask.engine.operations.search import search_object
 from rtask.engine.operations.tasks.plan import plan_goal, store_plan
 from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_step, list_plans
 from rtask.engine.operations.teach import teach_object
+from rtask.engine.operations.world.frames import locate_frame, state_frame
 from rtask.engine.operations.world.state import state_place
 from rtask.engine.operations.world.where import where_is
 from rtask.wire.stubs import source_of
@@ -43,6 +44,8 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     resolve_request,
     where_is,
     state_place,
+    locate_frame,
+    state_frame,
     plan_goal,
     store_plan,
     list_plans,

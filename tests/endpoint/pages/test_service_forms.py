@@ -185,6 +185,8 @@ def _remember(forms: Forms) -> None:
     panda = {"robot": "urn:lab/robot/panda-1"}
     assert ask("end_step", task=ask("claim_step", **panda)["task"], result="done", **panda)
     assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
+    assert ask("state_frame", frame="table")["commit"]
+    assert ask("locate_frame", frame="table")["known"]
     assert [one["state"] for one in ask("list_plans")["plans"]] == ["running"]
     assert ask("cancel_plan", plan=stored, reason="enough")["commit"]
 

@@ -46,9 +46,10 @@ PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/X
 INSERT DATA {{
   {"".join(f'<urn:lab/robot/{name}> a cora:Robot ; rt:name "{name}" .' for name in ROBOTS)}
   <urn:lab/robot/nao-7> rt:hasEndEffector <urn:lab/hand/1> .
-  <urn:lab/hand/1> a rt:Hand ; rt:name "nao hand" ; rt:gripperType "nao" ; rt:maxOpening 0.08e0 .
+  <urn:lab/hand/1> a rt:Hand ; rt:name "nao hand" ; rt:gripperType "nao" ;
+    rt:minOpening 0e0 ; rt:maxOpening 0.08e0 ; rt:maxPayload 0.3e0 .
   <urn:lab/object/1> a rt:Mug ; rt:objectId "mine/1" ; rt:name "blue mug" ;
-    rt:hasGrasp <urn:lab/grasp/1> .
+    rt:graspWidth 0.04e0 ; rt:mass 0.2e0 ; rt:hasGrasp <urn:lab/grasp/1> .
   <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" ; rt:graspQuality 0.8e0 .
   {"".join(_attempt(*one) for one in ATTEMPTS)}
 }}"""
@@ -58,7 +59,9 @@ INSERT DATA {{
   <urn:lab/estimate/1> a rt:PoseEstimate ; rt:poseOf <urn:lab/object/1> ;
     rt:estimatedPose <urn:lab/pose/1> ; rt:poseConfidence 0.9e0 .
   <urn:lab/grasp/1> rt:graspPose <urn:lab/pose/2> ; rt:contactWidth 0.04e0 ; rt:jawOpening 0.06e0 .
-  <urn:lab/pose/2> a rt:PlanarPose ; rt:x 0e0 ; rt:y 0e0 ; rt:z 0.02e0 ; rt:theta 0e0 .
+  <urn:lab/object/1> rt:bodyFrame <urn:lab/frame/2> .
+  <urn:lab/pose/2> a rt:PlanarPose ; rt:inFrame <urn:lab/frame/2> ;
+    rt:x 0e0 ; rt:y 0e0 ; rt:z 0.02e0 ; rt:theta 0e0 .
   <urn:lab/pose/1> a rt:Pose ; rt:inFrame <urn:lab/frame/1> ; rt:x 0.1e0 ; rt:y 0e0 ; rt:z 0e0 ;
     rt:atTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
 }}"""
@@ -252,7 +255,7 @@ def test_each_learnt_number_in_an_answer_of_a_tool_has_an_address(
                 learnt[name] += 1
                 assert why, (name, number)
                 assert "<h1>" in text_of(browser, why), why
-    assert learnt.keys() >= {"ask_sparql", "describe", "where_is"}
+    assert learnt.keys() >= {"ask_sparql", "describe", "where_is", "recall_grasps", "find_object"}
 
 
 def test_the_links_lead_to_the_robots_and_agree_with_the_numbers(browser: FlaskClient) -> None:
@@ -284,6 +287,8 @@ def test_a_filter_that_is_no_iri_is_refused(browser: FlaskClient) -> None:
     ("limit", "address"),
     [
         ("objects.MAX_OUTCOMES", "/object?iri=kb:object/1"),
+        ("robots._MAX_ROBOTS", "/"),
+        ("robots._MAX_ROBOTS", "/robots"),
         ("robots._SHOWN_OUTCOMES", "/robot?iri=kb:robot/nao-7"),
         ("robots._SHOWN_ATTEMPTS", "/robot?iri=kb:robot/nao-7"),
         ("graph.resource.MAX_OUTGOING", "/resource?iri=kb:object/1"),
@@ -304,3 +309,22 @@ def test_a_list_that_is_cut_says_so_and_leads_to_the_rest(
     monkeypatch.setattr(f"endpoint.pages.{limit}", 1)
     (rest,) = set(rests(text_of(browser, address))) - set(whole)
     assert "<h1>" in text_of(browser, rest)
+
+
+def test_candidates_and_changes_that_are_cut_are_said_to_be(
+    site: Site, browser: FlaskClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in (8, 9):
+        site.kb.update(
+            f"PREFIX rt: <{ontology.NS}> "
+            f'INSERT DATA {{ <urn:lab/object/{number}> a rt:Mug ; rt:objectId "{number}" }}'
+        )
+    merge = "/object/merge?iri=kb:object/1"
+    assert "data-left-out" not in text_of(browser, merge)
+    assert "Nothing yet" in text_of(browser, "/curation")
+    monkeypatch.setattr("endpoint.pages.curation.MAX_CANDIDATES", 1)
+    monkeypatch.setattr("endpoint.pages.curation._RECENT_COMMITS", 1)
+    assert "The 1 that were tried most; there are more" in text_of(browser, merge)
+    changes = text_of(browser, "/curation")
+    assert "Nothing since commit" in changes
+    assert "Nothing yet" not in changes

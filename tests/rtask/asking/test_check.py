@@ -62,6 +62,7 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
          "unbound-variable", "likely",
          "SELECT ?held (COUNT(?a) AS ?n) { ?a rt:hasOutcome/rt:success ?held } GROUP BY ?held"),
         ("SELECT ?x { ?x rt:matches \"mug\" }", "needs-service", "certain", None),
+        (f"SELECT ?x {{ ?x <{ontology.FUNCTIONS}near> ?y }}", "needs-service", "certain", None),
         ("SELECT ?r { ?r rt:Mug ?o }", "class-as-property", "certain", None),
         ("SELECT ?r { ?r a rt:extentX }", "property-as-class", "certain", None),
         ("SELECT ?c { ?c rdfs:sublassOf rt:Mug }", "unknown-term", "likely",
@@ -93,6 +94,7 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?s { ?s prov:wasQuotedFrom ?o }",
         "SELECT ?c { ?o rt:objectId ?id ; a/rdfs:subClassOf* ?c }",
         'SELECT * { SERVICE <urn:rtask:text> { ?iri rt:matches "mug" ; rt:score ?score } }',
+        f"SELECT * {{ SERVICE <urn:rtask:place> {{ ?a <{ontology.FUNCTIONS}near> ?b }} }}",
         "SELECT ?s ?t { { SELECT ?s { ?s rt:hasGrasp ?g } } UNION { ?t rt:reward ?g } }",
         "CONSTRUCT { ?a rt:notYetThere ?o } { ?a rt:hasOutcome ?o }",
         "DESCRIBE <urn:lab/object/7>",
@@ -109,10 +111,30 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?m { ?refusal a rt:GraspRefusal ; prov:startedAtTime ?m }",
         "SELECT ?f { <urn:lab/object/7> rt:hasGrasp ?f }",
         "SELECT ?part { ?task rt:hasSubTask ?part . ?part rt:hasSubTask ?deep }",
+        "SELECT ?held { ?record rt:statisticsOf ?grasp ; rt:successes ?held }",
+        "SELECT ?next { ?experience rt:inState ?state ; rt:nextState ?next }",
+        "SELECT ?plan { ?plan rt:goalText ?goal }",
     ],
 )
 def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, body: str) -> None:
     assert kb.check(HEAD + body) == []
+
+
+def test_a_step_along_one_property_is_not_taken_for_a_step_back() -> None:
+    """No surface lies on another here, and the pattern turned would repeat the first one."""
+    body = (
+        "SELECT ?below { ?object rt:locatedOn ?surface OPTIONAL { ?surface rt:locatedOn ?below } }"
+    )
+    graph = rtask.open(":memory:")
+    assert isinstance(graph, KnowledgeBase)
+    with graph:
+        graph.update(
+            HEAD + "INSERT DATA { <urn:mug> a rt:Mug ; rt:locatedOn <urn:table> . "
+            "<urn:table> a rt:SupportSurface }"
+        )
+        assert graph.check(HEAD + body) == []
+        turned = "SELECT ?o { ?o a rt:Mug ; ^rt:locatedOn ?table }"
+        assert only(graph, turned).rule == "reversed"
 
 
 def test_a_misspelt_property_is_one_finding(kb: KnowledgeBase) -> None:

@@ -77,9 +77,9 @@ def test_a_wish_without_a_hand_is_a_question_about_all_objects(run: Run) -> None
 
 
 def test_a_number_says_where_to_see_what_it_rests_on(run: Run) -> None:
-    out = run("ask", "how often did each robot succeed in grasping?")[1]
-    assert "Why? a page of rtask serve: /feedback?robot=urn%3Alab%2Frobot%2Fnao-1\n" in out
-    assert "Why?" not in run("ask", "where", "is", "the", "cola?")[1]
+    err = run("ask", "how often did each robot succeed in grasping?")[2]
+    assert "why: rtask feedback --robot urn:lab/robot/nao-1 --data " in err
+    assert "why:" not in run("ask", "where", "is", "the", "cola?")[2]
 
 
 def test_a_question_that_is_none_of_the_ontology_s_names_the_nearest(run: Run) -> None:
@@ -98,10 +98,13 @@ def test_a_wish_for_an_object_in_view_needs_a_hand(run: Run) -> None:
 def test_people_judge_by_the_command_line(run: Run) -> None:
     assert "counts: held" in run("feedback")[1]
     correct = ("feedback", "urn:task:1", "--correct", "held=false,reason=slip_lift")
-    code, out, _ = run(*correct, "--agent", "ann")
+    code, out, err = run(*correct, "--agent", "ann")
     assert code == 0
     assert "0 say that it held, 1 that it did not: it counts as a failure" in out
     assert "held 0 of 1 times" in out
+    assert "why: rtask feedback --with-grasp urn:lab/grasp/1 --data " in err
+    shown = run("feedback", "--with-grasp", "kb:grasp/1")[1]
+    assert shown.startswith("0 of 1 held: nao-1 0 of 1\n")
     assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--agent", "bob")[1]
     assert "counts: disputed" in run("feedback")[1]
 

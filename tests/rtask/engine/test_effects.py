@@ -87,6 +87,9 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     assert call("list_plans", nao)["plans"][0]["state"] == "waiting"
     call("state_place", TEACHER, thing="urn:cup", lost=True)
     call("state_place", TEACHER, thing="urn:cup", place="urn:shelf")
+    for name in ("map", "table"):
+        call("state_frame", TEACHER, frame=name)
+    assert call("locate_frame", nao, frame="table")["known"]
     call("cancel_plan", TEACHER, plan=plan["task"], reason="enough")
     assert set(calls) == set(OPERATIONS), "an operation is not watched; call it here"
     for name, one in OPERATIONS.items():

@@ -6,6 +6,7 @@ import pytest
 
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.syntax import check_query
+from rtask.sparql.update_outline import read_update
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,24 @@ from rtask.sparql.syntax import check_query
 def test_a_word_that_is_no_keyword_is_named_with_the_one_meant(text: str, expected: str) -> None:
     with pytest.raises(QuerySyntaxError) as caught:
         check_query(text)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("INSER DATA { }", "update 1:1: 'INSER' is no keyword; did you mean INSERT?"),
+        ("INSERT DAT { }", "update 1:8: 'DAT' is no keyword; did you mean DATA?"),
+        ("CLEAR ALL ;\nDELET WHERE { }", "update 2:1: 'DELET' is no keyword; did you mean DELETE?"),
+        ("DROP GRAF <urn:g>", "update 1:6: 'GRAF' is no keyword; did you mean GRAPH?"),
+        ("SELECT * { ?s ?p ?o }", "update 1:1: SELECT begins a query; expected LOAD, CLEAR,"),
+        ("hello", "update 1:1: expected LOAD, CLEAR,"),
+        ("INSERT DATA", "update 1:12: expected '{', got the end"),
+    ],
+)
+def test_a_word_that_no_update_has_is_named_with_the_one_meant(text: str, expected: str) -> None:
+    with pytest.raises(QuerySyntaxError) as caught:
+        read_update(text)
     assert expected in str(caught.value)
 
 

@@ -174,6 +174,8 @@ def test_the_report_has_table_pictures_and_queries(finished: Any) -> None:
     assert {"pre_grasp", "closed", "held", "placed"} <= pictures
     assert all(p.stat().st_size > 1000 for p in (folder / "report").glob("nao-*/*.png"))
     assert json.loads((folder / "report" / "report.json").read_text()) == result
+    held = [try_ for met in result["objects"] for try_ in met["attempts"] if try_["held"]]
+    assert all(abs(try_["hand"]["across_m"]) < try_["hand"]["opening_m"] for try_ in held)
 
 
 @pytest.mark.deep

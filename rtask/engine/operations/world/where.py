@@ -59,6 +59,9 @@ class LocatedThing(Answer):
     """name of the frame of the pose; empty without one"""
     frame: str
     """its IRI"""
+    frame_reason: str
+    """why the pose is in the frame in which it was measured, and not in the one asked for; empty
+    if it is, or if none was asked for"""
     pose: Json | None
     """geometry_msgs/Pose of the thing in the frame; null if none is known"""
     since: float | None
@@ -126,6 +129,7 @@ def _located(whereabouts: Whereabouts) -> LocatedThing:
         place_label=whereabouts.place_label if whereabouts.is_known else "",
         frame_id=whereabouts.frame_id,
         frame=whereabouts.frame,
+        frame_reason=whereabouts.frame_reason,
         pose=None if pose is None else pose_message(pose),
         since=whereabouts.since_s,
         seen=whereabouts.seen_s,

@@ -10,6 +10,7 @@ import pytest
 
 import rtask
 from rtask.cli import main
+from rtask.cli.changing.new_folder import NewFolder
 from rtask.client import failures
 from tests.rtask.cli.each.tree import walk_commands
 
@@ -104,11 +105,56 @@ def test_where_there_is_no_graph_each_command_ends_with_3(run: Run, tmp_path: Pa
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_no_graph_is_made_for_episodes_of_a_file_that_is_not_there(
-    run: Run, tmp_path: Path
-) -> None:
-    assert run("episodes", "import", "e.mcap", "--data", "new") == 2
+_FAILING = {
+    "episodes import": ("none.mcap", "f.ttl"),
+    "load": ("none.ttl", "f.ttl --graph xyzzy"),
+    "rules add": ("none.rq",),
+    "teach": ("cup f.ttl", "urn://x p.png"),
+    "token create": ("--robot a/b", "--role reader --right read:xyzzy"),
+    "update": ("INSERT",),
+}
+"""Calls that fail, of the commands that make a knowledge base where there is none."""
+
+
+def test_a_command_that_fails_makes_no_graph(run: Run, tmp_path: Path) -> None:
+    _write_files(tmp_path)
+    assert _FAILING.keys() == _MAKING
+    (tmp_path / "empty").mkdir()
+    before = {path: path.is_dir() for path in tmp_path.rglob("*")}
+    calls = [
+        f"{name} {call} --data {data}"
+        for name, (first, *others) in _FAILING.items()
+        for call, data in ((first, "empty"), *((other, "deep/new") for other in others))
+    ]
+    codes = {call: run(*call.split()) for call in calls}
+    assert {call: code for call, code in codes.items() if code not in (1, 2, 3)} == {}
+    assert {path: path.is_dir() for path in tmp_path.rglob("*")} == before
+
+
+def test_a_dry_run_makes_no_graph(run: Run, tmp_path: Path) -> None:
+    _write_files(tmp_path)
+    assert run("load", "f.ttl", "--dry-run", "--data", "new") == 0
     assert not (tmp_path / "new").exists()
+
+
+def test_what_was_loaded_before_a_failure_stays_and_can_be_undone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "f.ttl").write_text("<urn:a> <urn:p> 1 .")
+    with pytest.raises(SystemExit) as caught:
+        main(["load", "f.ttl", "none.ttl", "--data", "new"])
+    assert caught.value.code in (2, 3)
+    assert "undo: rtask " in capsys.readouterr().err
+    with rtask.open(tmp_path / "new", mode="r") as kb:
+        assert kb.query("ASK { <urn:a> <urn:p> 1 }")
+
+
+def test_a_folder_that_another_process_has_begun_to_use_is_not_removed(tmp_path: Path) -> None:
+    with NewFolder(tmp_path / "new"):
+        kb = rtask.open(tmp_path / "new", ontologies=False)
+    kb.close()
+    rtask.open(tmp_path / "new", mode="r").close()
 
 
 class _Clock:

@@ -6,11 +6,12 @@ import pytest
 
 import ontology
 import rtask
+from rtask.asking.questions import answer
 from rtask.engine.memory.causes import restate
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import iri, literal
 
 pytestmark = pytest.mark.slow
 
@@ -227,3 +228,37 @@ def test_the_latest_attempts_speak_however_many_there_are(engine, pen, monkeypat
         engine.call("give_feedback", {"task_id": "urn:try:4", "verdict": verdict}, who)
     assert speaking() == attempts[-4:-1]  # two people disagree: the last one counts no more
     assert fresh(engine, thing)
+
+
+def test_why_it_failed_is_answered_with_the_believed_cause_and_its_chance(engine, pen):
+    one, two, thing = pen
+    report(one, thing, 0.0)
+    assert "believed" not in answer(engine.kb, "why did it fail?").sentence
+    report(two, thing, 0.033, reason="crushed")
+    report(two, thing, -0.033, held=True)
+    (zone,) = [row for row in causes(engine, thing) if row["from"] is not None]
+    found = answer(engine.kb, "why did it fail?")
+    chance = f"{100 * float(zone['p']):.0f} %"
+    assert found.sentence.lower().startswith("crushed: 1 (believed: pen ")
+    words = next(p for p in found.sentence.split("pen ") if p.startswith("is fragile from "))
+    assert f"chance {chance}" in words
+    explained = {quad.object for quad in engine.kb.match(None, RT.explainsFailure)}
+    held = {q.subject for o in engine.kb.match(None, RT.success, literal(True))
+            for q in engine.kb.match(None, RT.hasOutcome, o.subject)}  # fmt: skip
+    assert len(explained) == 2
+    assert not explained & held
+
+
+def test_an_answer_names_the_cause_that_decided(bench, engine, pen):
+    one, two, thing = pen
+    report(one, thing, 0.033)
+    report(one, thing, 0.0)
+    report(one, thing, -0.033, held=True)
+    grasps = two.recognise(bench.sight(bench.PEN), object=thing, max_grasps=50)["grasps"]
+    by_place = {grasp["in_object"]["x"]: grasp["explanation"] for grasp in grasps}
+    weak, sound = by_place[max(by_place)], by_place[min(by_place)]
+    assert weak["cause"]["end"] > 0.03
+    assert weak["cause"]["probability"] > 0.3
+    assert "because it gives way from " in weak["text"]
+    assert f"with a chance of {weak['cause']['probability']:.2f}" in weak["text"]
+    assert "cause" not in sound

@@ -27,12 +27,12 @@ TRIED = {
     "operator": "test_a_robot_cannot_confirm_for_a_person_who_has_a_token",
     "refusal": "test_a_robot_cannot_answer_the_refusal_of_another",
     "robot": "test_a_robot_cannot_work_or_state_places_for_another",
+    "frame": "test_a_robot_cannot_move_a_frame_of_another",
     "agent": "test_a_robot_cannot_work_or_state_places_for_another",
 }
 NOBODY = {
     "task": "a purpose: pick, place",
     "frame_id": "a name within the robot's own frames",
-    "frame": "what poses are asked for in",
     "frames": "names within the robot's own frames",
     "confirmed_by": "a kind of judge",
     "attempt_number": "a count",
@@ -189,6 +189,7 @@ def test_a_second_outcome_of_a_task_that_disagrees_is_a_conflict(bench, robots):
         ("claim_step", {"robot": "nao-1"}),
         ("end_step", {"robot": "nao-1", "task": "urn:t", "result": "done"}),
         ("state_place", {"agent": "nao-1", "thing": "urn:x", "lost": True}),
+        ("state_frame", {"agent": "nao-1", "frame": "table", "lost": True}),
         ("store_plan", {"agent": "nao-1", "goal": "every pen into the left box"}),
         ("cancel_plan", {"operator": "nao-1", "plan": "urn:p", "reason": "late"}),
     ],
@@ -198,3 +199,11 @@ def test_a_robot_cannot_work_or_state_places_for_another(robots, operation, args
     stranger = robots("nao-2")
     with pytest.raises(ForbiddenError, match="the token belongs to 'nao-2': it cannot act for"):
         stranger.call(operation, **args)
+
+
+def test_a_robot_cannot_move_a_frame_of_another(robots):
+    robots("nao-1")
+    stranger = robots("nao-2")
+    with pytest.raises(ForbiddenError, match="on another robot's body than that of 'nao-2'"):
+        stranger.call("state_frame", frame="nao-1/base_footprint", lost=True)
+    assert stranger.call("locate_frame", frame="nao-1/base_footprint")["known"], "it may ask"

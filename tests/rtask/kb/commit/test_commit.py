@@ -208,7 +208,7 @@ def test_errors_of_updates_say_where(kb: KnowledgeBase) -> None:
         ("CLEAR XYZ", "1:7: expected an IRI"),
         ("PREFIX e <urn:e> CLEAR ALL", "1:8: expected a prefix"),
         ("INSERT DATA { e:a <urn:p> 1 }", "1:15: undeclared prefix 'e:'"),
-        ("SELECT * { ?s ?p ?o }", "expected LOAD"),
+        ("SELECT * { ?s ?p ?o }", "SELECT begins a query; expected LOAD"),
     ):
         with pytest.raises(QuerySyntaxError, match=message):
             kb.update(text)

@@ -1,0 +1,142 @@
+"""Spots: where things, frames and robots are in the root of their tree, to be compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import NamedNode, iri, python_value
+from rtask.world.frames import Rooted
+from rtask.world.placement import Placement
+
+if TYPE_CHECKING:
+    from rtask.world.state import WorldState
+
+__all__ = ["Spot", "Spots"]
+
+_MAX_NESTING = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """Where something is.
+
+    Parameters
+    ----------
+    node
+        Its IRI.
+    root, root_from_node
+        IRI of the root of its tree of frames, and its pose (4, 4) there, m.
+    sigma_m
+        Standard deviation of the position per axis.
+    still_there
+        Chance that a thing is still there; 1 for what is no thing.
+    """
+
+    node: str
+    root: str
+    root_from_node: NDArray[np.float64]
+    sigma_m: float = 0.0
+    still_there: float = 1.0
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position (3,), m, in the root."""
+        return self.root_from_node[:3, 3]
+
+
+@dataclass
+class Spots:
+    """Spots of one world at one time.
+
+    Parameters
+    ----------
+    time_s
+        Unix time.
+    """
+
+    world: WorldState
+    time_s: float
+    _rooted: dict[tuple[str, float], Rooted] = field(default_factory=dict)
+
+    def of(self, node: str, depth: int = 0) -> Spot | None:
+        """Return the spot of a thing, frame, robot or place, or None if it is not known."""
+        placement = self.world.placement_at(node, self.time_s)
+        if placement is not None and self.is_thing(node):
+            return self._of_thing(node, placement, depth)
+        if self.world.kb.match(iri(node), RDF.type, RT.Frame):
+            return self._in_frame(node, node, np.eye(4), self.time_s)
+        for quad in self.world.kb.match(iri(node), RT.bodyFrame):
+            if isinstance(quad.object, NamedNode):
+                return self._in_frame(node, quad.object.value, np.eye(4), self.time_s)
+        return None
+
+    def placed(self, most: int) -> list[str]:
+        """Return the things that have a place at this time, sorted, at most so many and one."""
+        subjects = self.world.index.held_at(self.time_s)
+        things = (subject for subject in sorted(subjects) if self.is_thing(subject))
+        return [
+            thing for _, thing in zip(range(most + 1), things, strict=False)
+            if not self.world.is_merged(thing)
+        ]  # fmt: skip
+
+    def is_thing(self, node: str) -> bool:
+        """Whether an IRI is of a thing."""
+        return bool(self.world.kb.match(iri(node), RDF.type, RT.Exemplar))
+
+    def containers(self, thing: str) -> list[str]:
+        """Return what a thing is in, the innermost first."""
+        found: list[str] = []
+        node = thing
+        while len(found) < _MAX_NESTING:
+            placement = self.world.placement_at(node, self.time_s)
+            if placement is None or placement.relation != "in" or placement.place in found:
+                return found
+            found.append(placement.place)
+            node = placement.place
+        return found
+
+    def extent(self, thing: str) -> float | None:
+        """Return the larger horizontal extent of a thing's product, m, or None."""
+        product = iri(self.world.product_of(thing) or thing)
+        lengths = [
+            float(str(python_value(quad.object)))
+            for name in (RT.extentX, RT.extentY)
+            for quad in self.world.kb.match(product, name)
+        ]
+        return max(lengths, default=None)
+
+    def _of_thing(self, thing: str, placement: Placement, depth: int) -> Spot | None:
+        still = self.world.spread(placement, self.time_s).still_there * placement.confidence
+        if placement.frame_from_subject is not None:
+            measured_s = min(placement.confirmed, self.time_s)
+            pose, sigma = placement.frame_from_subject, placement.sigma_m
+            return self._in_frame(thing, placement.frame, pose, measured_s, sigma, still)
+        around = self.of(placement.place, depth + 1) if depth < _MAX_NESTING else None
+        if around is None:
+            return None
+        still *= around.still_there
+        return Spot(thing, around.root, around.root_from_node, around.sigma_m, still)
+
+    def _in_frame(
+        self,
+        node: str,
+        frame: str,
+        pose: NDArray[np.float64],
+        measured_s: float,
+        sigma_m: float = 0.0,
+        still: float = 1.0,
+    ) -> Spot | None:
+        key = frame, measured_s if self.world.frames.is_of_robot(frame) else self.time_s
+        rooted = self._rooted.get(key)
+        if rooted is None:
+            rooted = self.world.frames.rooted(frame, self.time_s, measured_s)
+            self._rooted[key] = rooted
+        if rooted.fault:
+            return None
+        sigma = float(np.hypot(sigma_m, np.sqrt(rooted.variances_m2[-1])))
+        return Spot(node, rooted.root, rooted.poses[-1] @ pose, sigma, still)
