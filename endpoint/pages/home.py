@@ -21,13 +21,15 @@ def home() -> Model:
     counts = select("counts")[0]
     # Of more attempts than that, reading all of them would be what makes the page slow.
     is_small = int(counts["attempts"]) <= MAX_ATTEMPTS
+    robots, all_robots = list_robots()
     return {
         "version": __version__,
         "base": knowledge_base().base,
         "counts": counts,
         "benefit": benefit(recent_attempts()) if is_small else None,
         "objects": list_objects(limit=SHOWN_OBJECTS),
-        "robots": list_robots(),
+        "robots": robots,
+        "all_robots": all_robots,
         "events": last_events(SHOWN_EVENTS),
         "addresses": {
             "sparql": f"{site}/sparql",

@@ -11,7 +11,15 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
+from urllib.parse import urlencode
 
+from rtask.asking.questions.beliefs import (
+    BELIEFS,
+    ChangedBeliefs,
+    asks_for_changes,
+    changed_beliefs,
+    past_states,
+)
 from rtask.asking.questions.catalogue import Question
 from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
 from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
@@ -19,11 +27,12 @@ from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
     Mention,
     Select,
+    find_by_part,
     find_mentions,
     tokens_of,
 )
 from rtask.asking.questions.periods import Period, find_period
-from rtask.asking.questions.sentences import names_of, sentence
+from rtask.asking.questions.sentences import MAX_CLAUSES, names_of, sentence
 from rtask.asking.questions.why import why_of
 from rtask.asking.questions.words import split_name, stem
 from rtask.errors import UsageError
@@ -175,6 +184,8 @@ def answer(
         The text is empty or longer than :data:`MAX_TEXT`.
     QueryTimeout
         A query took too long.
+    UnsupportedError, GoneError, TooLargeError, BusyError
+        It asks what has changed, and the graph keeps no earlier states here, or none so old.
 
     Examples
     --------
@@ -190,7 +201,11 @@ def answer(
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a question has 1 to {MAX_TEXT} characters, not {len(text)}")
     run = select or _within_bounds(kb)
-    reading = _read(run, text, str(getattr(kb, "base", "")), now or dt.datetime.now(dt.UTC))
+    now = now or dt.datetime.now(dt.UTC)
+    if asks_for_changes(text, find_period(text, now)):
+        changed = changed_beliefs(run, past_states(kb), text, find_period(text, now), now)
+        return _changes(text, changed)
+    reading = _read(run, text, str(getattr(kb, "base", "")), now)
     matches = matcher().matches(reading.asked)
     nearest = _nearest(matches)
     best = matches[0]
@@ -202,6 +217,12 @@ def answer(
     filled = fill(question, reading.mentions, reading.period)
     if missing := _missing(question, filled, reading):
         words = f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
+        if any(item.is_cut for item in reading.mentions):
+            words = (
+                f"Whether anything is called {missing!r} is not known: the words name more than "
+                f"{MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked at. A full name in "
+                "quotes, or an IRI, names fewer."
+            )
         return _unanswered(text, reading, words, nearest)
     unused = unused_mentions(question, filled, reading.mentions)
     if reading.period is not None and all(item.period is None for item in filled):
@@ -228,6 +249,21 @@ def answer(
     )
 
 
+def _changes(text: str, changed: ChangedBeliefs) -> Answer:
+    """Return the answer to what has changed."""
+    rows = changed.rows[:MAX_ROWS]
+    shown = list(changed.clauses[:MAX_CLAUSES])
+    left = len(changed.clauses) - len(shown)
+    words = "; ".join([*shown, f"and {left} more"] if left else shown)
+    if not shown:
+        words = f"no belief changed {changed.period}; `rtask history` lists the commits"
+    return Answer(
+        text, "beliefs", f"Which beliefs changed {changed.period}?", {}, (), BELIEFS, rows, {},
+        f"{words[:1].upper()}{words[1:]}.", (), len(changed.rows) > MAX_ROWS,
+        tuple(f"/resource?{urlencode({'iri': str(row.value('about'))})}" for row in rows),
+    )  # fmt: skip
+
+
 def _within_bounds(kb: Selectable) -> Select:
     def run(query: str) -> Solutions:
         return kb.select(query, timeout_s=TIMEOUT_S)
@@ -240,6 +276,8 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     plain = text.replace(period.text, " ") if period is not None else text
     tokens = tuple(tokens_of(plain))
     mentions = tuple(find_mentions(run, list(tokens), base))
+    strange = [at for at, token in enumerate(tokens) if _is_strange(token, at, mentions)]
+    mentions += tuple(find_by_part(run, tokens, strange))
     words: list[str] = []
     names: set[str] = set()
     ignored: list[str] = []
@@ -267,6 +305,13 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
         tokens, mentions, period, Asked(tuple(words), frozenset(names), tuple(roles)),
         tuple(dict.fromkeys(ignored)),
     )  # fmt: skip
+
+
+def _is_strange(token: str, at: int, mentions: tuple[Mention, ...]) -> bool:
+    """Return whether a word names nothing and means nothing in a question."""
+    if any(item.start <= at < item.end for item in mentions):
+        return False
+    return not any(matcher().is_familiar(stem(part)) for part in split_name(token.lower()))
 
 
 def _nearest(matches: list[Match]) -> tuple[Near, ...]:
