@@ -212,8 +212,9 @@ class Unknown:
         module = shipped_terms().get(node.value) if rule == "unknown-term" else None
         if module is not None:
             words = (
-                f"{self._short(node)} is in the ontology of this version of RTASK (module {module}), "
-                "but not in that of the graph, which is upgraded when it is opened for writing"
+                f"{self._short(node)} is in the ontology of this version of RTASK "
+                f"(module {module}), but not in that of the graph, which is upgraded when it is "
+                "opened for writing"
             )
             return Finding(rule, severity, node.start, node.end, words)
         if edge is not None:
