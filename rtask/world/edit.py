@@ -228,6 +228,11 @@ class WorldEdit:
         self._made.setdefault(product, []).append(exemplar)
         return exemplar
 
+    @property
+    def made(self) -> int:
+        """Number of things that this commit states for the first time."""
+        return sum(len(made) for made in self._made.values())
+
     def is_of(self, exemplar: str, product: str) -> bool:
         """Whether a thing is an exemplar of a product, stored or made in this commit."""
         return exemplar in self._made.get(product, ()) or bool(

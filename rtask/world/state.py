@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -150,7 +151,24 @@ class WorldState:
         if placement.frame and not self.frames.is_of_robot(placement.frame):
             # A table that was pushed may have shaken off what stood on it.
             events += len(self.index.begins(placement.frame, placement.confirmed, time_s))
-        return spread_of(placement, time_s, events)
+        spread = spread_of(placement, time_s, events)
+        if placement.end is None or not placement.confirmed < time_s < placement.end:
+            return spread
+        return self._in_hindsight(placement, time_s, spread)
+
+    def _in_hindsight(self, placement: Placement, time_s: float, spread: Spread) -> Spread:
+        """Return the spread between when a thing was last seen at a place and when it was gone.
+
+        Whoever took it away knows when that was. Else it left at any time in between.
+        """
+        assert placement.end is not None
+        after = self.last_placement(placement.subject, placement.end)
+        if after is not None and after.begin == placement.end and after.relation != "at":
+            return replace(spread, still_there=1.0)
+        if placement.relation == "held_by" and after is not None and after.iri != placement.iri:
+            return replace(spread, still_there=1.0)
+        gap_s = placement.end - placement.confirmed
+        return replace(spread, still_there=1.0 - (time_s - placement.confirmed) / gap_s)
 
     def close(self) -> None:
         """Stop following the graph."""
