@@ -20,6 +20,7 @@ NAO = Access("nao-1", "robot")
 def engine(lab) -> Iterator[Engine]:
     hands = "".join(
         f"<{BASE}robot/{robot}> rt:hasEndEffector <{lab.hand(robot)}> . "
+        f"<{lab.hand(robot)}> a rt:EndEffector . "
         for robot in ("nao-1", "nao-2")
     )
     lab.kb.update(f"{PREFIXES} INSERT DATA {{ {hands} }}")
