@@ -7,7 +7,7 @@ it: a robot cannot write into the graph of another one, whose thing it moved.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -167,9 +167,40 @@ class WorldEdit:
 
     def lose(self, exemplar: str, time_s: float) -> None:
         """State that a thing is no longer where it was, and nobody knows where."""
+        self.lose_all([exemplar], time_s)
+
+    def lose_all(self, exemplars: Sequence[str], time_s: float) -> None:
+        """State that several things are no longer where they were.
+
+        If one that is like a lost thing was seen elsewhere meanwhile, and no other like it is lost,
+        it was this one.
+        """
+        for exemplar in exemplars:
+            last = self.last(exemplar)
+            if last is None or time_s < last.begin:
+                continue
+            other = self._carried(last, exemplars) if last.is_current else None
+            self._close(exemplar, time_s if other is None else other.begin)
+            if other is not None:
+                same = NamedNode(other.subject), RT.mergedInto, NamedNode(exemplar)
+                self.statements.append(same)
+
+    def _carried(self, last: Placement, lost: Sequence[str]) -> Placement | None:
+        """Return the first placement of a thing that turns out to be a lost one, or None."""
+        for other in self._doubts_about(last.subject):
+            history = self.world.history(other)
+            doubts = [name for name, _ in self.world.doubts(other)]
+            if self.world.is_merged(other) or last.subject not in doubts or not history:
+                continue
+            rivals = [name for name in doubts if name != last.subject]
+            is_only = all(self._is_there_still(name) and name not in lost for name in rivals)
+            if is_only and last.confirmed < history[0].begin:
+                return history[0]
+        return None
+
+    def _is_there_still(self, exemplar: str) -> bool:
         last = self.last(exemplar)
-        if last is not None and time_s >= last.begin:
-            self._close(exemplar, time_s)
+        return last is not None and last.is_current
 
     def stand(
         self,

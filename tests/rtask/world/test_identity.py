@@ -104,3 +104,28 @@ def test_between_two_lost_things_the_nearer_one_is_taken_and_the_doubt_is_kept()
 def test_a_thing_is_the_same_if_nothing_else_is_likely():
     gone = Candidate("urn:a", 1.0, Spread(0.01, 0.0, 0.1), is_current=True, age_s=1e6)
     assert identify([gone], 0.003).doubts == (("urn:a", pytest.approx(1 / 1.1)),)
+
+
+def test_a_thing_seen_elsewhere_before_it_was_missed_turns_out_to_be_the_same(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    carried = lab.see(lab.cup, 0.9, -0.4, 600)
+    assert carried != first
+    lab.lose(first, 900)
+    assert lab.kb.world.exemplars_of(lab.cup) == [first]
+    (place,) = lab.ask("blue cup", 950).exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(0.9)
+    assert place.doubts == ()
+    before, after = lab.kb.world.history(first)
+    assert before.end == after.begin, "it is at one place at a time"
+
+
+def test_of_two_lost_things_none_is_taken_for_the_one_that_was_seen_elsewhere(lab):
+    lab.stand(lab.frame(), lab.map, 0.0, 0.0, -100)
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, -0.6, 0.1, 0)
+    third = lab.see(lab.cup, 0.9, -0.4, 600)
+    edit = lab.edit()
+    edit.lose_all([first, second], lab.noon + 900)
+    lab.commit(edit, "nao-1")
+    assert lab.kb.world.exemplars_of(lab.cup) == sorted([first, second, third])
+    assert {name for name, _ in lab.kb.world.doubts(third)} == {first, second}

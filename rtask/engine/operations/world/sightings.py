@@ -94,8 +94,7 @@ def report_sightings(
         frame, declared = frame_named(context, request.frame, author)
         edit = WorldEdit(context.world, context.home_graph(author))
         hands = [hand.iri.value for hand in context.grippers.all() if hand.robot.value == agent]
-        for thing in request.gone:
-            edit.lose(_thing(context, thing), time_s)
+        edit.lose_all([_thing(context, thing) for thing in request.gone], time_s)
         things = []
         for seen in request.seen:
             product = _product(context, seen.object)
