@@ -53,6 +53,7 @@ class Day:
     lab: Lab
     engine: Engine
     robots: list[Robot]
+    begin_s: float
     end_s: float
     known: dict[str, Thing]
     samples: list[Sample] = field(default_factory=list)
@@ -78,7 +79,7 @@ def live_day(engine: Engine, settings: Mapping[str, Any]) -> Day:
     robots = [Robot(name, engine, lab, rng, table, known, errors)
               for name, table in tables.items()]  # fmt: skip
     minutes = round(settings["hours"] * 60)
-    day = Day(lab, engine, robots, START_S + 60.0 * minutes, known)
+    day = Day(lab, engine, robots, START_S, START_S + 60.0 * minutes, known)
     for robot in robots:
         robot.register(START_S)
     per_minute = settings["samples"] / minutes

@@ -1,7 +1,8 @@
 """Questions about a day, put to the public operations and judged by what truly happened.
 
 An answer is right, wrong, or "not known": that is an answer without a place, one whose chance is
-below :data:`SURE`, one that may be about another thing, or one that leaves a quarter of an hour open.
+below :data:`SURE`, one that may be about another thing, or one that leaves more than a quarter of
+an hour open.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _RIGHT_M = 0.05
 _BESIDE_M, _MARGIN_M = 0.25, 0.03
 _GAP_S = 900.0
 _NEXT_LOOK_S = 660.0
+_FIRST_LOOKS_S = 360.0
 _TRIES = 50
 Verdict = Literal["right", "not known", "wrong"]
 
@@ -80,9 +82,9 @@ class _Asker:
         return (thing, name) if self.day.iri_of(thing) else None
 
     def time(self) -> float:
-        """Draw a time of the day, to a second."""
-        start_s = self.day.lab.things[0].log[0].since_s + 600.0
-        return float(int(self.rng.uniform(start_s, self.day.end_s)))
+        """Draw a time of the day, to a second, after every robot has looked once."""
+        first_s = min(self.day.begin_s + _FIRST_LOOKS_S, self.day.end_s - 1.0)
+        return float(int(self.rng.uniform(first_s, self.day.end_s)))
 
 
 def ask_all(day: Day, count: int, rng: np.random.Generator) -> list[Asked]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -74,7 +75,7 @@ def _at_two_places(day: Day) -> int:
     for iri in day.known:
         args = {"name": iri, "max_places": 10_000}
         places = day.engine.call("trace_thing", args, Access("eve", "reader")).places
-        for before, after in zip(places, places[1:], strict=False):
+        for before, after in itertools.pairwise(places):
             count += before.until is None or before.until > after.since
     rows = day.engine.context.kb.select(f"""{PREFIXES}
 SELECT ?thing WHERE {{ ?thing rt:currentPlacement ?place }}
@@ -121,5 +122,3 @@ def _finds(robot: Robot, thing: Thing, time_s: float) -> bool:
         return bool(place.place_label == thing.now.where)
     at = place.pose["position"]
     return distance((at["x"], at["y"]), thing.now.spot) <= _LOOK_M
-
-
