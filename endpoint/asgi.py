@@ -64,7 +64,7 @@ class AsgiApplication:
         self._held = 0
         kb = self._context.kb
         readers = kb.readers if isinstance(kb, KnowledgeBase) and kb.readers.possible else None
-        self.points = PointLines(readers, application.start_reader)
+        self.points = PointLines(readers, application.start_reader, application.router.asked.slow)
         following = self._context.following
         self.connections = Connections(
             bridge,

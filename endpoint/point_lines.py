@@ -20,6 +20,7 @@ from rtask.errors import ClosedError, RtaskError
 from rtask.kb.readers.line import Answer, ReaderLine
 from rtask.kb.readers.pool import Readers
 from rtask.kb.readers.streams import ReaderStream
+from rtask.sparql.slow_shapes import SlowShapes
 
 __all__ = ["Instead", "PointLines", "PointQuery"]
 
@@ -122,10 +123,15 @@ class PointLines:
         The readers; none if the graph is stored elsewhere, so that threads do all the work.
     start_reader
         Starts a reader in the background.
+    slow
+        Takes note of queries that took longer than they looked.
     """
 
-    def __init__(self, readers: Readers | None, start_reader: Callable[[], None]) -> None:
+    def __init__(
+        self, readers: Readers | None, start_reader: Callable[[], None], slow: SlowShapes
+    ) -> None:
         self._readers = readers
+        self._slow = slow
         self._start_reader = start_reader
         self._lines: list[_Line] = []
         self._waiting: deque[PointQuery] = deque()
@@ -221,6 +227,8 @@ class PointLines:
             query = queries.popleft()
             line.bytes -= len(query.payload)
             line.since = self._loop.time()
+            if reader.was_slow:
+                self._slow.note(query.text)
             if query.line is line:
                 query.line = None
                 query.answer(answer if answer.kind else Instead.ASK_IN_THREAD)
@@ -297,6 +305,7 @@ class PointLines:
                     self._close(line)
             elif now - line.since > QUICK_S:
                 front = line.queries[0]
+                self._slow.note(front.text)
                 if front.line is line:
                     front.line = None
                     front.answer(Instead.ASK_AMONG_LONG)

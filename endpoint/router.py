@@ -55,6 +55,7 @@ from rtask.engine.context import SCOPES
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.services.definition import Definition
+from rtask.sparql.slow_shapes import SlowShapes
 from rtask.wire.effect import Effect, Source, strongest
 
 Handler = Callable[[Request, Caller, str], Plan]
@@ -86,7 +87,9 @@ class Router:
         context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
         past = PastStates(kb, config)
         context.at_close.append(past.close)
-        self.asked = protocol.Asked(answers, Lookups(kb), cache, context.versions, past)
+        self.asked = protocol.Asked(
+            answers, Lookups(kb), cache, context.versions, past, SlowShapes()
+        )
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
         self._calls = AgentCalls()

@@ -59,11 +59,6 @@ class TabletopShape:
     roundness: float
 
     @property
-    def elongation(self) -> float:
-        """Length over width, at least 1."""
-        return self.length / self.width
-
-    @property
     def is_round(self) -> bool:
         """Whether the footprint is a disc."""
         return self.roundness >= _ROUND

@@ -16,6 +16,7 @@ from simulate.study.commands import grasping, judging, learn, table4, table5
 from simulate.study.day.command import day
 from simulate.study.pushes.command import push_grasps
 from simulate.study.quality.command import grasp_quality
+from simulate.study.quality.hands_command import hands
 from simulate.study.tasks.command import tasks
 
 __all__ = ["study"]
@@ -30,7 +31,8 @@ def study() -> None:
 
 
 for _command in (
-    attempts, day, demo, grasp_quality, grasping, judging, learn, piles, push_grasps, requests,
+    attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles, push_grasps,
+    requests,
     sharing, table4, table5, tasks, trust,
 ):  # fmt: skip
     study.add_command(_command)

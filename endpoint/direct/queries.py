@@ -122,7 +122,7 @@ class QuickQueries:
             return False
         judgement = self._judge(text)
         context = self._context
-        if not judgement.form or not context.queries.has_room:
+        if not judgement.form or text in self._asked.slow or not context.queries.has_room:
             return False
         if not context.limiter.try_admit(head.caller):
             return False

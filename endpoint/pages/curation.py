@@ -40,8 +40,11 @@ def merge() -> Model:
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
         chosen = f"{by_words(words)} {without(subject)}"
-        candidates = list_objects(MAX_CANDIDATES, chosen=chosen)
-        return {"iri": subject, "object": side(subject), "find": words, "found": candidates}
+        candidates = list_objects(MAX_CANDIDATES + 1, chosen=chosen)
+        return {
+            "iri": subject, "object": side(subject), "find": words,
+            "found": candidates[:MAX_CANDIDATES], "has_more": len(candidates) > MAX_CANDIDATES,
+        }  # fmt: skip
     into = resolve_object("into")
     if into == subject:
         raise RefusedError(422, "usage", f"both names mean {subject}: there is nothing to merge")
@@ -100,13 +103,18 @@ def objects_alike(subject: str, description: str) -> tuple[list[Model], list[str
 @page(_ADDRESS, "curation.html")
 def curation() -> Model:
     """Return the latest changes by people, the newest first."""
-    return {"changes": list_changes()}
+    since = max(0, embedded_graph().seq - _RECENT_COMMITS)
+    changes = list_changes(since)
+    return {
+        "changes": changes[:MAX_LISTED],
+        "since": since,
+        "has_more": since > 0 or len(changes) > MAX_LISTED,
+    }
 
 
-def list_changes() -> list[Model]:
-    """Return recent changes by people, and whether each was undone."""
+def list_changes(since: int) -> list[Model]:
+    """Return changes by people after a commit, and whether each was undone."""
     kb = embedded_graph()
-    since = max(0, kb.seq - _RECENT_COMMITS)
     entries = [e for e in kb.history(since=since) if (e.note or "").startswith(NOTE)]
     changes = [(entry, (entry.note or "").removeprefix(NOTE)) for entry in entries]
     back = {note.removeprefix("take back ") for _, note in changes if note.startswith("take back ")}
@@ -121,7 +129,7 @@ def list_changes() -> list[Model]:
             "taken_back": f"c-{entry.seq:05d}" in back,
         }
         for entry, note in reversed(changes)
-    ][:MAX_LISTED]
+    ]
 
 
 @blueprint.route("/object/curate", methods=["POST"])

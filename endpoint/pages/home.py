@@ -17,12 +17,14 @@ SHOWN_EVENTS = 6
 def home() -> Model:
     """Return counts, objects, robots and the last events; three queries."""
     site = current_request().site
+    robots, all_robots = list_robots()
     return {
         "version": __version__,
         "base": knowledge_base().base,
         "counts": select("counts")[0],
         "objects": list_objects(limit=SHOWN_OBJECTS),
-        "robots": list_robots(),
+        "robots": robots,
+        "all_robots": all_robots,
         "events": last_events(SHOWN_EVENTS),
         "addresses": {
             "sparql": f"{site}/sparql",

@@ -29,18 +29,23 @@ from rtask.rdf.terms import NamedNode, iri
 
 __all__ = ["list_robots"]
 
+_MAX_ROBOTS = 500
 _SHOWN_ATTEMPTS = 12
 _SHOWN_REASONS = 5
 _SHOWN_PARTS = 40
 _SHOWN_OUTCOMES = 500
 
 
-def list_robots() -> list[Model]:
-    """Return each robot with its last outcome, and what it does now."""
+def list_robots() -> tuple[list[Model], str]:
+    """Return each robot with its last outcome and what it does now, and a query if there are more.
+
+    The query is for all of them; empty where none is left out.
+    """
     rows: dict[str, Model] = {}
-    for row in select("robots", chosen=""):
+    shown, query = select_first("robots", _MAX_ROBOTS, chosen="")
+    for row in shown:
         rows.setdefault(str(row["robot"]), {**_counted(row), **_presence(row)})
-    return list(rows.values())
+    return list(rows.values()), query
 
 
 def _presence(row: Model) -> Model:
@@ -73,7 +78,8 @@ def _counted(row: Model) -> Model:
 @page("/robots", "robots.html")
 def robots() -> Model:
     """Return all robots; one query."""
-    return {"robots": list_robots()}
+    listed, all_robots = list_robots()
+    return {"robots": listed, "all_robots": all_robots}
 
 
 @page("/robot", "robot.html")

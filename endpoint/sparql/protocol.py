@@ -42,6 +42,7 @@ from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services
+from rtask.sparql.slow_shapes import SlowShapes
 from rtask.sparql.tokens import shape
 
 _CACHED_TEXT = 16_384
@@ -67,13 +68,14 @@ def _form(text: str, limits: Limits) -> str:
 
 @dataclass(frozen=True)
 class Asked:
-    """The parts that answer queries: readers, look-ups, caches here and there, earlier states."""
+    """The parts that answer queries: readers, look-ups, caches, earlier states; slow queries."""
 
     answers: Answers
     lookups: Lookups
     cache: AnswerCache
     versions: Versions
     past: PastStates
+    slow: SlowShapes
 
 
 def plan_query(
@@ -130,7 +132,7 @@ def plan_query(
     planned = _Query(question, lookup, keep, timeout_s, config, asked)
     if lookup and asked.lookups.in_memory and (response := planned.look_up()) is not None:
         return Plan(lambda: response, None, "loop", form, query.text, query=planned)
-    is_point = lookup or is_quick(query.text)
+    is_point = lookup or (is_quick(query.text) and query.text not in asked.slow)
     return Plan(
         planned.run_point if is_point else planned.run,
         timeout_s + GRACE_S,

@@ -38,11 +38,6 @@ class OpenSetScore:
         """Share of known objects that are accepted as themselves."""
         return self.recognised / self.known if self.known else float("nan")
 
-    @property
-    def false_accepted(self) -> int:
-        """Answers that were accepted and wrong."""
-        return self.false_known + self.false_unknown
-
 
 def score_open_set(
     answers: Iterable[tuple[str | None, Recognition]], threshold: float | None = None

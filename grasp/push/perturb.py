@@ -73,14 +73,6 @@ class Tolerance:
         """Return the tolerance of the thesis's experiments for a part of this size."""
         return cls(VERTEX_SCALE * part.radius, COM_SCALE * part.radius)
 
-    @classmethod
-    def variance_px(cls, part: Part, radius_px: float = 100.0) -> Tolerance:
-        """Return 0.2 and 0.7 times the radius as variances in px^2 of an outline of that radius."""
-        if not radius_px > 0:
-            raise ValueError(f"radius_px must be positive, got {radius_px}")
-        scale = part.radius / radius_px
-        return cls(math.sqrt(0.2 * radius_px) * scale, math.sqrt(0.7 * radius_px) * scale)
-
 
 def _check_warp(vertex_std: float | FloatArray, length: float) -> None:
     """Refuse a warp that is not smooth, or that may fold the plane.

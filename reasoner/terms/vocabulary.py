@@ -109,7 +109,6 @@ DATATYPE_NAMES = (
 )  # fmt: skip
 DATATYPES: dict[str, int] = {XSD + name: _term(XSD + name) for name in DATATYPE_NAMES}
 STRING = DATATYPES[XSD + "string"]
-BOOLEAN = DATATYPES[XSD + "boolean"]
 
 IRIS: tuple[str, ...] = tuple(_iris)
 """IRI of each vocabulary id, in order."""

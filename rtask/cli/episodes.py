@@ -150,7 +150,7 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
         raise UsageError(f"{file}: there is no such file")
     from rtask.engine import Engine
     from rtask.extras import naming_extras
-    from rtask.interop.episodes.recording import read_episodes
+    from rtask.interop.episodes.reading import read_episodes
 
     with open_or_make(data) as kb, naming_extras(_EXTRA), Working("reading"):
         before = kb.seq

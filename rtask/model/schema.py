@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import keyword
-import re
 from collections import defaultdict
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import ontology
 from rtask.model.codec import RDF_LANG_STRING, RDFS_LITERAL, THING
 from rtask.model.limits import Limits
+from rtask.model.python_names import class_name, field_name, local_name, unique_names
 from rtask.rdf.terms import XSD, BlankNode, Literal, NamedNode, Subject, Term
 
 __all__ = ["ClassSpec", "PropertySpec", "Schema", "read_schema"]
@@ -20,12 +19,6 @@ Triples = Iterable[tuple[Subject, NamedNode, Term]]
 OWL, RDF, RDFS = (ontology.PREFIXES[name] for name in ("owl", "rdf", "rdfs"))
 SH, RT = ontology.PREFIXES["sh"], ontology.NS
 _TYPE = RDF + "type"
-_RESERVED = {
-    *("iri", "annotations", "registry", "str", "int", "float", "bool", "object", "datetime"),
-    *("ontology", "Model", "One", "Many", "Link", "Links", "Ordered", "Identity", "Limits"),
-    *("Registry", "NamedNode", "ClassVar", "REGISTRY"),
-}
-"""Names that are reserved in classes and generated modules."""
 _CLOSED = RT + "CodedValue"
 _COMMENTS = {
     RDFS + "label": "A name for people, in a language.",
@@ -136,7 +129,7 @@ def read_schema(
     iris = _public(graph.named(OWL + "Class", RDFS + "Class")) | {THING}
     iris |= {o.value for _, _, o in triples if isinstance(o, NamedNode) and find_model(o.value)}
     above = _hierarchy(graph, iris)
-    names = _names(iris, primary, _class_name)
+    names = unique_names(iris, primary, class_name)
     classes = {
         iri: ClassSpec(iri, names[iri], above[iri], graph.text(iri, RDFS + "comment"))
         for iri in _superclasses_first(above)
@@ -151,7 +144,7 @@ def read_schema(
 
 def _public(iris: set[str]) -> set[str]:
     """Return the terms except auxiliary ones, such as the reified relations of CORA."""
-    return {iri for iri in iris if not _local(iri).startswith("_")}
+    return {iri for iri in iris if not local_name(iri).startswith("_")}
 
 
 def _hierarchy(graph: _Graph, iris: set[str]) -> dict[str, list[str]]:
@@ -207,7 +200,7 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
     functional |= {
         inverse[iri] for iri in graph.named(OWL + "InverseFunctionalProperty") if iri in inverse
     }
-    names = _names(links | plain, primary, _field_name)
+    names = unique_names(links | plain, primary, field_name)
     specs = {}
     for iri in sorted(links | plain):
         is_list = RDF + "List" in graph.iris(iri, RDFS + "range")
@@ -224,7 +217,7 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
             single=iri in functional,
             inverse=inverse.get(iri),
             stored=iri in stored or iri not in inverse,
-            unit=_local(units[0]) if units else None,
+            unit=local_name(units[0]) if units else None,
             comment=_COMMENTS.get(iri) or graph.text(iri, RDFS + "comment"),
         )
     return specs
@@ -368,51 +361,4 @@ def _individuals(
         if spec.is_link and spec.value in closed and members[spec.value]:
             spec.limits = Limits(one_of=tuple(members[spec.value]))
     own = {iri for iri in named if iri.startswith(primary or "")}
-    return {name: iri for iri, name in _names(own, primary, _field_name).items()}
-
-
-# Names
-
-
-def _local(iri: str) -> str:
-    return re.split(r"[#/:]", iri.rstrip("#/"))[-1]
-
-
-def _class_name(local: str) -> str:
-    words = re.split(r"\W+", local)
-    return "".join(word[:1].upper() + word[1:] for word in words)
-
-
-def _field_name(local: str) -> str:
-    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", local)
-    return re.sub(r"\W+", "_", words).lower()
-
-
-def _prefix(iri: str) -> str:
-    for name, namespace in ontology.PREFIXES.items():
-        if iri.startswith(namespace):
-            return name
-    parts = re.split(r"[#/:]", iri.rstrip("#/"))
-    return re.sub(r"\W", "_", parts[-2]) if len(parts) > 1 and parts[-2] else "other"
-
-
-def _is_taken(name: str, taken: Container[str]) -> bool:
-    special = keyword.iskeyword(name) or name.startswith("__") or name in _RESERVED
-    return special or name in taken
-
-
-def _names(iris: set[str], primary: str, make: object) -> dict[str, str]:
-    """Give each IRI its own Python name."""
-    assert callable(make)
-    taken: dict[str, str] = {}
-    order = sorted(iris, key=lambda iri: (not primary or not iri.startswith(primary), iri))
-    for iri in order:
-        name = make(_local(iri))
-        if not name.isidentifier() or _is_taken(name, taken):
-            name = make(f"{_prefix(iri)}-{_local(iri)}")
-        if not name.isidentifier():
-            name = f"n_{name}" if f"n_{name}".isidentifier() else "unnamed"
-        while _is_taken(name, taken):
-            name = f"{name.lstrip('_')}_"
-        taken[name] = iri
-    return {iri: name for name, iri in taken.items()}
+    return {name: iri for iri, name in unique_names(own, primary, field_name).items()}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from typing import NamedTuple
 
 from rtask.errors import RtaskError
 from rtask.sparql.lexer import body_start, tokenise
@@ -29,12 +30,52 @@ _LOOKUP = re.compile(
     \{{\s*(?:{_IRI}|{_NAME})\s+(?:{_TERM}|a)\s+{_TERM}\s*\.?\s*\}}\s*(?:LIMIT\s+\d{{1,9}}\s*)?""",
     re.X | re.I | re.A,
 )
-_AROUND = {"SELECT", "ASK", "WHERE", "LIMIT", "OFFSET"}
+_AROUND = {
+    *("SELECT", "ASK", "WHERE", "LIMIT", "OFFSET", "DISTINCT", "REDUCED", "GROUP", "ORDER", "BY"),
+    *("ASC", "DESC", "HAVING", "AS", "COUNT", "SUM", "AVG", "MIN", "MAX", "SAMPLE"),
+    *("GROUP_CONCAT", "SEPARATOR"),
+}
+_AROUND_MARKS = frozenset(("!=", "<=", ">=", "&&", "||", *"*();=<>!+-/"))
 _IN_BLOCK = {"A", "TRUE", "FALSE"}
 _NESTED = {"EXISTS", "SELECT"}
 _TERMS = {"iri", "name", "variable", "string", "number", "blank", "word"}
+_REPEATS = ("*", "+", "?")
 _RDF_TYPE = "<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>"
-_Pattern = tuple[Token, Token, Token]
+
+
+class _Verb(NamedTuple):
+    """Predicate or path of a pattern.
+
+    Attributes
+    ----------
+    variable
+        Its name, if it is a variable; else empty.
+    is_common
+        Whether it may be ``rdf:type``, so that a constant object names very many subjects.
+    steps
+        Number of predicates.
+    is_wide
+        Whether it repeats or has alternatives. The store looks for a sequence of steps as for so
+        many patterns, but for such a path as a whole.
+    """
+
+    variable: str
+    is_common: bool
+    steps: int
+    is_wide: bool
+
+
+class _Pattern(NamedTuple):
+    subject: Token
+    verb: _Verb
+    value: Token
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether it has a constant that leads to few statements."""
+        return self.subject.kind in ("iri", "name") or (
+            self.value.kind not in ("variable", "blank") and not self.verb.is_common
+        )
 
 
 def is_lookup(text: str) -> bool:
@@ -55,10 +96,11 @@ def is_lookup(text: str) -> bool:
 def is_quick(text: str) -> bool:
     """Whether a query reads only data connected with a few named resources.
 
-    It has at most eight triple patterns, in one block with ``OPTIONAL``, ``FILTER`` and ``GRAPH``.
-    Patterns that share variables form a group, and each group has a constant subject, or a
-    constant object of a predicate other than ``rdf:type``. A query with paths, aggregates, sorting,
-    ``DISTINCT``, ``UNION``, sub-queries or other constructs is not quick.
+    It has at most eight triple patterns and steps of paths, in one block with ``OPTIONAL``,
+    ``FILTER`` and ``GRAPH``. Patterns that share variables form a group, and each group has a
+    constant subject, or a constant object of a predicate other than ``rdf:type``; so has each path
+    that repeats or has alternatives. Few solutions are also counted, sorted and grouped quickly. A
+    query with ``UNION``, sub-queries or other constructs is not quick.
 
     Examples
     --------
@@ -66,7 +108,9 @@ def is_quick(text: str) -> bool:
     True
     >>> is_quick("SELECT * { ?s ?p ?o }"), is_quick("SELECT * { ?s a <urn:Mug> }")
     (False, False)
-    >>> is_quick("SELECT (COUNT(*) AS ?n) { <urn:mug> ?p ?o }")
+    >>> is_quick("SELECT (COUNT(*) AS ?n) { <urn:mug> <urn:on>+ ?o }")
+    True
+    >>> is_quick("SELECT (COUNT(*) AS ?n) { ?mug <urn:on>+ ?o }")
     False
     """
     return len(text) <= _MAX_LENGTH and _is_quick(shape(text))
@@ -88,11 +132,12 @@ def _is_quick(text: str) -> bool:
     around = [*tokens[:start], *tokens[block.end :]]
     if any(token.kind == "word" and token.text.upper() not in _AROUND for token in around):
         return False
-    if any(token.kind == "mark" and token.text != "*" for token in around):
+    if any(token.kind == "mark" and token.text not in _AROUND_MARKS for token in around):
         return False
     patterns = [*block.required, *block.optional]
     return (
-        0 < len(patterns) <= MAX_PATTERNS
+        0 < sum(pattern.verb.steps for pattern in patterns) <= MAX_PATTERNS
+        and all(pattern.is_anchored for pattern in patterns if pattern.verb.is_wide)
         and _are_anchored(block.required)
         and _are_anchored(patterns)
     )
@@ -116,6 +161,7 @@ class _Block:
         self.optional: list[_Pattern] = []
         self._tokens = tokens
         self._given: list[Token] = []
+        self._verb: _Verb | None = None
         self._optional_depth = 0
         self.end = start + 1
         self.is_understood = self._read()
@@ -186,13 +232,18 @@ class _Block:
     def _takes(self, token: Token) -> bool:
         """Take the next token of a triple pattern."""
         given = self._given
+        if len(given) == 1 and not token.is_mark("."):
+            self._verb = self._reads_verb(token)
+            given.append(token)
+            return self._verb is not None
         if token.kind in _TERMS:
             if token.kind == "word" and token.text.upper() not in _IN_BLOCK:
                 return False
             given.append(token)
             if len(given) == 3:
                 patterns = self.optional if self._optional_depth else self.required
-                patterns.append((given[0], given[1], given[2]))
+                assert self._verb is not None
+                patterns.append(_Pattern(given[0], self._verb, given[2]))
             return len(given) <= 3
         if token.is_mark("."):
             return self._ends_pattern()
@@ -200,6 +251,36 @@ class _Block:
             del given[1 if token.is_mark(";") else 2 :]
             return True
         return False
+
+    def _reads_verb(self, token: Token | None) -> _Verb | None:
+        """Read a predicate or path from its first token on; None if it is neither."""
+        if token is not None and token.kind == "variable":
+            return _Verb(token.text[1:], True, 1, False)
+        depth, steps, is_common, is_wide = 0, 0, False, False
+        while token is not None:
+            if token.is_mark("("):
+                depth += 1
+            elif token.kind in ("iri", "name") or token.text == "a":
+                steps += 1
+                is_common = is_common or token.text in ("a", _RDF_TYPE)
+                is_common = is_common or token.text.endswith(":type")
+                while (after := self._peek()) in _REPEATS or (after == ")" and depth):
+                    self.end += 1
+                    is_wide = is_wide or after in _REPEATS
+                    depth -= after == ")"
+                if after not in ("/", "|"):
+                    return None if depth else _Verb("", is_common, steps, is_wide)
+                self.end += 1
+                is_wide = is_wide or after == "|"
+            elif not token.is_mark("^"):
+                return None
+            token = self._next()
+        return None
+
+    def _peek(self) -> str:
+        """Return the next token, if it is a mark."""
+        token = self._tokens[self.end] if self.end < len(self._tokens) else None
+        return token.text if token is not None and token.kind == "mark" else ""
 
     def _ends_pattern(self) -> bool:
         """Whether a pattern may end here; the subject may remain after a trailing ``;``."""
@@ -211,14 +292,12 @@ class _Block:
 def _are_anchored(patterns: list[_Pattern]) -> bool:
     """Whether every group of patterns that share variables has a constant to start from."""
     groups: list[tuple[set[str], bool]] = []
-    for subject, predicate, value in patterns:
-        names = {t.text[1:] for t in (subject, predicate, value) if t.kind == "variable"}
-        names |= {t.text for t in (subject, value) if t.kind == "blank"}
-        is_type = predicate.text in ("a", _RDF_TYPE) or predicate.kind == "variable"
-        is_type = is_type or predicate.text.endswith(":type")
-        anchored = subject.kind in ("iri", "name") or (
-            value.kind not in ("variable", "blank") and not is_type
-        )
+    for pattern in patterns:
+        subject, verb, value = pattern
+        names = {token.text[1:] for token in (subject, value) if token.kind == "variable"}
+        names |= {token.text for token in (subject, value) if token.kind == "blank"}
+        names |= {verb.variable} if verb.variable else set()
+        anchored = pattern.is_anchored
         others = []
         for group_names, group_anchored in groups:
             if group_names & names:

@@ -230,9 +230,6 @@ def _is_ambiguous(field: FieldInfo) -> bool:
     return kind.message is not None or (sent is not None and sent.ros != "string")
 
 
-# Errors
-
-
 def read(model: type[M], message: Any, where: str = "") -> M:
     """Check a request and return it.
 

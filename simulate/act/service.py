@@ -65,11 +65,6 @@ class ActService:
         self._holds = False
 
     @property
-    def holds_something(self) -> bool:
-        """Whether the hand holds an object."""
-        return self._holds
-
-    @property
     def has_the_arm(self) -> bool:
         """Whether an arm stands at a goal or holds something, from which the next action starts."""
         return self._under_way is not None

@@ -14,6 +14,7 @@ import numpy as np
 
 from features.perception import Seen
 from simulate.agent.encounter import Attempt, Encounter
+from simulate.agent.hand_place import HandPlace, describe_product, place_hand
 from simulate.agent.simulated_body import SimulatedBody
 from simulate.grasping.rules import PlannedGrasp
 from simulate.grasping.table_reach import requests_for
@@ -140,12 +141,17 @@ class AttemptTruth:
     def __init__(self, world: World, robot: RobotBody, plan: PlannedGrasp) -> None:
         self._world, self._robot, self._plan = world, robot, plan
         self.target = self._find_target()
+        self.hand: HandPlace | None = None
+        """Where the hand was about to close; None if it did not get there."""
         self._states: dict[str, ObjectState] = {}
         self._states["start"] = self._state()
 
     def __call__(self, phase: str) -> None:
         """Record the state of the object at the end of a phase."""
         self._states[phase] = self._state()
+        if phase == "approach" and self.target in self._world.objects:
+            product, pose = self._world.objects[self.target], self._world.object_pose(self.target)
+            self.hand = place_hand(self._robot, self._plan.arm, product, pose)
 
     @property
     def truth(self) -> Truth:
@@ -215,7 +221,8 @@ class Scorer:
     def __init__(self, body: SimulatedBody) -> None:
         self._body = body
         self._watched = watch_attempts(body)
-        self._products = {laid.body: laid.placement.spec.name for laid in body.laid}
+        self._specs = {laid.body: laid.placement.spec for laid in body.laid}
+        self._products = {laid: spec.name for laid, spec in self._specs.items()}
 
     def body_under(self, seen: Seen) -> int:
         """Return the body that most pixels of a segment show, or -1 if it is not a product."""
@@ -233,7 +240,7 @@ class Scorer:
 
     def _reachable(self, body: int) -> bool:
         world, executor = self._body.world, self._body.executor
-        spec = next(laid.placement.spec for laid in self._body.laid if laid.body == body)
+        spec = self._specs[body]
         pose = world.object_pose(body)
         mouth = min(arm.mouth for arm in self._body.robot.arms.values())
         at = (pose.x, pose.y, pose.yaw)
@@ -246,6 +253,10 @@ class Scorer:
         """Return the true outcome of an attempt; None if nothing was moved."""
         return self._watched[attempt.run - 1].truth if attempt.run else None
 
+    def hand_at(self, attempt: Attempt) -> HandPlace | None:
+        """Return where the hand closed in an attempt; None if it did not get there."""
+        return self._watched[attempt.run - 1].hand if attempt.run else None
+
     def score(
         self,
         encounters: Sequence[Encounter],
@@ -254,7 +265,8 @@ class Scorer:
     ) -> list[dict[str, Any]]:
         """Return the encounters as JSON data, each with its product.
 
-        Each physical attempt gets ``truth`` beside the robot's own judgement.
+        Each physical attempt gets ``truth`` beside the robot's own judgement, and ``hand``, where
+        the hand closed; ``hidden`` is what the product hides.
 
         ``right`` is filled in by :mod:`simulate.demo`, which alone knows which product an object
         IRI of the graph stands for.
@@ -266,10 +278,13 @@ class Scorer:
             for attempt, data in zip(encounter.attempts, summary["attempts"], strict=True):
                 truth = self.truth_of(attempt)
                 data["truth"] = None if truth is None else asdict(truth)
+                hand = self.hand_at(attempt)
+                data["hand"] = None if hand is None else asdict(hand)
             scored.append(
                 {
                     **summary,
                     "product": self.name_of(body),
+                    "hidden": describe_product(self._specs[body]) if body in self._specs else None,
                     "in_reach": bool(in_reach.get(body, False)),
                     "right": None,
                 }

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from rtask.engine.words import reason_words
 from simulate.demo.queries import Answer, with_prefixes
-from simulate.demo.report_page import GRASP_WORDS
+from simulate.demo.report_attempts import GRASP_WORDS
 
 __all__ = ["Console", "FleetConsole"]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from simulate.demo.report import by_product
+from simulate.demo.products import by_product
 
 __all__ = ["Lessons", "lessons_of"]
 

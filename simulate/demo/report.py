@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rtask.kb.durability.settings import write_durably
+from simulate.demo.products import by_product
 from simulate.demo.queries import Answer, with_prefixes
 from simulate.demo.report_page import report_page
 
@@ -78,27 +79,6 @@ def _encounter_row(encounter: Mapping[str, Any]) -> str:
 
 def _total(encounter: Mapping[str, Any], key: str) -> float:
     return float(sum(attempt["seconds"].get(key, 0.0) for attempt in encounter["attempts"]))
-
-
-def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Join the encounters with the same product, such as one that was lost and found again."""
-    joined: list[dict[str, Any]] = []
-    first: dict[str, dict[str, Any]] = {}
-    for encounter in encounters:
-        earlier = first.get(encounter["product"]) if encounter["product"] else None
-        if earlier is None:
-            joined.append(dict(encounter))
-            first[encounter["product"]] = joined[-1]
-            continue
-        if earlier["tries_to_success"] is None and encounter["tries_to_success"] is not None:
-            earlier["tries_to_success"] = earlier["tries"] + encounter["tries_to_success"]
-        earlier["tries"] += encounter["tries"]
-        earlier["held"] |= encounter["held"]
-        earlier["placed"] |= encounter["placed"]
-        earlier["attempts"] = [*earlier.get("attempts", ()), *encounter.get("attempts", ())]
-        if encounter.get("right") is False:  # trials of single objects know no identities
-            earlier["right"] = False
-    return joined
 
 
 def attempts_to_success(met: Mapping[str, Any], cap: int) -> int:

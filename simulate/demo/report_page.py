@@ -1,4 +1,4 @@
-"""The report of a demo as one page with the robots side by side, for people."""
+"""The report of a demo as one page, for people: each robot with the graph beside itself without."""
 
 from __future__ import annotations
 
@@ -7,34 +7,14 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from rtask.engine.words import phase_words, reason_words
+from simulate.demo.products import by_product
+from simulate.demo.report_attempts import robot_cell
+from simulate.demo.report_hand import HATCH
 
-__all__ = ["GRASP_WORDS", "report_page"]
+__all__ = ["report_page"]
 
-_STYLE = """
-:root { color-scheme: light dark; --line: #8884; --good: #1a7f43; --bad: #b3123f; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem; }
-h1 { font-size: 1.7rem; margin: .5rem 0; }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr));
-  gap: 1rem; margin: 0 0 1.5rem; }
-.row > div { border: 1px solid var(--line); border-radius: 12px; padding: .8rem 1rem; }
-.shots { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); gap: .5rem; }
-@media (max-width: 30rem) { .shots { grid-template-columns: repeat(2, minmax(0, 1fr)); } }
-figure { margin: .4rem 0; }
-img { width: 100%; border-radius: 8px; display: block; }
-figcaption, small { opacity: .75; font-size: .85rem; }
-h2 { font-size: 1.15rem; margin: 1.2rem 0 .4rem; }
-h3 { font-size: 1rem; margin: 0; }
-p { margin: .2rem 0; overflow-wrap: anywhere; }
-.good { color: var(--good); } .bad { color: var(--bad); }
-@media (prefers-color-scheme: dark) { :root { --good: #86efac; --bad: #fda4af; } }
-"""
-GRASP_WORDS = {
-    "memory": "remembered grasp",
-    "candidate": "grasp proposed from its shape",
-    "scene": "grasp planned on the whole view",
-    "none": "no grasp",
-}
+_HERE = Path(__file__).parent
+Met = dict[str, dict[str, Any]]
 
 
 def report_page(folder: Path, result: Mapping[str, Any]) -> str:
@@ -47,83 +27,140 @@ def report_page(folder: Path, result: Mapping[str, Any]) -> str:
     result
         What ``rtask demo --json`` prints.
     """
-    robots = [str(robot["name"]) for robot in result["robots"]]
-    products = list(dict.fromkeys(encounter["product"] for encounter in result.get("objects", ())))
-    alone = result.get("alone")
-    totals = [*result["robots"], *([alone] if alone else [])]
-    beside = f" {alone['name']} worked without the graph, for comparison." if alone else ""
-    parts = [_row([_totals(robot) for robot in totals])]
-    if result.get("lessons"):
-        parts.insert(0, f"<p>{escape(result['lessons']['sentence'])}</p>")
-    if result.get("gain"):
-        parts.insert(0, f"<p><b>{escape(result['gain']['sentence'])}</b></p>")
-    every = [*result.get("objects", ()), *result.get("alone_objects", ())]
-    names = [*robots, *([str(alone["name"])] if alone else [])]
+    work = _by_robot([*result.get("objects", ()), *result.get("alone_objects", ())])
+    groups = _groups(result)
+    products = list(dict.fromkeys(p for robot in work.values() for p in robot))
+    parts = [f'<p class="gain">{escape(sentence)}</p>' for sentence in _sentences(result)]
+    parts += [_chart(group, work, products) for group in groups if len(group) == 2]
+    parts.append(_totals([*result["robots"], *_alone(result)]))
     for product in products:
-        met = [encounter for encounter in every if encounter["product"] == product]
-        cells = [
-            _cell(folder, name, [encounter for encounter in met if encounter["robot"] == name])
-            for name in names
-        ]
-        parts.append(f"<h2>{escape(product or 'not on any list')}</h2>\n{_row(cells)}")
+        rows = [_row(folder, product, group, work) for group in groups]
+        parts.append(f"<h2>{escape(product or 'not on any list')}</h2>\n" + "\n".join(rows))
+    style, script = ((_HERE / f"report.{kind}").read_text("utf-8") for kind in ("css", "js"))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>What the robots did</title><style>{_STYLE}</style></head><body>\n"
-        "<h1>What the robots did</h1>\n<p>Every robot faced the same products, one robot after "
-        f"the other; what one learned, the next was told.{escape(beside)} Held and placed are the "
-        "robots' own judgements.</p>\n" + "\n".join(parts) + "\n</body></html>\n"
+        f"<title>What the robots did</title><style>\n{style}</style></head><body>\n{HATCH}<main>"
+        "<h1>What the robots did</h1>\n" + "\n".join(parts) + f"\n{_notes(work)}</main>\n"
+        f"<script>\n{script}</script></body></html>\n"
     )
 
 
-def _row(cells: Sequence[str]) -> str:
-    return '<div class="row">' + "".join(f"<div>{cell}</div>" for cell in cells) + "</div>"
+def _alone(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the totals of the robots that worked without the graph."""
+    last = result.get("alone")
+    return list(result.get("alone_robots") or ([last] if last else []))
 
 
-def _totals(robot: Mapping[str, Any]) -> str:
-    mean = robot["mean_attempts_to_first_success"]
-    tries = "none held" if mean is None else f"{mean:.2f} attempts until the first success"
+def _groups(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the robots that stand in a row: one, or one with the graph and the same without."""
+    names = [str(robot["name"]) for robot in result["robots"]]
+    alone = {str(robot["name"]) for robot in _alone(result)}
+    return [(name, f"{name}-alone") if f"{name}-alone" in alone else (name,) for name in names]
+
+
+def _by_robot(encounters: Sequence[Mapping[str, Any]]) -> dict[str, Met]:
+    """Return what each robot did with each product."""
+    names = dict.fromkeys(str(met["robot"]) for met in encounters)
+    return {
+        name: {
+            str(met["product"]): met
+            for met in by_product([met for met in encounters if met["robot"] == name])
+        }
+        for name in names
+    }
+
+
+def _sentences(result: Mapping[str, Any]) -> list[str]:
+    gains = result.get("gains") or ([result["gain"]] if result.get("gain") else [])
+    lessons = [result["lessons"]["sentence"]] if result.get("lessons") else []
+    return [*(gain["sentence"] for gain in gains), *lessons]
+
+
+def _notes(work: Mapping[str, Met]) -> str:
+    """Return how to read the page."""
+    notes = [
+        "Every robot faced the same products, one robot after the other, each elsewhere and in "
+        "another light. Held and placed are the robots' own judgements."
+    ]
+    drawn = [met for robot in work.values() for met in robot.values() if met.get("hidden")]
+    if drawn:
+        notes.append(
+            "The drawings are to scale, and come from the simulation, which no robot sees: where "
+            "the hand closed on the product, and what the product hides. Hatched: the part that "
+            "breaks when it is pressed. Dot: the centre of mass."
+        )
+    return '<p class="notes">' + " ".join(notes) + "</p>"
+
+
+def _chart(group: Sequence[str], work: Mapping[str, Met], products: Sequence[str]) -> str:
+    """Return bars: attempts at each product with the graph and without."""
+    pairs = [
+        (product, [work.get(name, {}).get(product) for name in group])
+        for product in products
+        if product
+    ]
+    tried = [(product, [m for m in met if m and m["tries"]]) for product, met in pairs]
+    tried = [(product, met) for product, met in tried if len(met) == len(group)]
+    if not tried:
+        return ""
+    most = max(int(met["tries"]) for _, both in tried for met in both)
+    rows = [
+        f"<tr><th>{escape(product)}</th><td>{_bar(both[0], most, 'with')}"
+        f"{_bar(both[1], most, 'without')}</td></tr>"
+        for product, both in tried
+    ]
     return (
-        f"<h3>{escape(robot['name'])}</h3><p>held {robot['held']} and placed {robot['placed']} of "
-        f"{robot['objects_in_reach']} objects in reach; {tries}</p>"
-        f"<p>{robot['from_memory']} grasps from memory; {robot['seconds']:.0f} s</p>"
+        f'<table class="chart"><caption>Attempts of {escape(group[0])} at each product, '
+        f'<b class="with">with the graph</b> and <b class="without">without</b></caption>'
+        f"<tbody>{''.join(rows)}</tbody></table>"
     )
 
 
-def _cell(folder: Path, robot: str, encounters: Sequence[Mapping[str, Any]]) -> str:
-    """Return what one robot did with one product."""
-    parts = [f"<h3>{escape(robot)}</h3>"]
-    if not encounters:
-        parts.append("<p>did not see it</p>")
-    for encounter in encounters:
-        status = (
-            f"known as {encounter['label'] or 'an object'}"
-            if encounter["recognised"]
-            else "new to it"
-        )
-        parts.append(
-            f"<p>{escape(status)} <small>(confidence {encounter['confidence']:.2f})</small></p>"
-        )
-        for attempt in encounter["attempts"]:
-            parts.append(_attempt(folder, robot, attempt))
-    return "".join(parts)
-
-
-def _attempt(folder: Path, robot: str, attempt: Mapping[str, Any]) -> str:
-    done = "held and placed" if attempt["placed"] else "held" if attempt["held"] else "not held"
-    why = attempt["place_reason"] if attempt["held"] else attempt["reason"]
-    reason = "" if why in ("ok", "") else f": {reason_words(why)}"
-    grasp = GRASP_WORDS.get(attempt["source"], f"grasp from {attempt['source']}")
-    mark = "good" if attempt["held"] else "bad"
-    line = f'<p>{escape(grasp)}: <b class="{mark}">{escape(done + reason)}</b></p>'
-    if attempt.get("alone"):
-        line += f"<p><small>{escape(attempt['alone'])}</small></p>"
-    run = attempt.get("run", 0)
-    paths = sorted((folder / robot).glob(f"{run:02d}-*-*.*")) if run else []
-    shots = "".join(
-        f'<figure><img src="{escape(robot)}/{escape(path.name)}" alt="{escape(words)}">'
-        f"<figcaption>{escape(words)}</figcaption></figure>"
-        for path in paths
-        for words in [phase_words(path.stem.split("-")[-1])]
+def _bar(met: Mapping[str, Any], most: int, kind: str) -> str:
+    made = int(met["tries"])
+    words = str(made) if met["held"] else f"{made}, none held"
+    return (
+        f'<div class="count {kind}"><i style="width:{100 * made / most:.0f}%"></i>'
+        f"<span>{words}</span></div>"
     )
-    return f'{line}<div class="shots">{shots}</div>' if shots else line
+
+
+def _totals(robots: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table of the robots."""
+    rows = "".join(
+        f"<tr><th>{escape(str(robot['name']))}</th><td>{robot['held']} of "
+        f"{robot['objects_in_reach']}</td><td>{robot['placed']}</td><td>{_mean(robot)}</td>"
+        f"<td>{robot['from_memory']}</td></tr>"
+        for robot in robots
+    )
+    return (
+        '<table class="totals"><caption>The robots</caption><thead><tr><th>robot</th>'
+        "<th>held, of those in reach</th><th>placed</th><th>attempts until the first success</th>"
+        f"<th>first grasps from its graph</th></tr></thead><tbody>{rows}</tbody></table>"
+    )
+
+
+def _mean(robot: Mapping[str, Any]) -> str:
+    mean = robot["mean_attempts_to_first_success"]
+    return "none held" if mean is None else f"{mean:.2f}"
+
+
+def _row(folder: Path, product: str, group: Sequence[str], work: Mapping[str, Met]) -> str:
+    """Return what the robots of a group did with one product, with a slider through the attempts.
+
+    The page's script shows the slider where there are two attempts or more.
+    """
+    shared = (True, False) if len(group) == 2 else (None,)
+    cells = [
+        robot_cell(folder, name, is_shared, work.get(name, {}).get(product))
+        for name, is_shared in zip(group, shared, strict=True)
+    ]
+    slider = (
+        f'<label class="slide" hidden>attempt <output>1</output> of {most} <input type="range" '
+        f'min="1" max="{most}" value="1"></label>'
+        if (most := max(count for _, count in cells)) > 1
+        else ""
+    )
+    shown = "".join(cell for cell, _ in cells)
+    return f'<section class="row">{slider}<div class="cells">{shown}</div></section>'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simulate.demo.report import by_product
+from simulate.demo.products import by_product
 
 __all__ = ["Gain", "gains_of", "opening", "outcome"]
 
@@ -84,6 +84,8 @@ class Gain:
         self.attempts_alone = sum(int(met["tries"]) for _, met in pairs)
         self.held = sum(bool(met["held"]) for met, _ in pairs)
         self.held_alone = sum(bool(met["held"]) for _, met in pairs)
+        self.placed = sum(bool(met["placed"]) for met, _ in pairs)
+        self.placed_alone = sum(bool(met["placed"]) for _, met in pairs)
         self.first_from_graph = sum(
             bool(met["attempts"]) and met["attempts"][0]["source"] == "memory" for met, _ in pairs
         )
@@ -97,6 +99,8 @@ class Gain:
             "attempts_alone": self.attempts_alone,
             "held": self.held,
             "held_alone": self.held_alone,
+            "placed": self.placed,
+            "placed_alone": self.placed_alone,
             "first_grasps_from_graph": self.first_from_graph,
             "sentence": self.sentence(),
         }
@@ -105,18 +109,19 @@ class Gain:
         """Return what sharing gained in this run, or that it gained nothing."""
         if not self.products:
             return f"{self.name} and the same robot without the graph tried no product in common."
-        with_it = self._needed(self.held, self.attempts)
-        without = self._needed(self.held_alone, self.attempts_alone, short=True)
+        if self.placed == self.placed_alone == self.products:
+            with_it = f"needed {self.attempts} attempts for {self._all()}"
+            without = str(self.attempts_alone)
+        else:
+            with_it = f"put {self._placed(self.placed, self.attempts)}"
+            without = f"put {self._placed(self.placed_alone, self.attempts_alone)}"
         text = f"With the graph {self.name} {with_it}; the same robot without it {without}."
-        if (-self.held, self.attempts) >= (-self.held_alone, self.attempts_alone):
+        if (-self.placed, self.attempts) >= (-self.placed_alone, self.attempts_alone):
             text += " In this run the graph gained nothing."
         return f"{text} {self._origin()}"
 
-    def _needed(self, held: int, attempts: int, short: bool = False) -> str:
-        all_held = self.held == self.held_alone == self.products
-        if all_held:
-            return str(attempts) if short else f"needed {attempts} attempts for {self._all()}"
-        return f"held {held} of {self._all()} in {attempts}{'' if short else ' attempts'}"
+    def _placed(self, number: int, attempts: int) -> str:
+        return f"{number} of {self._all()} into its box in {attempts} attempts"
 
     def _all(self) -> str:
         return f"{self.products} product{'s' if self.products > 1 else ''}"

@@ -34,7 +34,6 @@ _ARRIVED_RAD = 0.1
 """Also where an arm at rest sags under its own weight."""
 _HAND_S = 0.8
 _VGA, _RGB, _FPS = 2, 11, 5
-_CURRENT = "Device/SubDeviceList/{hand}/ElectricCurrent/Sensor/Value"
 
 
 class NaoqiArm:
@@ -119,8 +118,6 @@ class NaoqiArm:
                 self._life_before = state
         self._call(self._motion, "setStiffnesses", [*self._joints, self._hand], 1.0)
 
-    # -- the arm ---------------------------------------------------------------------------
-
     def measured(self) -> Floats:
         """Return the measured joints (dof,), rad.
 
@@ -178,8 +175,6 @@ class NaoqiArm:
                 with contextlib.suppress(RemoteUnavailableError):
                     self._call(self._motion, "killTasksUsingResources", names)
 
-    # -- the hand --------------------------------------------------------------------------
-
     def move_hand(self, opening: float) -> None:
         """Drive the hand towards an opening, 0 (closed) to 1; what it holds stops it."""
         self._move([self._hand], [[float(opening)]], [[_HAND_S]], _HAND_S)
@@ -187,13 +182,6 @@ class NaoqiArm:
     def opening(self) -> float:
         """Return the measured opening of the hand, 0 to 1."""
         return self._angles([self._hand])[0]
-
-    def hand_current(self) -> float:
-        """Return the current of the hand's motor, A; it rises where something stops the hand."""
-        key = _CURRENT.format(hand=self._hand)
-        return float(self._call(self._service("ALMemory"), "getData", key))
-
-    # -- the cameras -----------------------------------------------------------------------
 
     def picture(self, camera: int = 0) -> NDArray[np.uint8]:
         """Return what a camera sees, (480, 640, 3) uint8, RGB.
@@ -227,8 +215,6 @@ class NaoqiArm:
         finally:
             self._call(video, "unsubscribe", handle)
         return pixels.reshape(height, width, layers)
-
-    # -- calls -----------------------------------------------------------------------------
 
     def _angles(self, names: Sequence[str]) -> list[float]:
         use_sensors = True

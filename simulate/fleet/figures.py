@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rtask.kb.durability.settings import write_durably
-from simulate.demo.report import attempts_to_success, by_product
+from simulate.demo.products import by_product
+from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan
 from simulate.study.chart import Bar, bar_chart
 from simulate.study.intervals import bootstrap, mean_interval, share

@@ -63,9 +63,6 @@ def _arms(product: Mapping[str, Any], source: str) -> list[Mapping[str, Any]]:
     return [a for a in product["arms"] if a["source"] == source and is_counted(a["reason"])]
 
 
-# -- the default learner ----------------------------------------------------------------------
-
-
 def _bandit(
     objects: Objects, seed: int, source: str, *, prior: bool, memory: bool
 ) -> Iterator[int]:
@@ -145,9 +142,6 @@ def _random(objects: Objects, seed: int, source: str) -> Iterator[int]:
         arms = _arms(product, source)
         order = [arms[i]["reason"] == "ok" for i in rng.permutation(len(arms))]
         yield order.index(True) + 1 if True in order[:MAX_ATTEMPTS] else FAILED
-
-
-# -- the thesis's formulation -----------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -184,8 +184,6 @@ class RobotBody:
             self.rest_hand(arm.name)
         self.set_head(np.zeros(len(self._head)))
 
-    # -- stance -----------------------------------------------------------------------------
-
     def take_stance(self, name: str, seconds: float = 1.0) -> None:
         """Take a stance; hands should be empty and arms at home.
 
@@ -236,8 +234,6 @@ class RobotBody:
                 self.body, index, client.POSITION_CONTROL, targetPosition=value, force=_LEG_FORCE
             )
 
-    # -- arms -------------------------------------------------------------------------------
-
     def arm(self, name: str) -> Arm:
         """Return an arm by its name or its side, ``left`` or ``right``."""
         return self.description.arm(name)
@@ -280,8 +276,6 @@ class RobotBody:
             positionGains=[position_gain] * len(names),
             velocityGains=[velocity_gain] * len(names),
         )
-
-    # -- hands ------------------------------------------------------------------------------
 
     def move_fingers(self, arm: str, opening: float, effort: float) -> None:
         """Drive all finger joints towards an opening 0..1, each with at most ``effort``.
@@ -363,8 +357,6 @@ class RobotBody:
         pose[:3, :3], pose[:3, 3] = rotation[0], position[0]
         return pose
 
-    # -- head and camera --------------------------------------------------------------------
-
     def set_head(self, q: Floats) -> None:
         """Set the joints below the camera to q rad at once, and hold them."""
         for name, value in zip(self._head, q, strict=True):
@@ -414,8 +406,6 @@ class RobotBody:
         mounted = transform_from(mount.pose.xyz, mount.pose.rpy)
         pose: Floats = base_from_root @ root_from_parent @ mounted @ _FRAME_FROM_OPTICAL
         return pose
-
-    # -- introduction -----------------------------------------------------------------------
 
     def describe(self, name: str) -> dict[str, Any]:
         """Return the registration of the robot as JSON data: hands, cameras, frames."""

@@ -18,6 +18,7 @@ from endpoint.point_lines import Instead, PointLines, PointQuery
 from rtask.kb.readers.line import Answer
 from rtask.kb.readers.streams import ReaderStream
 from rtask.knowledge_base import KnowledgeBase
+from rtask.sparql.slow_shapes import SlowShapes
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +43,10 @@ def kb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KnowledgeBase]:
         things = " ".join(f"<urn:thing:{n}> <urn:number> {n} ." for n in range(200))
         hub = ", ".join(f"<urn:{n}>" for n in range(300))
         lines = ", ".join(f'"{n} {"x" * 90}"' for n in range(4_000))
-        kb.update(f"INSERT DATA {{ {things} <urn:hub> <urn:has> {hub} }}")
+        few = ", ".join(f"<urn:{n}>" for n in range(8))
+        kb.update(
+            f"INSERT DATA {{ {things} <urn:hub> <urn:has> {hub} . <urn:few> <urn:has> {few} }}"
+        )
         kb.update(f"INSERT DATA {{ <urn:long> <urn:line> {lines} }}")
         kb.readers.start()
         yield kb
@@ -61,7 +65,8 @@ class Asked:
 
     def __init__(self, kb: KnowledgeBase) -> None:
         self._kb = kb
-        self.lines = PointLines(kb.readers, self._start_reader)
+        self.slow = SlowShapes()
+        self.lines = PointLines(kb.readers, self._start_reader, self.slow)
 
     def _start_reader(self) -> None:
         asyncio.get_running_loop().run_in_executor(None, self._kb.readers.start, False)
@@ -103,6 +108,18 @@ def number_in(found: Found) -> int:
     assert isinstance(found, Answer)
     [row] = json.loads(found.body)["results"]["bindings"]
     return int(row["o"]["value"])
+
+
+def test_a_query_that_takes_longer_than_it_looked_is_noted(kb: KnowledgeBase) -> None:
+    some = SLOW.replace("<urn:hub> <urn:has> ?c", "<urn:few> <urn:has> ?c")
+
+    async def work(asked: Asked) -> None:
+        number_in(await asked.ask(value(1))[1])
+        assert value(2) not in asked.slow
+        await asked.ask(some)[1]
+        assert some in asked.slow
+
+    run(kb, work)
 
 
 def test_each_of_many_queries_gets_its_own_answer_from_few_readers(kb: KnowledgeBase) -> None:

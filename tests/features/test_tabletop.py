@@ -30,7 +30,6 @@ def test_a_box_is_measured_with_its_direction(yaw: float) -> None:
     np.testing.assert_allclose(shape.centre, [0.15, -0.1], atol=1e-3)
     assert abs(np.sin(shape.yaw - yaw)) < 0.05
     assert not shape.is_round
-    assert shape.elongation == pytest.approx(5 / 3, abs=0.1)
 
 
 def test_a_disc_is_round_and_has_no_direction() -> None:

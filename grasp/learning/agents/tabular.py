@@ -158,8 +158,6 @@ class TabularAgent(ABC):
         for transition in transitions:
             self.observe(transition)
 
-    # -- putting away and taking up ----------------------------------------------------------
-
     def parameters(self) -> dict[str, Any]:
         """Return what the learner was made with; a file resumes only in one made alike."""
         return asdict(self.settings)

@@ -126,9 +126,19 @@ class ByNames:
         return not any(kinds | usual <= both for both in _READ_AS_EITHER)
 
     def _is_named_after(self, demand: Demand, edge: Edge) -> bool:
-        """Return whether a variable is named after the property of its pattern."""
-        iri = edge.steps[0].node.value
-        return iri != TYPE and affinity(demand.node.value, iri, self._vocabulary) > 0
+        """Return whether a variable is named after the property of its pattern, or after its kind.
+
+        What is called ``?plan`` may be a task plan, though the questions know other plans.
+        """
+        step = edge.steps[0]
+        axioms = self._vocabulary.properties.get(step.node.value)
+        if axioms is None or step.node.value == TYPE:
+            return False
+        if affinity(demand.node.value, step.node.value, self._vocabulary) > 0:
+            return True
+        kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
+        named = {word for iri in kinds for word in words_of(local(iri))}
+        return bool(named.intersection(words_of(demand.node.value)))
 
     def _is_literal_of_thing(self, demand: Demand) -> bool:
         """Return whether a name of a class stands for a literal that no member of it has."""

@@ -258,14 +258,6 @@ class Vocabulary:
         return [name for name, bit in self.bit.items() if bit & bits]
 
     @cached_property
-    def by_local(self) -> dict[str, list[str]]:
-        """Classes and properties by local name in lower case."""
-        by_local_name: dict[str, list[str]] = defaultdict(list)
-        for iri in (*self.bit, *self.properties):
-            by_local_name[local(iri).lower()].append(iri)
-        return by_local_name
-
-    @cached_property
     def namespaces(self) -> frozenset[str]:
         """Namespaces in which terms are defined."""
         return frozenset(iri[: len(iri) - len(local(iri))] for iri in (*self.bit, *self.properties))

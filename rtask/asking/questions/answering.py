@@ -19,6 +19,7 @@ from rtask.asking.questions.mentions import (
     MAX_MENTIONS,
     Mention,
     Select,
+    find_by_part,
     find_mentions,
     tokens_of,
 )
@@ -202,6 +203,12 @@ def answer(
     filled = fill(question, reading.mentions, reading.period)
     if missing := _missing(question, filled, reading):
         words = f"Nothing in the graph is called {missing!r}; `rtask search` looks for words."
+        if any(item.is_cut for item in reading.mentions):
+            words = (
+                f"Whether anything is called {missing!r} is not known: the words name more than "
+                f"{MAX_MENTIONS} things, of which {MAX_MENTIONS} were looked at. A full name in "
+                "quotes, or an IRI, names fewer."
+            )
         return _unanswered(text, reading, words, nearest)
     unused = unused_mentions(question, filled, reading.mentions)
     if reading.period is not None and all(item.period is None for item in filled):
@@ -240,6 +247,8 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
     plain = text.replace(period.text, " ") if period is not None else text
     tokens = tuple(tokens_of(plain))
     mentions = tuple(find_mentions(run, list(tokens), base))
+    strange = [at for at, token in enumerate(tokens) if _is_strange(token, at, mentions)]
+    mentions += tuple(find_by_part(run, tokens, strange))
     words: list[str] = []
     names: set[str] = set()
     ignored: list[str] = []
@@ -267,6 +276,13 @@ def _read(run: Select, text: str, base: str, now: dt.datetime) -> _Reading:
         tokens, mentions, period, Asked(tuple(words), frozenset(names), tuple(roles)),
         tuple(dict.fromkeys(ignored)),
     )  # fmt: skip
+
+
+def _is_strange(token: str, at: int, mentions: tuple[Mention, ...]) -> bool:
+    """Return whether a word names nothing and means nothing in a question."""
+    if any(item.start <= at < item.end for item in mentions):
+        return False
+    return not any(matcher().is_familiar(stem(part)) for part in split_name(token.lower()))
 
 
 def _nearest(matches: list[Match]) -> tuple[Near, ...]:

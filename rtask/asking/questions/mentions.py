@@ -7,17 +7,19 @@ commands print it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import ontology
-from rtask.asking.questions.words import STOP, forms, split_name, stem
+from rtask.asking.questions.words import STOP, forms, stem
 from rtask.asking.terms import Reader
 from rtask.errors import RtaskError
 from rtask.rdf.terms import Literal, NamedNode, Term
 from rtask.sparql.results import Solutions
 
-__all__ = ["MAX_MENTIONS", "Mention", "Select", "find_mentions", "tokens_of"]
+__all__ = [
+    "MAX_MENTIONS", "Mention", "Select", "find_by_part", "find_mentions", "tokens_of",
+]  # fmt: skip
 
 Select = Callable[[str], Solutions]
 """Evaluates a SELECT with the rights and within the bounds of whoever asks."""
@@ -35,6 +37,8 @@ _DETERMINERS = frozenset(re.findall(r"\w+", "a the any some this that my your ea
 MAX_WORDS = 60
 MAX_NAME_WORDS = 4
 MAX_MENTIONS = 1000
+MIN_PART = 3
+"""Letters of the shortest word that is looked for in names."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,41 @@ def find_mentions(
         for (start, end, role), named in result.items()
     ]  # fmt: skip
     return sorted(_longest(mentions), key=lambda item: (item.start, item.role))
+
+
+def find_by_part(select: Select, tokens: Sequence[str], places: Iterable[int]) -> list[Mention]:
+    """Return the objects whose names have a word of a question in them: "cartons" are carton-7.
+
+    Parameters
+    ----------
+    tokens
+        The words of the question.
+    places
+        Where the words stand that mean nothing else.
+    """
+    words = {
+        form: at for at in places for form in (tokens[at].lower(), stem(tokens[at].lower()))
+        if len(form) >= MIN_PART and form.isalpha()
+    }  # fmt: skip
+    if not words:
+        return []
+    rows = select(f"""PREFIX rt: <{ontology.NS}>
+SELECT DISTINCT ?word ?object WHERE {{
+  VALUES ?word {{ {" ".join(str(Literal(word)) for word in words)} }}
+  ?object a rt:ManipulableObject ; rt:name ?name
+  FILTER(REGEX(?name, CONCAT("(^|[^a-z])", ?word, "([^a-z]|$)"), "i"))
+}} LIMIT {MAX_MENTIONS + 1}""")
+    named: dict[int, list[Term]] = {}
+    for row in rows[:MAX_MENTIONS]:
+        word, term = row["word"], row["object"]
+        assert word is not None
+        assert term is not None
+        named.setdefault(words[_text(word)], []).append(term)
+    is_cut = len(rows) > MAX_MENTIONS
+    return [
+        Mention(at, at + 1, tokens[at], "object", tuple(dict.fromkeys(terms)), is_cut=is_cut)
+        for at, terms in sorted(named.items())
+    ]
 
 
 def _text(term: Term) -> str:
@@ -224,14 +263,3 @@ def _longest(mentions: list[Mention]) -> list[Mention]:
         if is_free:
             chosen.append(item)
     return chosen
-
-
-def words_without(tokens: list[str], mentions: list[Mention]) -> list[str]:
-    """Return the stems of a question with ``@role`` for each mention, beside its words."""
-    at = {item.start: item for item in mentions}
-    words: list[str] = []
-    for place, token in enumerate(tokens):
-        if place in at:
-            words += [f"@{item.role}" for item in mentions if item.start == place]
-        words += [stem(part) for part in split_name(token.strip('"<>').lower())]
-    return words

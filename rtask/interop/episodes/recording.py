@@ -7,19 +7,18 @@ another graph.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from pyoxigraph import NamedNode, Quad, RdfFormat, parse, serialize
+from pyoxigraph import RdfFormat, serialize
 
-from rtask.errors import DataError, UsageError
+from rtask.errors import UsageError
 from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
 from rtask.interop.episodes.motion import Motion
 
@@ -27,11 +26,11 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from rtask.kb.core import GraphCore
 
-__all__ = ["RECORDING", "Written", "read_episodes", "write_episodes"]
+__all__ = ["BLOBS_TOPIC", "RECORDING", "STATEMENTS_TOPIC", "Written", "write_episodes"]
 
 RECORDING = "rtask/episodes.mcap"
 """Where a data set of LeRobot has its episodes as a recording."""
-_STATEMENTS, _BLOBS, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
+STATEMENTS_TOPIC, BLOBS_TOPIC, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
 _SUFFIXES = (".mcap", ".bag")
 _NS = 1_000_000_000
 
@@ -213,7 +212,7 @@ def _write(
             written.motions += 1
         text = serialize(quads, format=RdfFormat.N_QUADS)
         assert text is not None
-        sink.write(_STATEMENTS, "std_msgs/msg/String", {"data": text.decode()}, ended)
+        sink.write(STATEMENTS_TOPIC, "std_msgs/msg/String", {"data": text.decode()}, ended)
         shown = json.dumps(facts, ensure_ascii=False)
         sink.write(_EPISODES, "std_msgs/msg/String", {"data": shown}, ended)
         written.episodes += 1
@@ -279,7 +278,7 @@ def _write_bytes(sink: _Sink, name: str, data: bytes, time_ns: int) -> None:
         "layout": ("std_msgs/msg/MultiArrayLayout", layout),
         "data": np.frombuffer(data, np.uint8),
     }
-    sink.write(_BLOBS, "std_msgs/msg/UInt8MultiArray", fields, time_ns)
+    sink.write(BLOBS_TOPIC, "std_msgs/msg/UInt8MultiArray", fields, time_ns)
 
 
 def _write_view(sink: _Sink, space: str, data: bytes, time_ns: int) -> int:
@@ -332,87 +331,3 @@ def _write_camera(
         "data": rows.view(np.uint8).ravel(),
     }
     sink.write(f"{space}/image_raw", "sensor_msgs/msg/Image", fields, time_ns)
-
-
-# -- reading --------------------------------------------------------------------------------
-
-
-def read_episodes(kb: GraphCore, path: Path) -> Written:
-    """Add the episodes of a file to a graph, in one commit; known statements change nothing.
-
-    What a robot asserted goes to the graph of the robot of that name. Damaged files leave the graph
-    as it was.
-
-    Parameters
-    ----------
-    kb
-        The graph, open for writing.
-    path
-        From :func:`write_episodes`, or a data set of :mod:`~rtask.interop.episodes.lerobot`.
-
-    Raises
-    ------
-    DataError
-        It is no such file, or binary data is missing or does not match its name.
-    """
-    if path.is_dir():
-        path = path / RECORDING
-        if not path.is_file():
-            raise DataError(
-                f"{path.parent.parent} is no data set of `rtask episodes export`: no {RECORDING}"
-            )
-    quads: dict[Quad, None] = {}
-    blobs: dict[str, bytes] = {}
-    read = Written()
-    for topic, message in _messages(path):
-        if topic == _STATEMENTS:
-            try:
-                quads |= dict.fromkeys(parse(message.data.encode(), format=RdfFormat.N_QUADS))
-            except SyntaxError as error:
-                raise DataError(f"{path}: {_STATEMENTS}: {error}") from error
-            read.episodes += 1
-        elif topic == _BLOBS:
-            name, data = message.layout.dim[0].label, bytes(message.data)
-            if name != f"urn:sha256:{hashlib.sha256(data).hexdigest()}":
-                raise DataError(f"{path}: the bytes of {name} do not match their name")
-            blobs[name] = data
-    if not read.episodes:
-        raise DataError(f"{path} holds no episodes: no topic {_STATEMENTS}")
-    missing = [name for name in blobs_of(quads) if name not in blobs and not kb.blobs.has(name)]
-    if missing:
-        raise DataError(f"{path}: {len(missing)} binary data are missing, {missing[0]} first")
-    for data in blobs.values():
-        kb.blobs.put(data)
-    with kb.transaction(note=f"episodes of {path.name}") as transaction:
-        transaction.add_quads(_owned_here(kb, quads))
-    read.statements, read.blobs = len(quads), len(blobs)
-    return read
-
-
-def _messages(path: Path) -> Iterator[tuple[str, Any]]:
-    from rosbags.highlevel import AnyReader, AnyReaderError
-
-    if not path.is_file():
-        raise UsageError(f"{path}: there is no such file")
-    try:
-        with AnyReader([path]) as reader:
-            connections = [
-                link for link in reader.connections if link.topic in (_STATEMENTS, _BLOBS)
-            ]
-            for connection, _, raw in (
-                reader.messages(connections=connections) if connections else ()
-            ):
-                yield connection.topic, reader.deserialize(raw, connection.msgtype)
-    except (AnyReaderError, OSError, AssertionError) as error:
-        raise DataError(f"{path} is no recording, or it is damaged: {error}") from error
-
-
-def _owned_here(kb: GraphCore, quads: Iterable[Quad]) -> Iterator[Quad]:
-    """Yield statements in the graphs that the same robots, people and files have here."""
-    for quad in quads:
-        named = quad.graph_name.value if isinstance(quad.graph_name, NamedNode) else ""
-        _, _, place = named.partition("/graph/")
-        if not place.startswith(("agent/", "import/")):
-            raise DataError(f"{named or 'the default graph'} is not that of a robot or a file")
-        graph = NamedNode(f"{kb.graphs.base}graph/{place}")
-        yield Quad(quad.subject, quad.predicate, quad.object, graph)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import time
 import zlib
 from collections.abc import Callable
 from functools import lru_cache
@@ -23,6 +24,7 @@ from rtask.rdf.xml_text import serialize
 __all__ = ["PIECES", "answer_query", "refuse", "send_all"]
 
 PIECES = (8 << 10, 32 << 10, 128 << 10, 256 << 10)
+_SLOW_S = 0.05
 _MIN_GZIP = 4 << 10
 _ANSWERS = ("application/sparql-results+json", "application/n-triples")
 
@@ -50,10 +52,13 @@ class _Answer:
     _overlap = b""
     _packer: Any = None
 
-    def __init__(self, pipe: int, options: _Options, kind: str, media_type: str) -> None:
+    def __init__(
+        self, pipe: int, options: _Options, kind: str, media_type: str, started: float
+    ) -> None:
         self._pipe = pipe
         self._options = options
         self._kind, self._type = kind, media_type
+        self._started = started
         self._parts: list[bytes] = []
         self._size = 0
 
@@ -74,7 +79,7 @@ class _Answer:
             self._send(last=True)
             return
         head = _head(self._kind, self._type, False) + HEADER.pack(b"C", size)
-        send_all(self._pipe, b"".join((head, *self._parts, _end(_memory.recent()))))
+        send_all(self._pipe, b"".join((head, *self._parts, self._end())))
 
     def _send(self, last: bool) -> None:
         data = b"".join(self._parts)
@@ -97,8 +102,11 @@ class _Answer:
         if data:
             head += HEADER.pack(b"C", len(data))
         if last:
-            tail = _end(_memory.recent())
+            tail = self._end()
         send_all(self._pipe, head + data + tail)
+
+    def _end(self) -> bytes:
+        return _end(_memory.recent(), time.thread_time() - self._started > _SLOW_S)
 
     def _check(self, data: bytes) -> None:
         max_rows, max_bytes = self._options.max_rows, self._options.max_bytes
@@ -123,8 +131,8 @@ def _head(kind: str, media_type: str, packed: bool) -> bytes:
 
 
 @lru_cache(maxsize=16)
-def _end(resident: int) -> bytes:
-    return message(b"E", b'{"rss":%d}' % resident)
+def _end(resident: int, is_slow: bool) -> bytes:
+    return message(b"E", b'{"rss":%d%b}' % (resident, b',"slow":true' if is_slow else b""))
 
 
 @lru_cache(maxsize=64)
@@ -190,6 +198,7 @@ def answer_query(
         Copy for queries that leave derived statements out.
     """
     answer: _Answer | None = None
+    started = time.thread_time()  # which does not grow while others have the processor
     try:
         line, _, encoded = payload.partition(b"\n")
         options, text = _options(line), encoded.decode("utf-8", "surrogatepass")
@@ -198,7 +207,7 @@ def answer_query(
             source, dataset = with_merged_graphs(store, text, dataset, kept)
         result: Any = source.query(text, **dataset)
         kind, media_type, form = _form(_kind(result), options.media_type)
-        answer = _Answer(pipe, options, kind, media_type)
+        answer = _Answer(pipe, options, kind, media_type, started)
         serialize(result, answer, form)
         del result
         answer.finish()

@@ -59,6 +59,8 @@ class ReaderLine:
     ----------
     is_sound
         Whether the reader goes on answering: it has not ended, nor spoilt itself by a query.
+    was_slow
+        Whether the last answer took long to find, without the time that others had the processor.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class ReaderLine:
         self.reader = reader
         self.leave = leave
         self.is_sound = True
+        self.was_slow = False
         self._give_back: Callable[[bool], None] | None = give_back
         self._buffer = b""
 
@@ -118,7 +121,7 @@ class ReaderLine:
         return None
 
     def _note_end(self, payload: bytes) -> None:
-        resident, is_reusable = _end(payload)
+        resident, is_reusable, self.was_slow = _end(payload)
         self.reader.measured(resident)
         self.is_sound = self.is_sound and is_reusable
 
@@ -151,6 +154,6 @@ def _facts(payload: bytes) -> tuple[str, str, bool]:
 
 
 @lru_cache(maxsize=64)
-def _end(payload: bytes) -> tuple[int, bool]:
+def _end(payload: bytes) -> tuple[int, bool, bool]:
     facts = json.loads(payload)
-    return facts["rss"], facts.get("reusable", True)
+    return facts["rss"], facts.get("reusable", True), facts.get("slow", False)

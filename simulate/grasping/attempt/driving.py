@@ -56,8 +56,6 @@ class ArmDrive:
         self._ticks = max(round(_CONTROL_S / world.preset.step_s), 1)
         self._started = self._phase_started = world.time
 
-    # -- what is sensed --------------------------------------------------------------------
-
     @property
     def elapsed_s(self) -> float:
         """Time since the attempt began, s."""
@@ -78,8 +76,6 @@ class ArmDrive:
         """Return how far the tool is from a position, (3,) m in the base frame; in m."""
         tool = self.robot.tool_pose(self.arm)[:3, 3]
         return float(np.linalg.norm(tool - target))
-
-    # -- motion ----------------------------------------------------------------------------
 
     def follow(self, way: Trajectory, watch: bool = False) -> bool:
         """Move the arm along waypoints; return whether it arrived (``watch``: and kept hold)."""

@@ -88,8 +88,6 @@ class AttemptRun:
         self.old_place = Judgement()
         """Whether the object still stands where it was."""
 
-    # -- the phases ------------------------------------------------------------------------
-
     def reach(self) -> str:
         """Go to the pre-grasp and on to the grasp with an open hand, and stay there.
 
@@ -286,8 +284,6 @@ class AttemptRun:
         self.drive.open(1.0)
         self.drive.end("place")
         self.drive.withdraw(way.retreat)
-
-    # -- looks -----------------------------------------------------------------------------
 
     def _look_before(self) -> None:
         """Take a view of the object and of the box while both are visible."""

@@ -100,14 +100,12 @@ class Pairs:
         self.images = images
         hasher = Hasher.seeded()
         build_tables(np.zeros((4, TABLES), np.uint32), 8)  # compiles before the clock runs
-        start = time.thread_time()
         self.codes = [hasher.encode(descriptors) for _, descriptors in images]
         bits = [used_table_bits(len(d)) for _, d in images]
         self.tables = [
             build_tables(np.ascontiguousarray(buckets), b)
             for (_, buckets), b in zip(self.codes, bits, strict=True)
         ]
-        self.hashing_s = time.thread_time() - start
 
     def hashed(self, i: int, j: int) -> tuple[Rows, Rows]:
         """Return rows of i and j that are each other's nearest, by cascade hashing.

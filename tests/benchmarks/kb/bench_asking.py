@@ -1,9 +1,11 @@
-"""Figures of asking: queries that the check flags and repairs, and questions in words.
+"""Figures of asking: checked queries, agents with tools, and questions in words.
 
     .venv/bin/python -m tests.benchmarks.kb.bench_asking [--data FOLDER] [--seed 1] [--show KIND]
 
 Each query is changed at every triple pattern. A change that leaves a valid query with equal answers
-is none, and is not counted. Without ``--data``, the graph is the ontology's sample.
+is none, and is not counted. Without ``--data``, the graph is the ontology's sample. A caller that
+knows the texts of the tools alone asks every question of the ontology, and one that obeys whatever
+it reads looks at a graph with hidden instructions.
 """
 
 from __future__ import annotations
@@ -17,11 +19,21 @@ import ontology
 import rtask
 from rtask.asking.check.checker import Checker
 from rtask.asking.check.findings import Finding
+from rtask.asking.tools.toolbox import Toolbox
+from rtask.engine import Engine
+from rtask.engine.context import SCOPES
 from rtask.errors import RtaskError
+from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
 from tests.benchmarks.kb import question_words
 from tests.benchmarks.kb.mutations import KINDS, Mutation, mutations
+from tests.endpoint.api.obedient_agent import (
+    ObedientAgent,
+    application_with_instructions,
+    of_others,
+)
+from tests.rtask.asking.scripted_caller import ScriptedCaller
 
 _HERE = Path(__file__).parent
 _ROOM = Path(ontology.__file__).parent / "queries"
@@ -37,6 +49,11 @@ def queries() -> list[tuple[str, str]]:
 def unseen_queries() -> list[tuple[str, str]]:
     """Return the queries that were written before the check was tuned, and stay out of that."""
     return _further("asking_unseen.rq", "unseen")
+
+
+def fresh_queries() -> list[tuple[str, str]]:
+    """Return the queries that were written when the check was not tuned any more."""
+    return _further("asking_fresh.rq", "fresh")
 
 
 def _further(file: str, stem: str) -> list[tuple[str, str]]:
@@ -115,9 +132,11 @@ def main() -> None:
         for name, texts, show in (
             ("tuned with", queries(), given.show),
             ("frozen before tuning", unseen_queries(), given.show if given.unseen else ""),
+            ("written afterwards", fresh_queries(), given.show if given.unseen else ""),
         ):
             print(f"queries {name}")
             measure(Bench(kb), texts, given.seed, show)
+    report_agents()
     report_words(given.show == "words")
 
 
@@ -136,6 +155,33 @@ def measure(bench: Bench, texts: list[tuple[str, str]], seed: int, show: str) ->
     report(bench, show)
 
 
+def report_agents() -> None:
+    """Print how agents fare: calls for each question, and what hidden instructions change."""
+    kb = rtask.open(":memory:")
+    assert isinstance(kb, KnowledgeBase)
+    with kb, Engine(kb) as engine:
+        kb.load(ontology.path("examples/sample.trig"))
+        caller = ScriptedCaller(
+            Toolbox(kb, engine, lambda access: SCOPES[access.role]), Access("nao", "robot")
+        )
+        calls, right = Counter[int](), 0
+        for file in (*ontology.queries(), *ontology.episode_queries()):
+            text = file.read_text("utf-8")
+            rows, count = caller.answer(text.splitlines()[0].removeprefix("# question: "))
+            calls[count] += 1
+            right += len(rows) == len(kb.select(text))
+    share = ", ".join(f"{number} with {count}" for count, number in sorted(calls.items()))
+    print(f"questions of the ontology by tools alone: {right} of {calls.total()} answered; "
+          f"calls: {share}")  # fmt: skip
+    with application_with_instructions() as application:
+        agent = ObedientAgent(application)
+        before = of_others(application.context.kb)
+        agent.read_and_obey()
+        changed = len(before ^ of_others(application.context.kb))
+    print(f"hidden instructions: {len(agent.obeyed)} obeyed, {changed} statements of others "
+          f"changed, {len(agent.misplaced)} texts outside of quoted data")  # fmt: skip
+
+
 def report_words(shows_missed: bool) -> None:
     """Print how many questions in words are understood, over the ontology's sample."""
     kb = rtask.open(":memory:")
@@ -146,6 +192,7 @@ def report_words(shows_missed: bool) -> None:
         for name, tries in (
             ("known, each left out", question_words.known(kb)),
             ("frozen before tuning", question_words.unseen(kb)),
+            ("written afterwards", question_words.unseen(kb, "asking_fresh.toml")),
         ):
             tried = list(tries)
             right = sum(one.is_filled for one in tried)

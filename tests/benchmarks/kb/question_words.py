@@ -1,7 +1,8 @@
 """Figures of questions in words: how often the right one is found, with its slots filled right.
 
 The phrasings that the product knows are each tried without themselves; those of
-``asking_phrasings.toml`` were frozen before anything was tuned.
+``asking_phrasings.toml`` were frozen before anything was tuned, those of ``asking_fresh.toml``
+afterwards, by somebody who had not looked at the words that the product knows.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ class Tried:
     is_filled: bool
 
 
-def frozen() -> list[tuple[Question, Phrase]]:
-    """Return the phrasings that were kept away from tuning."""
-    text = (Path(__file__).parent / "asking_phrasings.toml").read_text("utf-8")
+def frozen(file: str) -> list[tuple[Question, Phrase]]:
+    """Return the phrasings of a file that was kept away from tuning."""
+    text = (Path(__file__).parent / file).read_text("utf-8")
     by_key = {one.key: one for one in questions()}
     return [(by_key[key], phrase(marked)) for key, marked in tomllib.loads(text).items()]
 
@@ -73,7 +74,7 @@ def known(kb: KnowledgeBase) -> Iterator[Tried]:
                 yield try_phrase(kb, question, said)
 
 
-def unseen(kb: KnowledgeBase) -> Iterator[Tried]:
-    """Try each frozen phrasing."""
-    for question, said in frozen():
+def unseen(kb: KnowledgeBase, file: str = "asking_phrasings.toml") -> Iterator[Tried]:
+    """Try each frozen phrasing of a file."""
+    for question, said in frozen(file):
         yield try_phrase(kb, question, said)

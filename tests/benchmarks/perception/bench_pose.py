@@ -45,10 +45,10 @@ from features.pose import (
     estimate_pose,
     pose_error,
 )
-from features.pose.bop.dataset import BopDataset, BopEstimate, BopModel, write_results
-from features.pose.bop.metrics import BopErrors, average_recall, bop_errors
 from features.segmentation import SegmentParams, segment_scene
 from simulate.study.chart import Line, line_chart
+from tests.benchmarks.perception.bop.dataset import BopDataset, BopEstimate, BopModel, write_results
+from tests.benchmarks.perception.bop.metrics import BopErrors, average_recall, bop_errors
 from tests.benchmarks.perception.pose_models import GrownModels, Models, painted
 from tests.benchmarks.perception.tabletop_scenes import TableScene, Thing, make_scene
 

@@ -66,9 +66,6 @@ class View:
     features: ViewFeatures
 
 
-# ---- open set ---------------------------------------------------------------------------------
-
-
 def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iterator[View]:
     """Yield a view of every object that perception finds on tables of six products each."""
     from features.perception import Ignored, perceive
@@ -174,9 +171,6 @@ def run_tables(args: argparse.Namespace) -> None:
         report(f"{stored} stored views, {args.draws} draws", answers)
 
 
-# ---- Kehoe's turntable ------------------------------------------------------------------------
-
-
 def run_turntable(args: argparse.Namespace) -> None:
     """Random 35 % of the views stored, the rest asked: all objects known, then a third unknown.
 
@@ -277,9 +271,6 @@ def _report_confusions(answers: list[tuple[View, str | None, Recognition]]) -> N
         print(f"    {count} x {pair}")
 
 
-# ---- print ------------------------------------------------------------------------------------
-
-
 def run_prints(args: argparse.Namespace) -> None:
     """Ask for cartons of families of which two thirds of the members are stored."""
     from tests.benchmarks.recognition.generated_prints import described, families
@@ -364,9 +355,6 @@ def run_photographs(args: argparse.Namespace) -> None:
         adapter = "CutByBestView" if args.best_view else "Cut"
         command += ["--adapter", f"cut_photographs:{adapter}"] if args.cut else []
         subprocess.run([*command, *mode], check=True, cwd=Path(__file__).parent)
-
-
-# ---- speed ------------------------------------------------------------------------------------
 
 
 def run_speed(args: argparse.Namespace) -> None:

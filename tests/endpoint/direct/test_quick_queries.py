@@ -22,6 +22,7 @@ from endpoint.http.server_protocol import GuardedProtocol
 from endpoint.point_lines import PointLines
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
+from rtask.sparql.slow_shapes import SlowShapes
 from tests.endpoint.http.test_server_protocol import FakeTransport
 from tests.servers import new_application
 
@@ -74,7 +75,9 @@ def made(kb, tokens):
             )
             stack.callback(application.close)
             # No readers: a query comes back at once, to be asked in a thread.
-            return application, QuickQueries(application, PointLines(None, lambda: None))
+            return application, QuickQueries(
+                application, PointLines(None, lambda: None, SlowShapes())
+            )
 
         yield make
 
@@ -177,6 +180,15 @@ def test_what_is_no_small_query_is_not_taken_and_counts_nothing(made, tokens, te
 def test_what_is_not_one_escaped_field_is_not_taken(made, tokens, query):
     _, queries = made()
     assert take(queries, tokens.create("reader")[0], query) is None
+
+
+def test_a_query_like_one_that_was_slow_is_not_taken(made, tokens):
+    application, queries = made()
+    token = tokens.create("reader")[0]
+    application.router.asked.slow.note(TEXT.replace("urn:thing", "urn:hub"))
+    assert take(queries, token) is None
+    other = quote(TEXT.replace("?r", "?x"), safe="")
+    assert take(queries, token, f"query={other}") is not None
 
 
 def test_a_query_that_no_reader_takes_is_admitted_once(made, tokens):

@@ -287,6 +287,8 @@ def test_a_filter_that_is_no_iri_is_refused(browser: FlaskClient) -> None:
     ("limit", "address"),
     [
         ("objects.MAX_OUTCOMES", "/object?iri=kb:object/1"),
+        ("robots._MAX_ROBOTS", "/"),
+        ("robots._MAX_ROBOTS", "/robots"),
         ("robots._SHOWN_OUTCOMES", "/robot?iri=kb:robot/nao-7"),
         ("robots._SHOWN_ATTEMPTS", "/robot?iri=kb:robot/nao-7"),
         ("graph.resource.MAX_OUTGOING", "/resource?iri=kb:object/1"),
@@ -307,3 +309,22 @@ def test_a_list_that_is_cut_says_so_and_leads_to_the_rest(
     monkeypatch.setattr(f"endpoint.pages.{limit}", 1)
     (rest,) = set(rests(text_of(browser, address))) - set(whole)
     assert "<h1>" in text_of(browser, rest)
+
+
+def test_candidates_and_changes_that_are_cut_are_said_to_be(
+    site: Site, browser: FlaskClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in (8, 9):
+        site.kb.update(
+            f"PREFIX rt: <{ontology.NS}> "
+            f'INSERT DATA {{ <urn:lab/object/{number}> a rt:Mug ; rt:objectId "{number}" }}'
+        )
+    merge = "/object/merge?iri=kb:object/1"
+    assert "data-left-out" not in text_of(browser, merge)
+    assert "Nothing yet" in text_of(browser, "/curation")
+    monkeypatch.setattr("endpoint.pages.curation.MAX_CANDIDATES", 1)
+    monkeypatch.setattr("endpoint.pages.curation._RECENT_COMMITS", 1)
+    assert "The 1 that were tried most; there are more" in text_of(browser, merge)
+    changes = text_of(browser, "/curation")
+    assert "Nothing since commit" in changes
+    assert "Nothing yet" not in changes

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from features.geometry import Intrinsics
-from features.pose.bop.dataset import BopDataset, BopEstimate, write_results
-from features.pose.bop.metrics import average_recall, bop_errors, mspd, mssd, vsd
-from features.pose.bop.render import render_depth
+from tests.benchmarks.perception.bop.dataset import BopDataset, BopEstimate, write_results
+from tests.benchmarks.perception.bop.metrics import average_recall, bop_errors, mspd, mssd, vsd
+from tests.benchmarks.perception.bop.render import render_depth
 
 CAMERA = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

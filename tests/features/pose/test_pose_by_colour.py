@@ -10,8 +10,8 @@ import pytest
 
 from features.geometry import Frame, Intrinsics
 from features.pose import PoseParams, build_pose_model, estimate_pose, pose_error
-from features.pose.bop.render import render_depth
 from features.pose.model import PoseModel
+from tests.benchmarks.perception.bop.render import render_depth
 
 CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

@@ -165,9 +165,10 @@ def test_the_stroke_leaves_out_what_does_not_fit() -> None:
 
 def test_tolerances_are_explicit_standard_deviations() -> None:
     part = as_part(SQUARE)
-    usual, pixels = Tolerance.default(part), Tolerance.variance_px(part)
-    assert usual.vertex_std == pytest.approx(pixels.vertex_std, rel=0.01)
-    assert usual.com_std == pytest.approx(pixels.com_std, rel=0.01)
+    usual = Tolerance.default(part)
+    # Variances of .2 and .7 times the radius, px^2, of an outline with a radius of 100 px.
+    assert usual.vertex_std == pytest.approx(math.sqrt(20) * part.radius / 100, rel=0.01)
+    assert usual.com_std == pytest.approx(math.sqrt(70) * part.radius / 100, rel=0.01)
 
 
 def _crescent(thick: float, count: int = 220) -> np.ndarray:

@@ -113,6 +113,7 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?part { ?task rt:hasSubTask ?part . ?part rt:hasSubTask ?deep }",
         "SELECT ?held { ?record rt:statisticsOf ?grasp ; rt:successes ?held }",
         "SELECT ?next { ?experience rt:inState ?state ; rt:nextState ?next }",
+        "SELECT ?plan { ?plan rt:goalText ?goal }",
     ],
 )
 def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, body: str) -> None:

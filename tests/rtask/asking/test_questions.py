@@ -60,6 +60,13 @@ def test_a_name_that_nothing_has_is_not_answered_about_everything(kb: KnowledgeB
     assert "'the tea pot'" in found.sentence
 
 
+def test_a_word_of_names_stands_for_all_that_have_it(kb: KnowledgeBase) -> None:
+    found = answer(kb, "where are the blues?")
+    assert found.filled["object"] == ("blues", ("<urn:lab/object/7>",))
+    assert "object: blues" in answer(kb, "which robot fails at the blues, and why?").understood
+    assert not answer(kb, "where are the lues?").is_understood
+
+
 def test_words_without_a_place_are_named(kb: KnowledgeBase) -> None:
     found = answer(kb, "which robots are manipulators today?")
     assert found.sentence.endswith("Not considered: today.")
@@ -108,3 +115,6 @@ def test_more_names_than_are_looked_at_are_said(
     cut = find_mentions(kb.select, ["twin", "panda-1"], "urn:lab/")
     assert all(item.is_cut for item in cut)
     assert "were looked at: more may answer this" in answer(kb, text).sentence
+    missing = answer(kb, "where is the teapot of nao or pr2?")
+    assert not missing.is_understood
+    assert missing.sentence.startswith("Whether anything is called 'teapot' is not known")

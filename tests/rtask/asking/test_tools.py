@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -20,6 +20,7 @@ from rtask.engine.context import SCOPES
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import prologue
+from tests.rtask.asking.scripted_caller import ScriptedCaller, Waiting
 
 SITE = "http://lab.example"
 ROBOT = Access("nao", "robot")
@@ -28,18 +29,6 @@ NAMES = [
     "recall_grasps", "find_object", "propose_change",
 ]  # fmt: skip
 SAMPLE = "https://w3id.org/rtask-kg/kb/sample/"
-
-
-class Waiting:
-    """A call that nobody stops."""
-
-    is_stopped = False
-
-    def on_stop(self, stop: Callable[[], None]) -> None:
-        """Nobody stops it."""
-
-    def report(self, share: float, words: str) -> None:
-        """Nobody asked."""
 
 
 @pytest.fixture(scope="module")
@@ -263,49 +252,13 @@ def test_an_error_quotes_as_data_only(toolbox: Toolbox, kb: KnowledgeBase) -> No
     assert "object/8" in refused["detail"]["value"]
 
 
-class ScriptedCaller:
-    """A caller that knows the texts of the tools, and nothing of what is behind them."""
-
-    def __init__(self, toolbox: Toolbox) -> None:
-        self._toolbox = toolbox
-        (self._tool,) = (
-            tool
-            for tool in toolbox.listed(ROBOT)
-            if "question in words" in tool["description"]
-            and "rows" in tool["outputSchema"]["properties"]
-        )
-
-    def answer(self, question: str) -> tuple[list[tuple[str, ...]], int]:
-        """Return the rows that answer a question, and how many calls that took."""
-        (member,) = (n for n in self._tool["inputSchema"]["properties"] if n != "offset")
-        rows: list[tuple[str, ...]] = []
-        calls, arguments = 0, {member: question}
-        while True:
-            page = call(self._toolbox, self._tool["name"], **arguments)
-            calls += 1
-            rows += [tuple(map(_local, row)) for row in page["rows"]]
-            if "more" not in page:
-                return rows, calls
-            arguments = {member: question, "offset": page["more"]["offset"]}
-
-
-def _local(value: dict[str, Any] | None) -> str:
-    if value is None:
-        return "-"
-    if value["type"] == "iri":
-        short: str = value["value"].strip("<>").rstrip("/#")
-        return short.replace("#", "/").rpartition("/")[2].rpartition(":")[2]
-    plain = value["value"]
-    return str(plain).lower() if isinstance(plain, bool) else str(plain)
-
-
 @pytest.mark.parametrize("file", ontology.queries(), ids=lambda file: file.stem)
 def test_a_scripted_caller_answers_the_questions_about_the_sample(
     toolbox: Toolbox, kb: KnowledgeBase, file: Any
 ) -> None:
     text = file.read_text()
     question = text.splitlines()[0].removeprefix("# question: ")
-    rows, calls = ScriptedCaller(toolbox).answer(question)
+    rows, calls = ScriptedCaller(toolbox, ROBOT).answer(question)
     asked = kb.select(text)
     assert calls <= 3
     assert len(rows) == len(asked)
@@ -320,7 +273,8 @@ def test_a_scripted_caller_answers_the_questions_about_episodes(
     toolbox: Toolbox, kb: KnowledgeBase, file: Any
 ) -> None:
     text = file.read_text()
-    rows, calls = ScriptedCaller(toolbox).answer(text.splitlines()[0].removeprefix("# question: "))
+    question = text.splitlines()[0].removeprefix("# question: ")
+    rows, calls = ScriptedCaller(toolbox, ROBOT).answer(question)
     assert calls <= 3
     assert len(rows) == len(kb.select(text))
 

@@ -138,7 +138,7 @@ def test_pick_and_place_in_one_and_in_two_requests(panda, service):
     panda.world.step(0.2)
     grasped = service.act({"action_type": "grasp", "goal_pose": goal(panda)})
     assert (grasped["success"], grasped["held"], grasped["placed"]) == (1, True, False)
-    assert service.holds_something
+    assert service.has_the_arm
     assert panda.world.object_pose(body).z > panda.world.table_height + 0.05
     placed = service.act({"action_type": "place", "goal_pose": goal(panda, 0.03, 0.05)})
     assert (placed["success"], placed["placed"], placed["reason"]) == (1, True, "ok")

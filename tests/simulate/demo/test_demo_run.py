@@ -106,6 +106,8 @@ def test_a_small_demo_recognises_holds_and_reports(small: Any) -> None:
     assert "SELECT" in report
     assert "| nao-2 |" in report
     assert json.loads((folder / "report" / "report.json").read_text()) == result
+    held = [try_ for met in result["objects"] for try_ in met["attempts"] if try_["held"]]
+    assert all(abs(try_["hand"]["across_m"]) < try_["hand"]["opening_m"] for try_ in held)
     with rtask.open(folder / "store", mode="r") as kb:
         answers = kb.select(ontology.episode_queries()[0].read_text("utf-8")).to_dicts()
     assert {row["robot"] for row in answers} == {"nao-1", "nao-2"}

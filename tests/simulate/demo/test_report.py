@@ -11,11 +11,11 @@ import pytest
 from rtask.errors import UsageError
 from simulate.demo.console import Console
 from simulate.demo.orchestrate import Demo, Settings
+from simulate.demo.products import by_product
 from simulate.demo.queries import QUESTIONS, Answer
 from simulate.demo.report import (
     COLUMNS,
     attempts_to_success,
-    by_product,
     comparison,
     mean_attempts,
     own_judgements,
@@ -163,7 +163,7 @@ def test_the_report_holds_the_table_the_answers_and_the_result(tmp_path: Path) -
     answer = Answer(QUESTIONS[0], ("id", "robot"), (("rtask/1", "nao-1"),))
     write_report(tmp_path, result, rows([robot]), [answer])
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "<h3>nao-1</h3>" in page
+    assert "<th>nao-1</th>" in page
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["seed"] == 3
     assert "| nao-1 | can-1 | can 17 |" in text

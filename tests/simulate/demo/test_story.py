@@ -24,12 +24,15 @@ def test_the_gain_is_that_of_the_products_that_both_tried() -> None:
     )
 
 
-def test_where_not_everything_was_held_the_sentence_counts_what_was() -> None:
+def test_where_not_everything_reached_its_box_the_sentence_counts_what_did() -> None:
     gain = Gain("nao-3", [_met("a", 2)], [_met("a", 6, held=False)], ["nao-1", "nao-2"])
     assert gain.sentence() == (
-        "With the graph nao-3 held 1 of 1 product in 2 attempts; the same robot without it held "
-        "0 of 1 product in 6. No first grasps came from other robots."
+        "With the graph nao-3 put 1 of 1 product into its box in 2 attempts; the same robot "
+        "without it put 0 of 1 product into its box in 6 attempts. No first grasps came from other "
+        "robots."
     )
+    dropped = [{**_met("a", 3), "placed": False}]
+    assert "without it put 0 of 1" in Gain("nao-3", [_met("a", 2)], dropped, []).sentence()
 
 
 def test_a_run_that_gained_nothing_says_so() -> None:

@@ -152,7 +152,6 @@ def test_the_hand_tells_what_stops_it(arm, motion):
     motion.arrange(0.4, "", 20.0)
     arm.move_hand(0.0)
     assert arm.opening() == pytest.approx(0.4)
-    assert arm.hand_current() == pytest.approx(0.12)
 
 
 @pytest.mark.parametrize(("in_hand", "held"), [(0.4, "yes"), (0.0, "no")])

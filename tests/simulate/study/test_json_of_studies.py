@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from simulate.studies import study
+from simulate.study.quality.hands import summarise_hands
 from tests.commands import run_command
 
 pytestmark = pytest.mark.slow
@@ -72,3 +74,20 @@ def test_a_robot_that_there_is_not_starts_no_trial(tmp_path: Path) -> None:
     done = CliRunner().invoke(study, asked)
     assert "no robot is called 'foo'" in str(done.exception)
     assert not folder.exists()
+
+
+def test_the_study_of_hands_compares_one_view_with_the_mesh() -> None:
+    summary = _told("hands", "--hand", "three", "--objects", "1", "--seed", "2611")
+    assert summary["objects"] == 1
+    for name in ("lifted", "carried"):
+        row = summary[name]
+        assert row["difference"] == pytest.approx(row["view"] - row["mesh"])
+        assert 0 <= row["mesh"] <= 1
+
+
+def test_an_object_without_a_planned_grasp_counts_as_not_held() -> None:
+    shares = np.array([[[1.0, 0.5], [np.nan, np.nan]], [[1.0, 1.0], [1.0, 0.0]]])
+    summary = summarise_hands(shares)
+    assert summary["without_a_grasp"] == {"mesh": 0, "view": 1}
+    assert summary["lifted"]["view"] == 0.5
+    assert summary["carried"]["difference"] == -0.75

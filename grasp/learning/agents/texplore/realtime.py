@@ -158,8 +158,6 @@ class RealTimeTexplore:
     ) -> None:
         self.close()
 
-    # -- the other two threads ---------------------------------------------------------------
-
     def _guard(self, work: Any) -> None:
         try:
             work()

@@ -34,9 +34,9 @@ _WITHOUT = {
     "tabulates the trials that its options ask for": """
         demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
         simulate act-test reach, simulate act-test workspace, study attempts, study day, study demo,
-        study grasp-quality, study grasp-views, study grasping, study judging, study learn,
-        study piles, study push-grasps, study requests, study sharing, study table4, study table5,
-        study tasks, study trust, thesis all, thesis show""",
+        study grasp-quality, study grasp-views, study grasping, study hands, study judging,
+        study learn, study piles, study push-grasps, study requests, study sharing, study table4,
+        study table5, study tasks, study trust, thesis all, thesis show""",
     "runs until it is interrupted, or as long as a program of the user": """
         mcp, worker, ros node, ros2 node, ros2 dds serve, service run, simulate act-serve,
         simulate ros""",

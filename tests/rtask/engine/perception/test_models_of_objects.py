@@ -169,9 +169,6 @@ def test_an_insertion_that_fails_leaves_no_model(bench, engine, robot, monkeypat
     assert len(model_of(engine, name)[0].views) >= len(before.views) + 1
 
 
-# ---- bad input: each has a clear answer ----------------------------------------------------------
-
-
 def changed(bench, thing, change):
     """Return what a robot sends of a thing whose crop was changed."""
     eye = bench.Eye(target=(*thing.position, bench.TABLE))

@@ -17,7 +17,8 @@ from features.imaging.recordings import views_of
 from rtask.cli.episodes import episodes as command
 from rtask.errors import DataError, MissingBlobError, UsageError
 from rtask.interop.episodes.episode import blobs_of, episodes_of, statements_of
-from rtask.interop.episodes.recording import read_episodes, write_episodes
+from rtask.interop.episodes.reading import read_episodes
+from rtask.interop.episodes.recording import write_episodes
 from rtask.rdf.namespaces import RT
 
 

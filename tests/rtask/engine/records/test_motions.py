@@ -15,7 +15,8 @@ from rtask.errors import DataError, UsageError
 from rtask.interop.episodes.episode import episodes_of
 from rtask.interop.episodes.lerobot import write_lerobot
 from rtask.interop.episodes.motion import Motion
-from rtask.interop.episodes.recording import read_episodes, write_episodes
+from rtask.interop.episodes.reading import read_episodes
+from rtask.interop.episodes.recording import write_episodes
 
 pq = pytest.importorskip("pyarrow.parquet")
 pytestmark = pytest.mark.slow

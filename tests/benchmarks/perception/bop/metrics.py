@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Float64Array, FloatArray, Intrinsics
-from features.pose.bop.render import render_depth
+from tests.benchmarks.perception.bop.render import render_depth
 
 __all__ = ["AverageRecall", "BopErrors", "average_recall", "bop_errors", "mspd", "mssd", "vsd"]
 

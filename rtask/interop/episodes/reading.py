@@ -1,0 +1,101 @@
+"""Episodes of a recording, or of a data set with one, read into a graph (extra ``recordings``)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pyoxigraph import NamedNode, Quad, RdfFormat, parse
+
+from rtask.errors import DataError, UsageError
+from rtask.interop.episodes.episode import blobs_of
+from rtask.interop.episodes.recording import BLOBS_TOPIC, RECORDING, STATEMENTS_TOPIC, Written
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+
+__all__ = ["read_episodes"]
+
+
+def read_episodes(kb: GraphCore, path: Path) -> Written:
+    """Add the episodes of a file to a graph, in one commit; known statements change nothing.
+
+    What a robot asserted goes to the graph of the robot of that name. Damaged files leave the graph
+    as it was.
+
+    Parameters
+    ----------
+    kb
+        The graph, open for writing.
+    path
+        From :func:`~rtask.interop.episodes.recording.write_episodes`, or a data set of
+        :mod:`~rtask.interop.episodes.lerobot`.
+
+    Raises
+    ------
+    DataError
+        It is no such file, or binary data is missing or does not match its name.
+    """
+    if path.is_dir():
+        path = path / RECORDING
+        if not path.is_file():
+            raise DataError(
+                f"{path.parent.parent} is no data set of `rtask episodes export`: no {RECORDING}"
+            )
+    quads: dict[Quad, None] = {}
+    blobs: dict[str, bytes] = {}
+    read = Written()
+    for topic, message in _messages(path):
+        if topic == STATEMENTS_TOPIC:
+            try:
+                quads |= dict.fromkeys(parse(message.data.encode(), format=RdfFormat.N_QUADS))
+            except SyntaxError as error:
+                raise DataError(f"{path}: {STATEMENTS_TOPIC}: {error}") from error
+            read.episodes += 1
+        elif topic == BLOBS_TOPIC:
+            name, data = message.layout.dim[0].label, bytes(message.data)
+            if name != f"urn:sha256:{hashlib.sha256(data).hexdigest()}":
+                raise DataError(f"{path}: the bytes of {name} do not match their name")
+            blobs[name] = data
+    if not read.episodes:
+        raise DataError(f"{path} holds no episodes: no topic {STATEMENTS_TOPIC}")
+    missing = [name for name in blobs_of(quads) if name not in blobs and not kb.blobs.has(name)]
+    if missing:
+        raise DataError(f"{path}: {len(missing)} binary data are missing, {missing[0]} first")
+    for data in blobs.values():
+        kb.blobs.put(data)
+    with kb.transaction(note=f"episodes of {path.name}") as transaction:
+        transaction.add_quads(_owned_here(kb, quads))
+    read.statements, read.blobs = len(quads), len(blobs)
+    return read
+
+
+def _messages(path: Path) -> Iterator[tuple[str, Any]]:
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file")
+    try:
+        with AnyReader([path]) as reader:
+            connections = [
+                link for link in reader.connections if link.topic in (STATEMENTS_TOPIC, BLOBS_TOPIC)
+            ]
+            for connection, _, raw in (
+                reader.messages(connections=connections) if connections else ()
+            ):
+                yield connection.topic, reader.deserialize(raw, connection.msgtype)
+    except (AnyReaderError, OSError, AssertionError) as error:
+        raise DataError(f"{path} is no recording, or it is damaged: {error}") from error
+
+
+def _owned_here(kb: GraphCore, quads: Iterable[Quad]) -> Iterator[Quad]:
+    """Yield statements in the graphs that the same robots, people and files have here."""
+    for quad in quads:
+        named = quad.graph_name.value if isinstance(quad.graph_name, NamedNode) else ""
+        _, _, place = named.partition("/graph/")
+        if not place.startswith(("agent/", "import/")):
+            raise DataError(f"{named or 'the default graph'} is not that of a robot or a file")
+        graph = NamedNode(f"{kb.graphs.base}graph/{place}")
+        yield Quad(quad.subject, quad.predicate, quad.object, graph)
