@@ -139,10 +139,12 @@ def export(
 @episodes.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
 @data_option
+@agent_option("Import as this robot: a file in which another one acts is refused.")
 @json_option
-def import_episodes(file: Path, data: Path, as_json: bool) -> None:
+def import_episodes(file: Path, data: Path, agent: str | None, as_json: bool) -> None:
     """Add the episodes of FILE (.mcap, .bag, or an exported data set) to the graph, in one commit.
 
+    A file in which one robot says what another, or a person, did is refused.
     Counts, beliefs and hidden causes are then restated from all attempts, in a second one. What
     is known already changes nothing.
     """
@@ -151,10 +153,11 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
     from rtask.engine import Engine
     from rtask.extras import naming_extras
     from rtask.interop.episodes.reading import read_episodes
+    from rtask.kb.commit.access import Access
 
     with open_or_make(data) as kb, naming_extras(_EXTRA), Working("reading"):
         before = kb.seq
-        read = read_episodes(kb, file)
+        read = read_episodes(kb, file, Access(agent, "robot") if agent else None)
         commit = kb.seq
         if commit != before:
             with Engine(kb) as engine:

@@ -14,7 +14,7 @@ from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
 from rtask.engine.stored import Models, Recent
-from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, failure_reasons
+from rtask.engine.terms import ClassCatalogue, TermCatalogue, failure_reasons
 from rtask.engine.upkeep import Upkeep
 from rtask.engine.view_index import ViewIndex
 from rtask.errors import ForbiddenError
@@ -103,7 +103,9 @@ class Context:
         self.names = Names(kb)
         self.grippers = GripperCatalogue(kb)
         self.classes = ClassCatalogue(kb)
-        self.functions = FunctionCatalogue(kb)
+        self.functions = TermCatalogue(kb, RT.ObjectFunction)
+        self.colours = TermCatalogue(kb, RT.Colour)
+        self.traits = TermCatalogue(kb, RT.ObjectTrait)
         self.honesty = HonestyCatalogue(kb)
         self.reasons = failure_reasons(kb)
         self.models = Models(kb)
@@ -189,7 +191,8 @@ class Context:
     def _on_commit(self, change: Change) -> None:
         self.grippers.forget_if_changed(change)
         self.classes.forget_if_changed(change)
-        self.functions.forget_if_changed(change)
+        for terms in (self.functions, self.colours, self.traits):
+            terms.forget_if_changed(change)
         self.honesty.forget_if_changed(change)
         self.names.forget_new()
         if self._learning is not None and self._is_about_views(change):

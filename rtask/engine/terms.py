@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ClassCatalogue",
-    "FunctionCatalogue",
     "ObjectClass",
+    "TermCatalogue",
     "failure_reasons",
     "find_function",
     "find_task",
@@ -185,41 +185,46 @@ SELECT DISTINCT ?class ?name ?short {{
     }
 
 
-class FunctionCatalogue:
-    """Cache of the functions of objects by name, refreshed when one is added or renamed."""
+class TermCatalogue:
+    """Cache of the coded values of a class by name, such as functions of objects or colours.
 
-    def __init__(self, kb: GraphCore) -> None:
+    Parameters
+    ----------
+    kind
+        The class; values of its subclasses count.
+    """
+
+    def __init__(self, kb: GraphCore, kind: NamedNode) -> None:
         self._kb = kb
+        self._kind = kind
         self._lock = threading.Lock()
         self._cached: Mapping[str, tuple[str, ...]] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
-        """Drop the cache after a commit about functions or names."""
+        """Drop the cache after a commit about values of the class or names."""
         for quad in (*change.added, *change.removed):
-            if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
+            if quad.object == self._kind or quad.predicate == RDFS.label:
                 with self._lock:
                     self._cached = None
                 return
 
     def all(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the names of every function by IRI, the label first."""
+        """Return the names of every value by IRI, the label first."""
         with self._lock:
             if self._cached is None:
-                self._cached = _read_functions(self._kb)
+                self._cached = _read_terms(self._kb, self._kind)
             return self._cached
 
 
-def _read_functions(kb: GraphCore) -> dict[str, tuple[str, ...]]:
+def _read_terms(kb: GraphCore, kind: NamedNode) -> dict[str, tuple[str, ...]]:
     rows = kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
-  OPTIONAL {{ ?function rdfs:label ?name }} OPTIONAL {{ ?function skos:altLabel ?other }}
-}} ORDER BY ?function ?name ?other""")
+SELECT DISTINCT ?term ?name ?other {{ ?term a/rdfs:subClassOf* {kind}
+  OPTIONAL {{ ?term rdfs:label ?name }} OPTIONAL {{ ?term skos:altLabel ?other }}
+}} ORDER BY ?term ?name ?other""")
     names: dict[str, dict[str, None]] = {}
     for row in rows:
-        labels = names.setdefault(str(row.value("function")), {})
+        labels = names.setdefault(str(row.value("term")), {})
         for variable in ("name", "other"):
             if row[variable] is not None:
                 labels.setdefault(str(row.value(variable)))
-    return {
-        function: tuple(labels) or (local_name(function),) for function, labels in names.items()
-    }
+    return {term: tuple(labels) or (local_name(term),) for term, labels in names.items()}

@@ -51,7 +51,9 @@ SELECT ?class ?generator (COUNT(DISTINCT ?outcome) AS ?attempts)
        (ROUND(100 * SUM(IF(?held, 1, 0)) / COUNT(?held)) AS ?percentHeld) {
   { SELECT DISTINCT ?class ?generator ?outcome ?held {
       ?object rt:hasGrasp ?grasp ; a ?type . ?type rdfs:label ?class .
-      VALUES ?type { rt:Box rt:Cylinder rt:Ball rt:Bottle rt:Pen rt:Can rt:ManipulableObject }
+      VALUES ?type {
+        rt:Box rt:Bar rt:Cylinder rt:Ball rt:Bottle rt:Pen rt:Can rt:ManipulableObject
+      }
       ?grasp rt:triedIn/rt:hasOutcome ?outcome . ?outcome rt:judgedSuccess ?held .
       OPTIONAL { ?grasp rt:generator ?generator }
   } }

@@ -28,6 +28,7 @@ _ROLES = {
     "object": "rt:ManipulableObject", "robot": "cora:Robot", "task": "rt:Task",
     "grasp": "rt:GraspConfiguration", "frame": "rt:Frame", "recognition": "rt:RecognitionResult",
     "cloud": "rt:PointCloud", "use": "rt:ObjectFunction",
+    "colour": "rt:Colour", "trait": "rt:ObjectTrait",
 }  # fmt: skip
 _KINDS = {"kind": "rt:ManipulableObject", "robot_kind": "cora:Robot"}
 _TOKEN = re.compile(

@@ -1,8 +1,8 @@
-"""Interpretation of the words of a request as classes and functions of objects.
+"""Interpretation of the words of a request as classes, functions, colours and traits of objects.
 
 "Bring me something to drink from" names a function, "a bottle" a class, and "a cup to drink from"
-both, which must then both hold. Words are compared by their stems; several words mean the longest
-name that they contain.
+both, which must then both hold; so do all parts of "a fragile red carton". Words are compared by
+their stems; several words mean the longest name that they contain.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from rtask.rdf.namespaces import RT
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-__all__ = ["Meaning", "Sense", "meaning", "stems"]
+__all__ = ["Meaning", "Sense", "SenseKind", "meaning", "stems"]
+
+SenseKind = Literal["class", "function", "colour", "trait"]
 
 _FILLERS = frozenset(
     re.findall(
@@ -36,19 +38,19 @@ _WORD = re.compile(r"[^\W_]+")
 
 @dataclass(frozen=True)
 class Sense:
-    """A condition on the object: a class or a function.
+    """A condition on the object: a class, a function, a colour or a trait.
 
     Parameters
     ----------
     kind
-        ``class`` or ``function``.
+        Which of these.
     terms
         IRIs, any of which fulfils the condition.
     words
         Words of the request.
     """
 
-    kind: Literal["class", "function"]
+    kind: SenseKind
     terms: tuple[str, ...]
     words: str
 
@@ -118,7 +120,10 @@ def meaning(context: Context, wish: str) -> Meaning:
         return Meaning((Sense("class", (term,), context.classes.get(term).label),))
     if term in functions:
         return Meaning((Sense("function", (term,), functions[term][0]),))
-    named = [*_named("class", classes), *_named("function", functions)]
+    named = [
+        *_named("class", classes), *_named("function", functions),
+        *_named("colour", context.colours.all()), *_named("trait", context.traits.all()),
+    ]  # fmt: skip
     words = stems(wish)
     senses, left = _longest_names(named, words)
     if not senses:
@@ -131,12 +136,10 @@ def meaning(context: Context, wish: str) -> Meaning:
     return Meaning((), tuple(words), tuple(near))
 
 
-_Named = tuple[Literal["class", "function"], str, str, tuple[str, ...]]
+_Named = tuple[SenseKind, str, str, tuple[str, ...]]
 
 
-def _named(
-    kind: Literal["class", "function"], names: Mapping[str, Iterable[str]]
-) -> Iterator[_Named]:
+def _named(kind: SenseKind, names: Mapping[str, Iterable[str]]) -> Iterator[_Named]:
     """Yield (kind, IRI, name, its stems); the most general class is left out."""
     for term in sorted(names):
         for name in names[term]:
@@ -150,13 +153,13 @@ def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], 
     left, senses = list(words), []
     fits = [candidate for candidate in named if set(candidate[3]) <= set(words)]
     for length in sorted({len(candidate[3]) for candidate in fits}, reverse=True):
-        taken: dict[tuple[str, frozenset[str]], list[_Named]] = {}
+        taken: dict[tuple[SenseKind, frozenset[str]], list[_Named]] = {}
         for candidate in fits:
             if len(candidate[3]) == length and set(candidate[3]) <= set(left):
                 taken.setdefault((candidate[0], frozenset(candidate[3])), []).append(candidate)
         for (kind, stems_of_name), same in taken.items():
             terms = tuple(dict.fromkeys(term for _, term, _, _ in same))
-            senses.append(Sense("class" if kind == "class" else "function", terms, same[0][2]))
+            senses.append(Sense(kind, terms, same[0][2]))
             left = [word for word in left if word not in stems_of_name]
     return senses, left
 

@@ -29,6 +29,8 @@ MAX_TILT = np.deg2rad(20)
 MAX_SHIFT_M = 0.02
 _SNAP = np.deg2rad(15)
 MIN_M = 0.002
+_PEN_M, _BAR_M = 0.023, 0.03
+"""Below which a long thing is called a pen, and a bar, m."""
 
 
 @dataclass(frozen=True)
@@ -185,8 +187,9 @@ def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[s
         if slender >= 1.5 and top < 0.75:
             return "Bottle", 0.7
         return ("Cylinder", 0.8) if top >= 0.8 else None
-    if length >= 3 * width and width < 0.03 and height < 0.03:
-        return "Pen", 0.7
+    if length >= 3 * width and width < _BAR_M and height < _BAR_M:
+        is_pen = max(width, height) < _PEN_M
+        return ("Pen", 0.7) if is_pen else ("Bar", 0.7)
     if length < 3 * width and _fill(shape) >= 0.8:
         return "Box", 0.7
     return None

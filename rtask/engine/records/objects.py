@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rtask.engine.names import tail
 from rtask.engine.observation import Observation
+from rtask.engine.perception.colours import colours_of
 from rtask.engine.perception.images import encode_crop
 from rtask.engine.perception.placement import Placement
 from rtask.engine.triples import Triples, stamp
@@ -165,7 +166,7 @@ def state_frame(context: Context, triples: Triples, object_iri: NamedNode) -> No
 def state_object(
     context: Context, triples: Triples, new: ObjectRecord, observation: Observation
 ) -> None:
-    """Add a new object: identity, class, size, frame, symmetry."""
+    """Add a new object: identity, class, colours, size, frame, symmetry."""
     shape = observation.shape
     frame = body_frame(context, new.iri)
     triples.node(
@@ -183,6 +184,8 @@ def state_object(
     elif new.class_iri is not None and new.class_confidence is not None:
         reifier = context.names.unique("statement")
         triples.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
+    for colour in colours_of(observation.frame):
+        triples.add(new.iri, RT.hasColour, getattr(RT, f"colour_{colour}"))
     if shape is None or not observation.is_posed:
         return
     triples.node(

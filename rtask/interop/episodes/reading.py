@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 
-from rtask.errors import DataError, UsageError
+from rtask.errors import DataError, ForbiddenError, UsageError
 from rtask.interop.episodes.episode import blobs_of
 from rtask.interop.episodes.recording import BLOBS_TOPIC, RECORDING, STATEMENTS_TOPIC, Written
 
 if TYPE_CHECKING:
+    from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
+    from rtask.rdf.terms import GraphName
 
 __all__ = ["read_episodes"]
 
 
-def read_episodes(kb: GraphCore, path: Path) -> Written:
+def read_episodes(kb: GraphCore, path: Path, access: Access | None = None) -> Written:
     """Add the episodes of a file to a graph, in one commit; known statements change nothing.
 
     What a robot asserted goes to the graph of the robot of that name. Damaged files leave the graph
-    as it was.
+    as it was, and so do files in which one robot says what another, or a person, did.
 
     Parameters
     ----------
@@ -32,11 +35,15 @@ def read_episodes(kb: GraphCore, path: Path) -> Written:
     path
         From :func:`~rtask.interop.episodes.recording.write_episodes`, or a data set of
         :mod:`~rtask.interop.episodes.lerobot`.
+    access
+        Rights of who imports; a robot's file may hold its own episodes alone. None = the owner.
 
     Raises
     ------
     DataError
         It is no such file, or binary data is missing or does not match its name.
+    ForbiddenError
+        It speaks in the name of another than whose graph it is in, or than the importing robot.
     """
     if path.is_dir():
         path = path / RECORDING
@@ -64,10 +71,12 @@ def read_episodes(kb: GraphCore, path: Path) -> Written:
     missing = [name for name in blobs_of(quads) if name not in blobs and not kb.blobs.has(name)]
     if missing:
         raise DataError(f"{path}: {len(missing)} binary data are missing, {missing[0]} first")
+    owned = list(_owned_here(kb, quads))
+    _check_names(kb, quads, owned, access)
     for data in blobs.values():
         kb.blobs.put(data)
-    with kb.transaction(note=f"episodes of {path.name}") as transaction:
-        transaction.add_quads(_owned_here(kb, quads))
+    with kb.transaction(note=f"episodes of {path.name}", access=access) as transaction:
+        transaction.add_quads(owned)
     read.statements, read.blobs = len(quads), len(blobs)
     return read
 
@@ -99,3 +108,47 @@ def _owned_here(kb: GraphCore, quads: Iterable[Quad]) -> Iterator[Quad]:
             raise DataError(f"{named or 'the default graph'} is not that of a robot or a file")
         graph = NamedNode(f"{kb.graphs.base}graph/{place}")
         yield Quad(quad.subject, quad.predicate, quad.object, graph)
+
+
+def _check_names(
+    kb: GraphCore, quads: Iterable[Quad], owned: Iterable[Quad], access: Access | None
+) -> None:
+    """Refuse statements of one robot, or of a file, about what another robot or a person did.
+
+    Parameters
+    ----------
+    quads, owned
+        The statements in the graphs of the file, and in those that they go to.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming the graph or the statement.
+    """
+    from rtask.kb.commit.access import Access, actor_of
+    from rtask.kb.store.graphs import Graphs
+
+    @cache
+    def speaks_here(name: str) -> bool:
+        return bool(kb.match(graph=kb.graphs.agent(name)))
+
+    def is_used(graph: GraphName) -> bool:
+        return speaks_here(names.owner(graph) or "")
+
+    rights = None if access is None else access.bind(kb.graphs)
+    for quad, here in zip(quads, owned, strict=True):
+        if rights is not None:
+            rights.require_write(here.graph_name, "import of episodes")
+        owner = kb.graphs.owner(here.graph_name)
+        base = str(quad.graph_name).strip("<>").partition("graph/")[0]
+        for names in {kb.graphs.base: kb.graphs, base: Graphs(base)}.values():
+            if owner is not None:
+                Access(owner, "robot").require_own_identity(here, names, is_used)
+                continue
+            acting = actor_of(here, names)
+            if acting is not None and speaks_here(acting[1]) and not kb.match(*here):
+                raise ForbiddenError(
+                    f"{here.graph_name}: an unsigned graph cannot state {here.predicate} "
+                    f"{here.object}: {acting[1]!r} speaks for itself",
+                    statement=f"{here.subject} {here.predicate} {here.object}",
+                )

@@ -20,7 +20,7 @@ from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 
-__all__ = ["RIGHTS", "Access", "Role"]
+__all__ = ["RIGHTS", "Access", "Role", "actor_of"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
 RIGHTS = frozenset(("rules", "replicate", "deploy", "schema"))
@@ -34,6 +34,22 @@ _DONE_BY = frozenset(
 )
 """Properties whose value is who did something, or the hand that it was done with."""
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
+
+
+def actor_of(quad: Quad, graphs: Graphs) -> tuple[bool, str] | None:
+    """Return who did, saw or judged something by a statement: whether a person, and the name.
+
+    None for a statement that says nothing of the kind, or names somebody of another base.
+    """
+    named = quad.object
+    if quad.predicate.value not in _DONE_BY or not isinstance(named, NamedNode):
+        return None
+    for folder in ("robot", "person"):
+        start = f"{graphs.base}{folder}/"
+        if named.value.startswith(start):
+            name = unquote(named.value.removeprefix(start).partition("/")[0])
+            return folder == "person", name
+    return None
 
 
 @dataclass(frozen=True)
@@ -192,23 +208,17 @@ class Access:
         ForbiddenError
             Naming the statement and the agent.
         """
-        named = quad.object
-        if self.of_owner:
+        acting = actor_of(quad, graphs)
+        if self.of_owner or acting is None:
             return
-        if quad.predicate.value not in _DONE_BY or not isinstance(named, NamedNode):
+        is_person, name = acting
+        if name == self.agent or (is_person and not is_used(graphs.agent(name))):
             return
-        for folder in ("robot", "person"):
-            start = f"{graphs.base}{folder}/"
-            if not named.value.startswith(start):
-                continue
-            name = unquote(named.value.removeprefix(start).partition("/")[0])
-            if name == self.agent or (folder == "person" and not is_used(graphs.agent(name))):
-                return
-            raise ForbiddenError(
-                f"the token belongs to {self.agent!r}: it cannot state {quad.predicate} "
-                f"{named.value}, which is {name!r}",
-                statement=f"{quad.subject} {quad.predicate} {named}",
-            )
+        raise ForbiddenError(
+            f"the token belongs to {self.agent!r}: it cannot state {quad.predicate} "
+            f"{getattr(quad.object, 'value', quad.object)}, which is {name!r}",
+            statement=f"{quad.subject} {quad.predicate} {quad.object}",
+        )
 
     def _bound(self) -> Graphs:
         if self.graphs is None:

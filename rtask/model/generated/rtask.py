@@ -83,6 +83,10 @@ class Thing(Model):
         The thing that was observed.
     has_result
         What the observation gave.
+    has_trait
+        What to mind when the object is handled: a likely hidden cause says so, its mass does
+        (rule R11), or somebody states it. Without domain and range, because a rule derives
+        it.
     in_xsd_date_time_stamp
         The instant as xsd:dateTimeStamp.
     invalidated_at_time
@@ -183,6 +187,7 @@ class Thing(Model):
     has_end: Links[Thing] = Links(_TIME + "hasEnd", _OWL + "Thing")
     has_feature_of_interest: Links[Thing] = Links(_SOSA + "hasFeatureOfInterest", _OWL + "Thing")
     has_result: Links[Thing] = Links(_SOSA + "hasResult", _OWL + "Thing")
+    has_trait: Links[Thing] = Links(_RT + "hasTrait", _OWL + "Thing")
     in_xsd_date_time_stamp: Many[object] = Many(_TIME + "inXSDDateTimeStamp", _RDFS + "Literal")
     invalidated_at_time: Many[object] = Many(_PROV + "invalidatedAtTime", _RDFS + "Literal")
     judged_success: One[bool] = One(_RT + "judgedSuccess", _XSD + "boolean", functional=True)
@@ -2148,6 +2153,15 @@ class ClosureMode(CodedValue):
     __iri__: ClassVar[str] = _RT + "ClosureMode"
 
 
+class Colour(CodedValue):
+    """A colour as people name it.
+
+    ``rt:Colour``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Colour"
+
+
 class Demonstration(Action):
     """A person shows an object or a grasp.
 
@@ -2375,6 +2389,15 @@ class ObjectFunction(CodedValue):
     """
 
     __iri__: ClassVar[str] = _RT + "ObjectFunction"
+
+
+class ObjectTrait(CodedValue):
+    """What to mind when an object is handled, such as that it is fragile.
+
+    ``rt:ObjectTrait``
+    """
+
+    __iri__: ClassVar[str] = _RT + "ObjectTrait"
 
 
 class OntologyGraph(NamedGraph):
@@ -2674,15 +2697,6 @@ class Task(IntentionalProcess):
     waits_for: Links[Task] = Links(_RT + "waitsFor", _RT + "Task")
 
 
-class ZoneKind(CodedValue):
-    """In which way a zone gives way.
-
-    ``rt:ZoneKind``
-    """
-
-    __iri__: ClassVar[str] = _RT + "ZoneKind"
-
-
 class RobotGroup(Group):
     """Robots organised for one goal.
 
@@ -2971,6 +2985,9 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
         The size of the bounding box along z of the body frame. [M]
     grasp_width
         The width between the jaws while the object is held. [M]
+    has_colour
+        A colour of a large part of what the first view shows of the object, under the light
+        of that view.
     has_feature
         A feature of the object.
     has_function
@@ -3011,6 +3028,7 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     extent_y: One[float] = One(_RT + "extentY", _XSD + "double", unit="M", limits=Limits(above=0.0))
     extent_z: One[float] = One(_RT + "extentZ", _XSD + "double", unit="M", limits=Limits(above=0.0))
     grasp_width: One[float] = One(_RT + "graspWidth", _XSD + "double", unit="M", limits=Limits(above=0.0))
+    has_colour: Links[Colour] = Links(_RT + "hasColour", _RT + "Colour", limits=Limits(one_of=(_RT + "colour_black", _RT + "colour_blue", _RT + "colour_brown", _RT + "colour_green", _RT + "colour_grey", _RT + "colour_orange", _RT + "colour_pink", _RT + "colour_purple", _RT + "colour_red", _RT + "colour_white", _RT + "colour_yellow",)))
     has_feature: Links[VisualFeature] = Links(_RT + "hasFeature", _RT + "VisualFeature", inverse=_RT + "featureOf")
     has_function: Links[ObjectFunction] = Links(_RT + "hasFunction", _RT + "ObjectFunction", limits=Limits(one_of=(_RT + "clean", _RT + "containLiquid", _RT + "containSolid", _RT + "cut", _RT + "drinkFrom", _RT + "eatWith", _RT + "fasten", _RT + "illuminate", _RT + "playWith", _RT + "write",)))
     has_grasp: Links[GraspConfiguration] = Links(_RT + "hasGrasp", _RT + "GraspConfiguration", inverse=_RT + "graspOf")
@@ -3261,6 +3279,15 @@ class TriangleMesh(ShapeModel):
     __required__: ClassVar[tuple[str, ...]] = ("has_blob",)
 
 
+class ZoneKind(ObjectTrait):
+    """In which way a zone gives way.
+
+    ``rt:ZoneKind``
+    """
+
+    __iri__: ClassVar[str] = _RT + "ZoneKind"
+
+
 class ArtificialSystem(Artifact):
     """An artefact made of devices that interact.
 
@@ -3365,6 +3392,15 @@ class Ball(ManipulableObject):
     """
 
     __iri__: ClassVar[str] = _RT + "Ball"
+
+
+class Bar(ManipulableObject):
+    """A long straight object, thicker than a pen.
+
+    ``rt:Bar``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Bar"
 
 
 class Box(ManipulableObject):
@@ -3989,7 +4025,18 @@ class RGBDCamera(DepthCamera, ColorCamera):
 
 
 clean = NamedNode(_RT + "clean")
+colour_black = NamedNode(_RT + "colour_black")
+colour_blue = NamedNode(_RT + "colour_blue")
+colour_brown = NamedNode(_RT + "colour_brown")
+colour_green = NamedNode(_RT + "colour_green")
+colour_grey = NamedNode(_RT + "colour_grey")
+colour_orange = NamedNode(_RT + "colour_orange")
+colour_pink = NamedNode(_RT + "colour_pink")
+colour_purple = NamedNode(_RT + "colour_purple")
+colour_red = NamedNode(_RT + "colour_red")
 colour_sensing = NamedNode(_RT + "colourSensing")
+colour_white = NamedNode(_RT + "colour_white")
+colour_yellow = NamedNode(_RT + "colour_yellow")
 contain_liquid = NamedNode(_RT + "containLiquid")
 contain_solid = NamedNode(_RT + "containSolid")
 convex_vertex_closure = NamedNode(_RT + "convexVertexClosure")
@@ -4047,6 +4094,7 @@ sector2 = NamedNode(_RT + "sector2")
 sector3 = NamedNode(_RT + "sector3")
 slip_closure = NamedNode(_RT + "slipClosure")
 suction_holding = NamedNode(_RT + "suctionHolding")
+trait_heavy = NamedNode(_RT + "trait_heavy")
 write = NamedNode(_RT + "write")
 zone_comes_off = NamedNode(_RT + "zone_comes_off")
 zone_fragile = NamedNode(_RT + "zone_fragile")

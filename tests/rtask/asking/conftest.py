@@ -18,6 +18,7 @@ INSERT DATA {
   <urn:lab/object/7> a rt:Mug ; rt:name "the 5\\" mug, blue" .
   <urn:lab/object/8> a rt:Mug ; rt:name "twin" .
   <urn:lab/object/9> a rt:Mug ; rt:name "twin" .
+  <urn:lab/object/10> a rt:Mug ; rt:name "kettle-4" .
   <urn:lab/odd/a(b),c;d=e%20f~g@h> a rt:Mug ; rdfs:label "odd"@en .
   <urn:lab/graph/x#frag?> a rt:Mug .
   <urn:lab/> rdfs:label "a name that goes on and on, far beyond what a line can show of it" .

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.capability import Bounds, Verdict, can_hold
-from rtask.engine.memory.meaning import Meaning, Sense
+from rtask.engine.memory.meaning import Meaning, Sense, SenseKind
 from rtask.engine.records.objects import no_object
-from rtask.rdf.namespaces import PREFIXES, values
-from rtask.rdf.terms import iri, literal
+from rtask.rdf.namespaces import PREFIXES, RDF, RT, values
+from rtask.rdf.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 from rtask.engine.operations.resolution.messages import OfferedObject, ResolveRequest
 
-__all__ = ["ObjectCandidate", "find_candidates"]
+__all__ = ["PROPERTIES", "ObjectCandidate", "find_candidates"]
+
+PROPERTIES: Mapping[SenseKind, NamedNode] = {
+    "class": RDF.type, "function": RT.hasFunction, "colour": RT.hasColour, "trait": RT.hasTrait,
+}  # fmt: skip
+"""By which property of an object each kind of condition holds."""
 
 MAX_CANDIDATES = 300
 _EVER_S = 1e10
@@ -176,7 +181,7 @@ def _fitting(senses: Sequence[Sense]) -> str:
     """Return the pattern of objects that fit all senses."""
     parts = []
     for k, sense in enumerate(senses):
-        path = "a" if sense.kind == "class" else "rt:hasFunction"
+        path = PROPERTIES[sense.kind]
         parts.append(f"VALUES ?term{k} {{ {values(sense.terms)} }} ?object {path} ?term{k} .")
     no_thing = "FILTER NOT EXISTS { ?object a rt:Exemplar }"
     return f"{' '.join(parts)} ?object a rt:ManipulableObject {no_thing}"

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.grippers import StoredGripper
 from rtask.engine.memory.meaning import Meaning
-from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, Value, iri
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.core import GraphCore
 
-from rtask.engine.operations.resolution.candidates import ObjectCandidate
+from rtask.engine.operations.resolution.candidates import PROPERTIES, ObjectCandidate
 
 __all__ = ["proof"]
 
@@ -25,7 +25,7 @@ def proof(
     object_iri = iri(best.iri)
     lines = []
     for sense in meant.senses:
-        predicate = RDF.type if sense.kind == "class" else RT.hasFunction
+        predicate = PROPERTIES[sense.kind]
         held = [t for t in sense.terms if context.kb.match(object_iri, predicate, iri(t))]
         for term in held[:1]:
             lines += _proof_lines(context.kb, object_iri, predicate, iri(term))

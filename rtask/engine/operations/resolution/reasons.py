@@ -88,7 +88,7 @@ def _reason(code: str, text: str, candidate: ObjectCandidate | None = None) -> R
 
 
 def _asked(context: Context, meant: Meaning) -> str:
-    """Return the request in the graph's words: ``a cup to drink from``."""
+    """Return the request in the graph's words: ``a cup to drink from, red``."""
     kinds = [
         " or ".join(f"a {context.classes.get(term).label}" for term in sense.terms)
         for sense in meant.senses
@@ -99,7 +99,13 @@ def _asked(context: Context, meant: Meaning) -> str:
         for sense in meant.senses
         if sense.kind == "function"
     ]
-    return " ".join([" and ".join(kinds) or "something", *uses])
+    looks = [
+        ", " + " or ".join(names.all()[term][0] for term in sense.terms)
+        for kind, names in (("trait", context.traits), ("colour", context.colours))
+        for sense in meant.senses
+        if sense.kind == kind
+    ]
+    return " ".join([" and ".join(kinds) or "something", *uses]) + "".join(looks)
 
 
 def sentence(

@@ -76,6 +76,8 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
         understood={
             "classes": meant.terms("class"),
             "functions": meant.terms("function"),
+            "colours": meant.terms("colour"),
+            "traits": meant.terms("trait"),
             "ignored": list(meant.ignored),
         },
         explanation={

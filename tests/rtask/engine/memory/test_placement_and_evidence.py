@@ -119,8 +119,10 @@ def test_round_things_are_named_by_their_profile(profile, height, kind):
 
 def test_flat_sided_and_thin_things_are_named_by_their_outline():
     box, pen = box_points(0.2), box_points(0.2, size=(0.11, 0.018, 0.018))
+    bar = box_points(0.2, size=(0.12, 0.026, 0.027))
     assert classify_shape(measure(box, 0.27), box)[0] == "Box"
     assert classify_shape(measure(pen, 0.27), pen)[0] == "Pen"
+    assert classify_shape(measure(bar, 0.27), bar)[0] == "Bar"
 
 
 def remembered(**changes):

@@ -88,7 +88,9 @@ def test_a_kind_is_found_by_its_words_or_its_iri(room, wanted):
 
 def test_a_modal_can_is_no_can(room):
     answer = room.ask("something that I can write with")
-    assert answer["understood"] == {"classes": [], "functions": [RT + "write"], "ignored": []}
+    assert answer["understood"] == {
+        "classes": [], "functions": [RT + "write"], "colours": [], "traits": [], "ignored": [],
+    }  # fmt: skip
     assert answer["object"] == room.pencil
 
 
@@ -222,3 +224,23 @@ def test_objects_named_in_a_wish_are_found_behind_others_that_fit_it(room, monke
     answer = room.ask("a container", objects=[room.pencil])
     assert answer["objects_untried"] == 0
     assert answer["reasons"][0]["code"] == "not_seen"
+
+
+def test_colours_that_a_camera_saw_and_traits_narrow_a_request(room):
+    rows = room.engine.kb.select(
+        f"PREFIX rt: <{RT}> PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
+        f"SELECT ?label {{ <{room.cola}> rt:hasColour/rdfs:label ?label }}"
+    )
+    shown = {str(row.value("label")) for row in rows}
+    assert shown
+    (other, *_) = sorted({"red", "green", "blue", "pink"} - shown)
+    for colour in sorted(shown):
+        answer = room.ask(f"the {colour} can")
+        assert answer["object"] == room.cola
+        assert f", {colour}" in answer["explanation"]["text"]
+        assert answer["understood"]["colours"] == [RT + f"colour_{colour}"]
+    assert room.ask(f"the {other} can")["task_response"] == "unmet"
+    heavy = room.ask("something heavy")
+    assert [one["label"] for one in heavy["reasons"]] == ["blue mug"]
+    assert heavy["understood"]["traits"] == [RT + "trait_heavy"]
+    assert room.ask("a heavy can")["task_response"] == "unmet"

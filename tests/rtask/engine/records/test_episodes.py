@@ -15,11 +15,13 @@ from features.codec import decode
 from features.geometry import Frame
 from features.imaging.recordings import views_of
 from rtask.cli.episodes import episodes as command
-from rtask.errors import DataError, MissingBlobError, UsageError
+from rtask.errors import DataError, ForbiddenError, MissingBlobError, UsageError
 from rtask.interop.episodes.episode import blobs_of, episodes_of, statements_of
 from rtask.interop.episodes.reading import read_episodes
 from rtask.interop.episodes.recording import write_episodes
+from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, Quad
 
 
 def fill_store(bench, robots):
@@ -223,3 +225,45 @@ def test_a_recognition_is_told_also_where_the_view_was_not_kept(told, bench, rob
     (row,) = [row for row in rows if row["robot"] == "nao-3"]
     assert row["confidence"] >= 0.7
     assert row["observed"] is None
+
+
+def _tampered(path, kb, episodes, swap):
+    """Write episodes whose statements were changed on the way."""
+    from rtask.interop.episodes import recording
+
+    def changed(kb, episode, stated=statements_of):
+        return [part for quad in stated(kb, episode) for part in swap(quad)]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recording, "statements_of", changed)
+        write_episodes(kb, episodes, path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", ["https://example.org/kb/", "urn:other/"])
+def test_a_file_cannot_speak_for_another_robot(told, kb, tmp_path, base):
+    one = kb.graphs.agent_iri("nao-1")
+    own, stranger = kb.graphs.agent("nao-1"), kb.graphs.agent("nao-2")
+    (only,) = episodes_of(kb, robot="nao-1")
+
+    def in_the_graph_of_another(quad):
+        is_own = quad.graph_name == own
+        return [Quad(*tuple(quad)[:3], stranger) if is_own else quad]
+
+    def in_a_graph_of_nobody(quad):
+        return [Quad(*tuple(quad)[:3], NamedNode(f"{kb.graphs.base}graph/import/lab"))]
+
+    for name, swap in (("a", in_the_graph_of_another), ("b", in_a_graph_of_nobody)):
+        _tampered(tmp_path / f"{name}.mcap", kb, [only], swap)
+    with rtask.open(":memory:", reason=False, base=base) as other:
+        before = other.seq
+        with pytest.raises(ForbiddenError, match=rf"'nao-2': it cannot state .*{one.value}"):
+            read_episodes(other, tmp_path / "a.mcap")
+        assert other.seq == before
+        write_episodes(kb, episodes_of(kb), tmp_path / f"all-{len(base)}.mcap")
+        with pytest.raises(ForbiddenError, match="robot nao-2 may not write"):
+            read_episodes(other, tmp_path / f"all-{len(base)}.mcap", Access("nao-2", "robot"))
+        assert other.seq == before
+        read_episodes(other, tmp_path / f"all-{len(base)}.mcap")
+        with pytest.raises(ForbiddenError, match=r"an unsigned graph cannot state .*'nao-[12]'"):
+            read_episodes(other, tmp_path / "b.mcap")
