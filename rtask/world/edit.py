@@ -117,6 +117,8 @@ class WorldEdit:
             ]
             identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
             exemplar, doubts = identity.exemplar, identity.doubts
+            if exemplar and not identity.is_followed:
+                doubts += self._mutual_doubts(exemplar, {name for name, _ in doubts})
         if not exemplar:
             exemplar = self.make_exemplar(seen.product)
         for other, chance in doubts:
@@ -372,6 +374,17 @@ class WorldEdit:
             for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(exemplar))
             if isinstance(quad.subject, NamedNode)
         )
+
+    def _mutual_doubts(
+        self, exemplar: str, named: Collection[str]
+    ) -> tuple[tuple[str, float], ...]:
+        """Return the things that may be this one, which then may be any of them."""
+        chances = (
+            (other, dict(self.world.doubts(other)).get(exemplar))
+            for other in self._doubts_about(exemplar)
+            if other not in named and not self.world.is_merged(other)
+        )
+        return tuple((other, chance) for other, chance in chances if chance is not None)
 
     def _is_in_doubt(self, exemplar: str, other: str) -> bool:
         return bool(self.world.kb.match(iri(exemplar), RT.possiblyIdenticalTo, iri(other)))

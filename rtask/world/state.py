@@ -128,8 +128,7 @@ class WorldState:
 
     def way_to(self, placement: Placement, frame: str, time_s: float) -> Way:
         """Return the pose of a frame's measurements in another frame, for a placement at a time."""
-        measured_s = placement.confirmed if placement.end is None else placement.begin
-        return self.frames.way(frame, placement.frame, time_s, min(measured_s, time_s))
+        return self.frames.way(frame, placement.frame, time_s, min(placement.begin, time_s))
 
     def pose_in(
         self, placement: Placement, frame: str, time_s: float

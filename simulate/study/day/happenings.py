@@ -13,7 +13,7 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import literal
 from simulate.study.day.lab import BOXES, TABLES, Lab, Place, Thing, distance
-from simulate.study.day.robots import BASE, Robot, box_iri
+from simulate.study.day.robots import BASE, Robot, ask, box_iri
 from simulate.world.seeds import stream
 
 __all__ = ["Day", "Sample", "live_day"]
@@ -190,8 +190,7 @@ def _sample(day: Day, rng: np.random.Generator, time_s: float) -> None:
     iri = day.iri_of(thing)
     if not iri or thing.now.kind != "on":
         return
-    args = {"name": iri, "frame": "map", "stamp": time_s}
-    for place in day.engine.call("where_is", args, Access("eve", "reader")).things:
+    for place in ask(day.engine, "where_is", name=iri, frame="map", stamp=time_s).things:
         if place.pose is not None and place.radius90 is not None:
             at = place.pose["position"]
             away_m = distance((at["x"], at["y"]), thing.now.spot)

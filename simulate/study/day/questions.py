@@ -14,10 +14,9 @@ from typing import Any, Literal
 import numpy as np
 
 from rtask.engine import Engine
-from rtask.kb.commit.access import Access
 from simulate.study.day.happenings import Day
 from simulate.study.day.lab import Place, Thing, distance
-from simulate.study.day.robots import place_rows
+from simulate.study.day.robots import ask, place_rows
 
 __all__ = ["KINDS", "SURE", "Asked", "ask_all"]
 
@@ -58,8 +57,7 @@ class _Asker:
 
     def where(self, name: str, time_s: float) -> list[Any]:
         """Return the things of a name that where_is knows and is sure of."""
-        args = {"name": name, "frame": "map", "stamp": time_s}
-        things = self.engine.call("where_is", args, Access("eve", "reader")).things
+        things = ask(self.engine, "where_is", name=name, frame="map", stamp=time_s).things
         return [thing for thing in things if _is_sure(thing)]
 
     def last_place(self, name: str, time_s: float) -> Any | None:
@@ -70,9 +68,7 @@ class _Asker:
 
     def trace(self, name: str, time_s: float) -> list[Any]:
         """Return the places of a thing that began by a time, as they are known now."""
-        return list(self.engine.call(
-            "trace_thing", {"name": name, "stamp": time_s}, Access("eve", "reader")
-        ).places)  # fmt: skip
+        return list(ask(self.engine, "trace_thing", name=name, stamp=time_s).places)
 
     def thing(self) -> tuple[Thing, str] | None:
         """Draw a thing, and its name: its IRI if another one looks the same."""

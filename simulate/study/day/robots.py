@@ -17,7 +17,7 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
 from simulate.study.day.lab import BOXES, TABLES, Lab, Place, Thing, distance
 
-__all__ = ["BASE", "SIGMA_M", "Robot", "place_rows"]
+__all__ = ["BASE", "SIGMA_M", "Robot", "ask", "box_iri", "place_rows"]
 
 BASE = "https://example.org/lab/"
 SIGMA_M = 0.004
@@ -171,6 +171,11 @@ class Robot:
             if self.known.setdefault(iri, true) is not true:
                 self.errors.append(true.name)
         return list(answer.things)
+
+
+def ask(engine: Engine, operation: str, **args: Any) -> Any:
+    """Call an operation as somebody who may read only."""
+    return engine.call(operation, args, Access("eve", "reader"))
 
 
 def place_rows(engine: Engine, block: str, time_s: float, rest: str = "") -> list[dict[str, Any]]:

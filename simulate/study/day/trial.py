@@ -12,12 +12,11 @@ import numpy as np
 
 import rtask
 from rtask.engine import Engine
-from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
 from simulate.study.day.happenings import Day, Sample, live_day
 from simulate.study.day.lab import Thing, distance
 from simulate.study.day.questions import KINDS, Asked, ask_all
-from simulate.study.day.robots import BASE, Robot
+from simulate.study.day.robots import BASE, Robot, ask
 from simulate.study.intervals import wilson
 from simulate.world.seeds import stream
 
@@ -63,7 +62,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def _verdicts(asked: Sequence[Asked]) -> dict[str, dict[str, int]]:
     """Return how many answers of each kind were right, not known and wrong."""
-    counts = Counter((one.kind, one.verdict) for one in asked)
+    counts = Counter[tuple[str, str]]((one.kind, one.verdict) for one in asked)
     return {
         kind: {verdict: counts[kind, verdict] for verdict in _VERDICTS} for kind in KINDS
     }  # fmt: skip
@@ -73,8 +72,7 @@ def _at_two_places(day: Day) -> int:
     """Return how often a thing has two places at one instant, by its trace and by the graph."""
     count = 0
     for iri in day.known:
-        args = {"name": iri, "max_places": 10_000}
-        places = day.engine.call("trace_thing", args, Access("eve", "reader")).places
+        places = ask(day.engine, "trace_thing", name=iri, max_places=10_000).places
         for before, after in itertools.pairwise(places):
             count += before.until is None or before.until > after.since
     rows = day.engine.context.kb.select(f"""{PREFIXES}

@@ -129,3 +129,16 @@ def test_of_two_lost_things_none_is_taken_for_the_one_that_was_seen_elsewhere(la
     lab.commit(edit, "nao-1")
     assert lab.kb.world.exemplars_of(lab.cup) == sorted([first, second, third])
     assert {name for name, _ in lab.kb.world.doubts(third)} == {first, second}
+
+
+def test_a_doubt_between_two_lost_things_is_mutual_when_the_other_comes_back(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, -0.6, 0.1, 0)
+    edit = lab.edit()
+    edit.lose_all([first, second], lab.noon + 900)
+    lab.commit(edit, "nao-1")
+    back = lab.see(lab.cup, 0.0, 0.4, 1000)
+    other = lab.see(lab.cup, 0.9, 0.4, 1100)
+    assert {back, other} == {first, second}
+    doubts = {name: dict(lab.kb.world.doubts(name)) for name in (back, other)}
+    assert doubts == {back: {other: 0.5}, other: {back: 0.5}}, "nobody can tell which is which"
