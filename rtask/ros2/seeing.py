@@ -15,7 +15,8 @@ from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
 from rtask.interop.ros.operations import Heard, refusal
 from rtask.interop.ros.schema import REFUSED
 from rtask.interop.ros.showing import SceneChanges, markers
-from rtask.ros2.camera import CameraTopics, Sight
+from rtask.interop.ros.views.newest import Sight
+from rtask.ros2.camera import CameraTopics
 from rtask.ros2.clouds import cloud_json, cloud_of_rows
 from rtask.ros2.qos import latched
 from rtask.ros2.transforms import TransformBuffer
@@ -48,11 +49,11 @@ class Eyes:
         answer, pose = self.perceive(sight)
         return Look.from_json(answer, sight.header.stamp, pose)
 
-    def perceive(self, sight: Sight, **options: Any) -> tuple[JsonObject, JsonObject]:
+    def perceive(self, sight: Sight[JsonObject], **options: Any) -> tuple[JsonObject, JsonObject]:
         """Return the server's answer to a view, and the pose of its camera."""
         header = sight.header
         pose = self._transforms.lookup(self.frame, header.frame_id, header.stamp).as_pose()
-        request = {"sensor_pose": pose, **options, **sight.request()}
+        request = {"sensor_pose": pose, **options, **sight.read()}
         return self._client.read_method(*_PERCEPTION, request), pose
 
 

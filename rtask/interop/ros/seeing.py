@@ -9,9 +9,9 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
+from features.geometry import Frame
 from features.perception import Perceived, perceive
 from rtask.errors import DataError, RtaskError
-from rtask.interop.ros.camera import CameraTopics, Sight
 from rtask.interop.ros.clouds import cloud_message, frame_of
 from rtask.interop.ros.convert import fill, make_message
 from rtask.interop.ros.looking import Look, SeeOptions, SeeRun
@@ -20,6 +20,8 @@ from rtask.interop.ros.perceived import box_of, look_of, points_of
 from rtask.interop.ros.services import service_type
 from rtask.interop.ros.showing import SceneChanges, markers
 from rtask.interop.ros.transforms import Transforms
+from rtask.interop.ros.views.camera import CameraTopics
+from rtask.interop.ros.views.newest import Sight
 
 __all__ = ["Eyes", "SeeAction", "SegmentService"]
 
@@ -65,7 +67,7 @@ class Eyes:
         """
         return self.view(self.camera.wait(_VIEW_S, since))
 
-    def view(self, sight: Sight) -> View:
+    def view(self, sight: Sight[Frame]) -> View:
         """Return what a view shows; raises as :meth:`look` does."""
         stamp, camera = sight.header.stamp, sight.header.frame_id
         base_from_camera = self.transforms.lookup(self.frame, camera, stamp)

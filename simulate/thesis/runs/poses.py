@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ from simulate.world.noise import SensorNoise
 from simulate.world.objects import write_assets
 from simulate.world.world import BodyPose, World
 
-__all__ = ["axis", "table_4_2", "table_4_3"]
+__all__ = ["axis", "poses_by_rule", "table_4_2", "table_4_3"]
 
 Matrix = NDArray[np.float64]
 
@@ -54,6 +55,9 @@ _DISTANCE_M = 0.6
 _NOISE_NOTE = "depth with the noise of a structured-light camera at .6 m; masks from the segmenter"
 _LEAST = 0.3
 """Chance of a lift below which a grasp is not tried."""
+_BARE = PoseParams(merge=False, recollected=0, penalty=0.0, max_violation=1.0)
+"""ICP that knows nothing of free space, which stands for his baseline."""
+_RULES = ("ICP alone", "with his check", "ours, by free space")
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,21 +208,17 @@ def _grasped(lying: _Lying, believed: Matrix, seed: int) -> tuple[int, bool | No
 def axis(setting: Setting) -> Result:
     """ICP alone, with the check of principal axes, and the product's own rule (4.6)."""
     poses = setting.size(_POSES, 2)
-    bare = PoseParams(merge=False, recollected=0, penalty=0.0, max_violation=1.0)
-    right = {"ICP alone": 0, "with his check": 0, "ours, by free space": 0}
+    right = dict.fromkeys(_RULES, 0)
     chosen = (SIX[0], SIX[3], SIX[4])
     for name in chosen:
         model: PoseModel | None = None
         for number in range(poses):
             with _lying(name, number, setting.seed) as lying:
                 model = model or build_pose_model(lying.mesh.vertices, lying.mesh.faces)
-                full, fitted = lying.estimate(model), lying.estimate(model, bare)
-                answers = (
-                    None if fitted is None else fitted.camera_from_object,
-                    None if fitted is None else _by_axis(lying, model, fitted),
-                    None if full is None else full.camera_from_object,
-                )
-                for rule, pose in zip(right, answers, strict=True):
+                seen = replace(lying.frame, mask=lying.labels == lying.label)
+                for rule, pose in poses_by_rule(
+                    seen, model, partial(lying.estimate, model)
+                ).items():
                     right[rule] += lying.is_right(model, pose)
     theirs = (6 / 10, 9 / 10, None)
     return Result(
@@ -230,8 +230,29 @@ def axis(setting: Setting) -> Result:
     )
 
 
-def _by_axis(lying: _Lying, model: PoseModel, fitted: PoseEstimate) -> Matrix | None:
-    """Return the best pose whose principal axis agrees with what was measured."""
-    seen = replace(lying.frame, mask=lying.labels == lying.label)
-    poses = [fitted.camera_from_object, *(a.camera_from_object for a in fitted.alternatives)]
-    return next((p for p in poses if axis_check(model, seen, p, min_ratio=1.0).passes), None)
+def poses_by_rule(
+    seen: Frame, model: PoseModel, estimate: Callable[[PoseParams | None], PoseEstimate | None]
+) -> dict[str, Matrix | None]:
+    """Return the pose that each rule of section 4.6 chooses; None where it chooses none.
+
+    The check takes the best pose whose principal axis in the image is within pi/10 of what was
+    measured, without a guard on the ratio of the axes, as he had none.
+
+    Parameters
+    ----------
+    seen
+        The view, with the mask of the object.
+    estimate
+        Estimates the pose with some parameters, or with those of the product for None.
+    """
+    full, fitted = estimate(None), estimate(_BARE)
+    poses = [] if fitted is None else [
+        fitted.camera_from_object, *(a.camera_from_object for a in fitted.alternatives)
+    ]  # fmt: skip
+    by_axis = (p for p in poses if axis_check(model, seen, p, min_ratio=1.0).passes)
+    chosen = (
+        poses[0] if poses else None,
+        next(by_axis, None),
+        None if full is None else full.camera_from_object,
+    )
+    return dict(zip(_RULES, chosen, strict=True))

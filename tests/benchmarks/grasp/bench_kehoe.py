@@ -21,8 +21,10 @@ from true masks. Intervals are Wilson's at 95 %.
 from __future__ import annotations
 
 import argparse
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +33,6 @@ from features.pose import (
     PoseEstimate,
     PoseModel,
     PoseParams,
-    axis_check,
     build_pose_model,
     estimate_pose,
     pose_error,
@@ -40,6 +41,7 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
 from simulate.grasping.floating.execution import execute, settle, spawn_parts
+from simulate.thesis.runs.poses import poses_by_rule
 from simulate.world.objects import Friction
 from simulate.world.world import BodyPose, World
 from tests.benchmarks.grasp.bench_grasp3d import MIN_CONFIDENCE, PLACE, TABLE, Lying, together
@@ -88,7 +90,7 @@ class Posed:
     labels: np.ndarray
     number: int
 
-    def estimate(self, model: PoseModel, params: PoseParams) -> PoseEstimate | None:
+    def estimate(self, model: PoseModel, params: PoseParams | None) -> PoseEstimate | None:
         """Estimate its pose."""
         if not self.number:
             return None
@@ -132,19 +134,12 @@ def run_pose(ycb: Path, poses: int) -> None:
 def run_axis(ycb: Path, poses: int) -> None:
     """Print what ICP alone, ICP with his check and the product's rule get right (4.6)."""
     models = Models()
-    bare = PoseParams(merge=False, recollected=0, penalty=0.0, max_violation=1.0)
-    right: dict[str, list[bool]] = {"ICP alone": [], "with his check": [], "with free space": []}
+    right: dict[str, list[bool]] = defaultdict(list)
     for name in OFTEN_WRONG:
         for one in posed(ycb, name, poses):
             model = models.of(one.thing)
-            full, fitted = one.estimate(model, PoseParams()), one.estimate(model, bare)
-            chosen = None if fitted is None else _by_axis(one, model, fitted)
-            answers = (
-                None if fitted is None else fitted.camera_from_object,
-                chosen,
-                None if full is None else full.camera_from_object,
-            )
-            for rule, pose in zip(right, answers, strict=True):
+            seen = replace(one.scene.frame, mask=one.labels == one.number)
+            for rule, pose in poses_by_rule(seen, model, partial(one.estimate, model)).items():
                 right[rule].append(one.is_right(model, pose))
         said = ", ".join(f"{rule} {sum(held[-poses:])}" for rule, held in right.items())
         print(f"{name:16s} right of {poses}: {said}", flush=True)
@@ -182,14 +177,6 @@ def run_colours(ycb: Path, poses: int) -> None:
                 accepted[rule] += found is not None and found.accepted
         said = ", ".join(f"{rule} {sum(right[rule])} ({accepted[rule]} accepted)" for rule in right)
         print(f"{name:16s} right of {poses}: {said}", flush=True)
-
-
-def _by_axis(one: Posed, model: PoseModel, found: PoseEstimate) -> np.ndarray | None:
-    """Return the best pose whose principal axis agrees with what was measured."""
-    seen = replace(one.scene.frame, mask=one.labels == one.number)
-    poses = [found.camera_from_object, *(a.camera_from_object for a in found.alternatives)]
-    passing = (p for p in poses if axis_check(model, seen, p, min_ratio=1.0).passes)
-    return next(passing, None)
 
 
 def run_grasps(ycb: Path, poses: int) -> None:

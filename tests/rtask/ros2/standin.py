@@ -1,7 +1,7 @@
 """A stand-in for what the node takes of rclpy, and for Python's messages of ROS 2.
 
 It shows the node's own logic only, in one process and without a network: names, types, quality of
-service and time are not checked here, but by ``tests/clients/ros2_contract.py`` with a real rclpy.
+service and time are not checked here, but by ``tests/clients/ros2/contract.py`` with a real rclpy.
 Its methods have the parameters of rclpy's, listed in ``rclpy_signatures.txt``.
 """
 

@@ -1,0 +1,1 @@
+"""Views of a robot's camera as its messages bring them."""
