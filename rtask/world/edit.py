@@ -303,9 +303,18 @@ class WorldEdit:
             spread,
             last.is_current,
             last.is_current and last.place in seen.hands,
-            there is not None or is_own,
+            there is not None or is_own or self._was_in_reach(last, seen),
             seen.time_s - last.confirmed,
         )
+
+    def _was_in_reach(self, last: Placement, seen: Seen) -> bool:
+        """Whether a thing that was in a hand or box last was in the frames of a robot before."""
+        if last.frame_from_subject is not None or self._is_made(last.subject):
+            return False
+        for placement in reversed(self.world.history(last.subject)):
+            if placement.frame_from_subject is not None:
+                return self.world.pose_in(placement, seen.frame, seen.time_s) is not None
+        return False
 
     def _is_there(self, last: Placement, seen: Seen) -> bool:
         there = self.world.pose_in(last, seen.frame, seen.time_s)

@@ -25,7 +25,7 @@ _VERDICTS = ("right", "not known", "wrong")
 @options.workers
 @click.option("--hours", type=click.FloatRange(0.1, 24), default=8.0, show_default=True,
               help="Length of a day.")  # fmt: skip
-@click.option("--things", type=click.IntRange(4, 60), default=30, show_default=True,
+@click.option("--things", "items", type=click.IntRange(4, 60), default=30, show_default=True,
               help="Things in the lab; a third of them are equal pairs.")  # fmt: skip
 @click.option("--questions", type=click.IntRange(min=1), default=1000, show_default=True,
               help="Questions about each day.")  # fmt: skip
@@ -39,7 +39,7 @@ def day(
     seed: int,
     workers: int,
     hours: float,
-    things: int,
+    items: int,
     questions: int,
     samples: int,
     out: Path,
@@ -54,7 +54,7 @@ def day(
     from simulate.study.runner import Study, run
 
     settings = {
-        "seed": seed, "hours": hours, "things": things, "questions": questions, "samples": samples,
+        "seed": seed, "hours": hours, "things": items, "questions": questions, "samples": samples,
     }  # fmt: skip
     study = Study("day", "simulate.study.day.trial:run_trial", settings, trials)
     summary = summary_of(run(study, out, workers, resume))
@@ -65,9 +65,9 @@ def day(
     rows = [[kind, *(str(counts[verdict]) for verdict in _VERDICTS)]
             for kind, counts in summary["verdicts"].items()]  # fmt: skip
     print_table("Questions about the day", ("question", *_VERDICTS), rows)
-    rows = [[kind, str(one["samples"]), f"{one['share']:.3f}",
-             "{:.3f} to {:.3f}".format(*one["share_95"])]
-            for kind, one in summary["calibration"].items()]  # fmt: skip
+    rows = [[kind, str(each["samples"]), f"{each['share']:.3f}",
+             "{:.3f} to {:.3f}".format(*each["share_95"])]
+            for kind, each in summary["calibration"].items()]  # fmt: skip
     print_table("Within the distance said with 90 %", ("place", "asked", "within", "95 %"), rows)
     click.echo(
         f"right {summary['right']:.4f}, not known {summary['not known']:.4f}, wrong "
@@ -88,8 +88,8 @@ def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for result in results:
         for kind, counts in result["verdicts"].items():
             verdicts.setdefault(kind, Counter()).update(counts)
-        for kind, one in result["calibration"].items():
-            counted = {"samples": one["samples"], "within": one["within"]}
+        for kind, each in result["calibration"].items():
+            counted = {"samples": each["samples"], "within": each["within"]}
             within.setdefault(kind, Counter()).update(counted)
     totals = Counter[str]()
     for counts in verdicts.values():

@@ -12,7 +12,7 @@ from rtask.engine import Engine
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import literal
-from simulate.study.day.lab import BOXES, TABLES, Lab, Place, Thing, distance
+from simulate.study.day.lab import BOXES, TABLES, Item, Lab, Place, distance
 from simulate.study.day.robots import BASE, Robot, ask, box_iri
 from simulate.world.seeds import stream
 
@@ -55,7 +55,7 @@ class Day:
     robots: list[Robot]
     begin_s: float
     end_s: float
-    known: dict[str, Thing]
+    identified: dict[str, Item]
     samples: list[Sample] = field(default_factory=list)
     deeds: dict[str, int] = field(default_factory=dict)
 
@@ -63,9 +63,9 @@ class Day:
         """Count something that happened."""
         self.deeds[what] = self.deeds.get(what, 0) + 1
 
-    def iri_of(self, thing: Thing) -> str:
+    def iri_of(self, item: Item) -> str:
         """Return the IRI under which the graph knows a thing; "" if no robot ever saw it."""
-        return next((iri for iri, true in self.known.items() if true is thing), "")
+        return next((iri for iri, true in self.identified.items() if true is item), "")
 
 
 def live_day(engine: Engine, settings: Mapping[str, Any]) -> Day:
@@ -73,13 +73,13 @@ def live_day(engine: Engine, settings: Mapping[str, Any]) -> Day:
     rng = stream(settings["seed"], _STREAM)
     lab = Lab.made(rng, settings["things"], START_S - 60.0)
     _furnish(engine, lab)
-    known: dict[str, Thing] = {}
+    identified: dict[str, Item] = {}
     errors: list[str] = []
     tables = {"nao-1": "table-a", "panda-1": "table-a", "nao-2": "table-b"}
-    robots = [Robot(name, engine, lab, rng, table, known, errors)
+    robots = [Robot(name, engine, lab, rng, table, identified, errors)
               for name, table in tables.items()]  # fmt: skip
     minutes = round(settings["hours"] * 60)
-    day = Day(lab, engine, robots, START_S, START_S + 60.0 * minutes, known)
+    day = Day(lab, engine, robots, START_S, START_S + 60.0 * minutes, identified)
     for robot in robots:
         robot.register(START_S)
     per_minute = settings["samples"] / minutes
@@ -97,7 +97,7 @@ def live_day(engine: Engine, settings: Mapping[str, Any]) -> Day:
 
 def _furnish(engine: Engine, lab: Lab) -> None:
     """State what people enter beforehand: products, boxes, and where the tables stand."""
-    names = {thing.product: thing.name for thing in lab.things}
+    names = {item.product: item.name for item in lab.items}
     products = " ".join(
         f"<{BASE}object/{number}> a rt:ManipulableObject ; rt:objectId {literal(f'lab/{number}')} ;"
         f" rt:name {literal(name)} ; rt:extentX 0.06e0 ; rt:extentY 0.06e0 ."
@@ -123,29 +123,29 @@ def _let_people_act(day: Day, rng: np.random.Generator, time_s: float) -> None:
         return
     lab = day.lab
     table = str(rng.choice(list(TABLES)))
-    things = [thing for thing in lab.on(table) if thing.covered_until_s <= time_s]
-    away = [thing for thing in lab.things if thing.now.kind == "away"]
+    items = [item for item in lab.on(table) if item.covered_until_s <= time_s]
+    away = [item for item in lab.items if item.now.kind == "away"]
     what = str(rng.choice(["move", "swap", "cover", "take", "bring"]))
     if what == "bring" and away:
-        thing = away[0]
-        lab.move(thing, Place("on", table, time_s, "", lab.free_spot(table)))
-    elif what in ("move", "take", "cover") and things:
-        thing = things[int(rng.integers(len(things)))]
+        item = away[0]
+        lab.move(item, Place("on", table, time_s, "", lab.free_spot(table)))
+    elif what in ("move", "take", "cover") and items:
+        item = items[int(rng.integers(len(items)))]
         if what == "cover":
-            thing.covered_until_s = time_s + float(rng.uniform(600.0, 2400.0))
+            item.covered_until_s = time_s + float(rng.uniform(600.0, 2400.0))
         elif what == "take" and len(away) < 3:
-            lab.move(thing, Place("away", "", time_s))
+            lab.move(item, Place("away", "", time_s))
         else:
             target = str(rng.choice(list(TABLES)))
-            lab.move(thing, Place("on", target, time_s, "", lab.free_spot(target)))
-    elif what == "swap" and len(things) > 1:
+            lab.move(item, Place("on", target, time_s, "", lab.free_spot(target)))
+    elif what == "swap" and len(items) > 1:
         # Nobody could tell that two equal things were swapped unseen: these are not.
-        one, other = (things[int(k)] for k in rng.choice(len(things), 2, replace=False))
-        if one.product == other.product:
+        first, other = (items[int(k)] for k in rng.choice(len(items), 2, replace=False))
+        if first.product == other.product:
             return
-        first, second = one.now.spot, other.now.spot
-        lab.move(one, Place("on", table, time_s, "", second))
-        lab.move(other, Place("on", table, time_s, "", first))
+        spot, other_spot = first.now.spot, other.now.spot
+        lab.move(first, Place("on", table, time_s, "", other_spot))
+        lab.move(other, Place("on", table, time_s, "", spot))
     else:
         return
     day.count(f"by people: {what}")
@@ -174,25 +174,25 @@ def _let_robot_act(
     what = str(rng.choice(["move", "box", "unbox"], p=[0.6, 0.2, 0.2]))
     if what == "unbox" and boxed:
         iri = boxed[int(rng.integers(len(boxed)))]
-        robot.carry(day.known[iri], iri, on_table, time_s + 2.0, slips)
+        robot.carry(day.identified[iri], iri, on_table, time_s + 2.0, slips)
     else:
-        iri, thing = seen[int(rng.integers(len(seen)))]
+        iri, item = seen[int(rng.integers(len(seen)))]
         is_boxed = what == "box" and len(boxed) < 4
         target = Place("in", box, time_s, robot.name) if is_boxed else on_table
         what = "box" if is_boxed else "move"
-        robot.carry(thing, iri, target, time_s + 2.0, slips)
+        robot.carry(item, iri, target, time_s + 2.0, slips)
     day.count("slips" if slips else f"by robots: {what}")
 
 
 def _sample(day: Day, rng: np.random.Generator, time_s: float) -> None:
     """Ask where one thing is now, and note how far from there it is."""
-    thing = day.lab.things[int(rng.integers(len(day.lab.things)))]
-    iri = day.iri_of(thing)
-    if not iri or thing.now.kind != "on":
+    item = day.lab.items[int(rng.integers(len(day.lab.items)))]
+    iri = day.iri_of(item)
+    if not iri or item.now.kind != "on":
         return
-    for place in ask(day.engine, "where_is", name=iri, frame="map", stamp=time_s).things:
+    for place in ask(day.engine, "where_is", name=iri, frame="map", stamp=time_s)["things"]:
         if place.pose is not None and place.radius90 is not None:
             at = place.pose["position"]
-            away_m = distance((at["x"], at["y"]), thing.now.spot)
-            kind = "covered" if thing.covered_until_s > time_s else "open"
+            away_m = distance((at["x"], at["y"]), item.now.spot)
+            kind = "covered" if item.covered_until_s > time_s else "open"
             day.samples.append(Sample(kind, away_m, place.radius90))

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["BOXES", "TABLES", "Lab", "Place", "Spot2", "Thing"]
+__all__ = ["BOXES", "MOVED_M", "TABLES", "Item", "Lab", "Place", "Spot2"]
 
 Spot2 = tuple[float, float]
 """Position (x, y) in the map, m."""
@@ -20,6 +20,8 @@ BOXES = {"left box": "table-a", "right box": "table-b"}
 """Table beside which each box stands."""
 _HALF = (0.8, 0.4)
 """Half length and width of the tables, m."""
+MOVED_M = 0.02
+"""Shift from which something counts as moved, as in the graph."""
 _APART_M = 0.11
 _PAIRS_SHARE = 1 / 3
 Kind = Literal["on", "in", "held", "away"]
@@ -51,7 +53,7 @@ class Place:
 
 
 @dataclass(eq=False)
-class Thing:
+class Item:
     """A thing with its product and all of its true places, oldest first."""
 
     name: str
@@ -86,7 +88,8 @@ class Lab:
     """
 
     rng: np.random.Generator
-    things: list[Thing] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+    _put: dict[tuple[Item, float], Spot2] = field(default_factory=dict)
 
     @classmethod
     def made(cls, rng: np.random.Generator, count: int, start_s: float) -> Lab:
@@ -96,33 +99,33 @@ class Lab:
         products = [k for k in range(pairs) for _ in range(2)]
         products += range(pairs, pairs + count - 2 * pairs)
         for product in products:
-            thing = Thing(f"cup {product}" if product < pairs else f"carton {product}", product)
+            item = Item(f"cup {product}" if product < pairs else f"carton {product}", product)
             table = str(rng.choice(list(TABLES)))
-            thing.log.append(Place("on", table, start_s, spot=lab.free_spot(table)))
-            lab.things.append(thing)
+            item.log.append(Place("on", table, start_s, spot=lab.free_spot(table)))
+            lab.items.append(item)
         return lab
 
     @property
-    def pairs(self) -> list[tuple[Thing, Thing]]:
+    def pairs(self) -> list[tuple[Item, Item]]:
         """Things of which there are two that look the same."""
-        alike: dict[int, list[Thing]] = {}
-        for thing in self.things:
-            alike.setdefault(thing.product, []).append(thing)
+        alike: dict[int, list[Item]] = {}
+        for item in self.items:
+            alike.setdefault(item.product, []).append(item)
         return [(same[0], same[1]) for same in alike.values() if len(same) == 2]
 
     @property
-    def single(self) -> list[Thing]:
+    def single(self) -> list[Item]:
         """Things of which there is one."""
-        paired = {thing.product for pair in self.pairs for thing in pair}
-        return [thing for thing in self.things if thing.product not in paired]
+        paired = {item.product for pair in self.pairs for item in pair}
+        return [item for item in self.items if item.product not in paired]
 
-    def on(self, table: str) -> list[Thing]:
+    def on(self, table: str) -> list[Item]:
         """Return what is on a table."""
-        return [t for t in self.things if (t.now.kind, t.now.where) == ("on", table)]
+        return [t for t in self.items if (t.now.kind, t.now.where) == ("on", table)]
 
     def free_spot(self, table: str) -> Spot2:
         """Return a spot on a table at which nothing else would be touched."""
-        taken = [thing.now.spot for thing in self.things if thing.log and thing.now.where == table]
+        taken = [item.now.spot for item in self.items if item.log and item.now.where == table]
         centre = TABLES[table]
         while True:
             x, y = (float(self.rng.uniform(-half + 0.05, half - 0.05)) for half in _HALF)
@@ -130,24 +133,32 @@ class Lab:
             if all(np.hypot(spot[0] - a, spot[1] - b) >= _APART_M for a, b in taken):
                 return spot
 
-    def move(self, thing: Thing, place: Place) -> None:
+    def move(self, item: Item, place: Place) -> None:
         """Log that a thing is at another place from now on."""
-        thing.log.append(place)
+        item.log.append(place)
 
-    def nudge(self, thing: Thing) -> None:
-        """Let a hand brush against a thing: it shifts by some millimetres and stays."""
+    def nudge(self, item: Item, time_s: float) -> None:
+        """Let a hand brush against a thing: it shifts by some millimetres.
+
+        Once it is :data:`MOVED_M` from where it was put, it counts as moved, unseen.
+        """
         dx, dy = self.rng.normal(0.0, 0.004, 2)
-        spot = thing.now.spot[0] + float(dx), thing.now.spot[1] + float(dy)
-        thing.log[-1] = replace(thing.now, spot=spot)
+        place = item.now
+        spot = place.spot[0] + float(dx), place.spot[1] + float(dy)
+        put = self._put.setdefault((item, place.since_s), place.spot)
+        if distance(put, spot) < MOVED_M:
+            item.log[-1] = replace(place, spot=spot)
+        else:
+            self.move(item, Place("on", place.where, time_s, "", spot))
 
-    def neighbours(self, thing: Thing, radius_m: float) -> list[Thing]:
+    def neighbours(self, item: Item, radius_m: float) -> list[Item]:
         """Return what stands within a radius on the same table."""
         return [
-            other for other in self.on(thing.now.where)
-            if other is not thing and distance(other.now.spot, thing.now.spot) <= radius_m
+            other for other in self.on(item.now.where)
+            if other is not item and distance(other.now.spot, item.now.spot) <= radius_m
         ]  # fmt: skip
 
 
-def distance(one: Spot2, other: Spot2) -> float:
+def distance(first: Spot2, other: Spot2) -> float:
     """Return the distance of two spots, m."""
-    return float(np.hypot(one[0] - other[0], one[1] - other[1]))
+    return float(np.hypot(first[0] - other[0], first[1] - other[1]))

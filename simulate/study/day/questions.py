@@ -15,7 +15,7 @@ import numpy as np
 
 from rtask.engine import Engine
 from simulate.study.day.happenings import Day
-from simulate.study.day.lab import Place, Thing, distance
+from simulate.study.day.lab import Item, Place, distance
 from simulate.study.day.robots import ask, place_rows
 
 __all__ = ["KINDS", "SURE", "Asked", "ask_all"]
@@ -57,25 +57,25 @@ class _Asker:
 
     def where(self, name: str, time_s: float) -> list[Any]:
         """Return the things of a name that where_is knows and is sure of."""
-        things = ask(self.engine, "where_is", name=name, frame="map", stamp=time_s).things
-        return [thing for thing in things if _is_sure(thing)]
+        items = ask(self.engine, "where_is", name=name, frame="map", stamp=time_s)["things"]
+        return [item for item in items if _is_sure(item)]
 
     def last_place(self, name: str, time_s: float) -> Any | None:
         """Return the place of a thing at a time from its trace, if it was surely there."""
-        known = self.where(name, time_s)
-        begun = self.trace(known[0].thing, time_s) if len(known) == 1 else []
+        identified = self.where(name, time_s)
+        begun = self.trace(identified[0]["thing"], time_s) if len(identified) == 1 else []
         return begun[-1] if begun else None
 
     def trace(self, name: str, time_s: float) -> list[Any]:
         """Return the places of a thing that began by a time, as they are known now."""
         return list(ask(self.engine, "trace_thing", name=name, stamp=time_s).places)
 
-    def thing(self) -> tuple[Thing, str] | None:
+    def item(self) -> tuple[Item, str] | None:
         """Draw a thing, and its name: its IRI if another one looks the same."""
         lab = self.day.lab
-        thing = lab.things[int(self.rng.integers(len(lab.things)))]
-        name = thing.name if thing in lab.single else self.day.iri_of(thing)
-        return (thing, name) if self.day.iri_of(thing) else None
+        item = lab.items[int(self.rng.integers(len(lab.items)))]
+        name = item.name if item in lab.single else self.day.iri_of(item)
+        return (item, name) if self.day.iri_of(item) else None
 
     def time(self) -> float:
         """Draw a time of the day, to a second, after every robot has looked once."""
@@ -104,29 +104,29 @@ _Judged = tuple[str, str, str, Verdict] | None
 
 
 def _ask_where(asker: _Asker) -> _Judged:
-    drawn, time_s = asker.thing(), asker.time()
+    drawn, time_s = asker.item(), asker.time()
     if drawn is None:
         return None
-    thing, name = drawn
-    return _judge_where(asker, f"where was {name} at {time_s:.0f}", name, thing, time_s)
+    item, name = drawn
+    return _judge_where(asker, f"where was {name} at {time_s:.0f}", name, item, time_s)
 
 
 def _judge_where(
-    asker: _Asker, question: str, name: str, thing: Thing, time_s: float
+    asker: _Asker, question: str, name: str, item: Item, time_s: float
 ) -> tuple[str, str, str, Verdict]:
-    truth = thing.at(time_s)
-    known = asker.where(name, time_s)
-    if not known or len(known) > 1:
+    truth = item.at(time_s)
+    identified = asker.where(name, time_s)
+    if not identified or len(identified) > 1:
         return question, "", _words(truth), "not known"
-    return question, known[0].text, _words(truth), _right(_is_at(known[0], truth))
+    return question, identified[0].text, _words(truth), _right(_is_at(identified[0], truth))
 
 
 def _ask_when(asker: _Asker) -> _Judged:
-    drawn, time_s = asker.thing(), asker.time()
+    drawn, time_s = asker.item(), asker.time()
     if drawn is None:
         return None
-    thing, name = drawn
-    truth, question = thing.at(time_s), f"when did {name} come to where it was at {time_s:.0f}"
+    item, name = drawn
+    truth, question = item.at(time_s), f"when did {name} come to where it was at {time_s:.0f}"
     place = asker.last_place(name, time_s)
     came = None if truth is None else truth.since_s
     if place is None or place.arrived_after is None or place.since - place.arrived_after > _GAP_S:
@@ -137,12 +137,12 @@ def _ask_when(asker: _Asker) -> _Judged:
 
 
 def _ask_how_long(asker: _Asker) -> _Judged:
-    drawn, time_s = asker.thing(), asker.time()
+    drawn, time_s = asker.item(), asker.time()
     if drawn is None:
         return None
-    thing, name = drawn
-    truth, question = thing.at(time_s), f"how long was {name} where it was at {time_s:.0f}"
-    left = None if truth is None else thing.until(truth)
+    item, name = drawn
+    truth, question = item.at(time_s), f"how long was {name} where it was at {time_s:.0f}"
+    left = None if truth is None else item.until(truth)
     if truth is None or left is None:
         return None
     stayed = left - truth.since_s
@@ -157,11 +157,11 @@ def _ask_how_long(asker: _Asker) -> _Judged:
 
 
 def _ask_who(asker: _Asker) -> _Judged:
-    drawn, time_s = asker.thing(), asker.time()
+    drawn, time_s = asker.item(), asker.time()
     if drawn is None:
         return None
-    thing, name = drawn
-    truth, question = thing.at(time_s), f"who moved {name} last, by {time_s:.0f}"
+    item, name = drawn
+    truth, question = item.at(time_s), f"who moved {name} last, by {time_s:.0f}"
     mover = "" if truth is None else truth.mover
     place = asker.last_place(name, time_s)
     if place is None or not place.moved_by:
@@ -170,27 +170,28 @@ def _ask_who(asker: _Asker) -> _Judged:
 
 
 def _ask_beside(asker: _Asker) -> _Judged:
-    drawn, time_s = asker.thing(), asker.time()
+    drawn, time_s = asker.item(), asker.time()
     if drawn is None:
         return None
-    thing, name = drawn
-    truth = thing.at(time_s)
+    item, name = drawn
+    truth = item.at(time_s)
     if truth is None or truth.kind != "on":
         return None
     question = f"what stood within {_BESIDE_M} m of {name} at {time_s:.0f}"
-    near = {other.name for other, away in _beside(asker.day, thing, time_s) if away < _BESIDE_M}
-    if not asker.where(name, time_s):
+    near = {other.name for other, away in _beside(asker.day, item, time_s) if away < _BESIDE_M}
+    identified = asker.where(name, time_s)
+    if len(identified) != 1:
         return question, "", str(sorted(near)), "not known"
-    beside = _named_beside(asker, asker.day.iri_of(thing), time_s)
+    beside = _named_beside(asker, identified[0]["thing"], time_s)
     if beside is None:
         return question, "", str(sorted(near)), "not known"
-    named = {asker.day.known[iri] for iri in beside}
+    named = {asker.day.identified[iri] for iri in beside}
     is_right = all(
         (other in named) == (away < _BESIDE_M)
         or abs(away - _BESIDE_M) <= _MARGIN_M
-        for other, away in _beside(asker.day, thing, time_s)
+        for other, away in _beside(asker.day, item, time_s)
     )  # fmt: skip
-    return question, str(sorted(one.name for one in named)), str(sorted(near)), _right(is_right)
+    return question, str(sorted(each.name for each in named)), str(sorted(near)), _right(is_right)
 
 
 def _named_beside(asker: _Asker, iri: str, time_s: float) -> set[str] | None:
@@ -217,17 +218,17 @@ def _ask_which(asker: _Asker) -> _Judged:
     if not pairs:
         return _ask_where(asker)
     pair = pairs[int(asker.rng.integers(len(pairs)))]
-    thing = pair[int(asker.rng.integers(2))]
+    item = pair[int(asker.rng.integers(2))]
     first_s, then_s = sorted((asker.time(), asker.time()))
-    stood = thing.at(first_s)
+    stood = item.at(first_s)
     if stood is None or stood.kind != "on":
         return None
-    question = (f"where was at {then_s:.0f} that {thing.name} which stood at "
+    question = (f"where was at {then_s:.0f} that {item.name} which stood at "
                 f"({stood.spot[0]:.2f}, {stood.spot[1]:.2f}) at {first_s:.0f}")  # fmt: skip
-    seen = [one for one in asker.where(thing.name, first_s) if _is_at(one, stood)]
+    seen = [each for each in asker.where(item.name, first_s) if _is_at(each, stood)]
     if len(seen) != 1:
-        return question, "", _words(thing.at(then_s)), "not known"
-    return _judge_where(asker, question, seen[0].thing, thing, then_s)
+        return question, "", _words(item.at(then_s)), "not known"
+    return _judge_where(asker, question, seen[0]["thing"], item, then_s)
 
 
 KINDS: dict[str, Callable[[_Asker], _Judged]] = {
@@ -237,34 +238,34 @@ KINDS: dict[str, Callable[[_Asker], _Judged]] = {
 """Kinds of questions."""
 
 
-def _beside(day: Day, thing: Thing, time_s: float) -> list[tuple[Thing, float]]:
+def _beside(day: Day, item: Item, time_s: float) -> list[tuple[Item, float]]:
     """Return the other things on tables at a time, with the true distance."""
-    here = thing.at(time_s)
+    here = item.at(time_s)
     assert here is not None
-    there = ((other, other.at(time_s)) for other in day.lab.things if other is not thing)
+    there = ((other, other.at(time_s)) for other in day.lab.items if other is not item)
     return [
         (other, distance(place.spot, here.spot)) for other, place in there
         if place is not None and place.kind == "on"
     ]  # fmt: skip
 
 
-def _is_sure(thing: Any) -> bool:
-    is_other = any(other.chance >= _OTHER for other in thing.may_be)
-    return thing.relation != "unknown" and thing.still_there >= SURE and not is_other
+def _is_sure(item: Any) -> bool:
+    is_other = any(other.chance >= _OTHER for other in item.may_be)
+    return item.relation != "unknown" and item.still_there >= SURE and not is_other
 
 
-def _is_at(thing: Any, truth: Place | None) -> bool:
+def _is_at(item: Any, truth: Place | None) -> bool:
     """Whether an answer names the true place, on a table to 5 cm."""
     if truth is None or truth.kind == "away":
         return False
     if truth.kind == "on":
-        if thing.relation != "at" or thing.frame_id != "map":
+        if item.relation != "at" or item.frame_id != "map":
             return False
-        at = thing.pose["position"]
+        at = item.pose["position"]
         return distance((at["x"], at["y"]), truth.spot) <= _RIGHT_M
     if truth.kind == "in":
-        return bool(thing.relation == "in" and thing.place_label == truth.where)
-    return bool(thing.relation == "held_by" and thing.by == truth.where)
+        return bool(item.relation == "in" and item.place_label == truth.where)
+    return bool(item.relation == "held_by" and item.by == truth.where)
 
 
 def _right(is_right: bool) -> Verdict:

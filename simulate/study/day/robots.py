@@ -15,7 +15,7 @@ from grasp.messages import pose_message
 from rtask.engine import Engine
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES
-from simulate.study.day.lab import BOXES, TABLES, Lab, Place, Thing, distance
+from simulate.study.day.lab import BOXES, TABLES, Item, Lab, Place, distance
 
 __all__ = ["BASE", "SIGMA_M", "Robot", "ask", "box_iri", "place_rows"]
 
@@ -50,7 +50,7 @@ class Robot:
     lab: Lab
     rng: np.random.Generator
     table: str
-    known: dict[str, Thing]
+    identified: dict[str, Item]
     errors: list[str] = field(default_factory=list)
     hand: str = ""
 
@@ -82,33 +82,32 @@ class Robot:
         self.call("state_frame", frame="base", parent="map", pose=pose_message(stated),
                   sigma=_CALIBRATION_M, stamp=time_s)  # fmt: skip
 
-    def look(self, time_s: float) -> list[tuple[str, Thing]]:
+    def look(self, time_s: float) -> list[tuple[str, Item]]:
         """Look at the table and report; return the IRIs of what was seen, with the true things."""
-        seen = [thing for thing in self.lab.on(self.table) if self._detects(thing, time_s)]
-        spots = [self._measured(thing) for thing in seen]
+        seen = [item for item in self.lab.on(self.table) if self._detects(item, time_s)]
+        spots = [self._measured(item) for item in seen]
         gone = self._missing(list(zip(seen, spots, strict=True)), time_s)
-        things = self._report(list(zip(seen, spots, strict=True)), time_s, gone=gone)
-        return list(zip(things, seen, strict=True))
+        items = self._report(list(zip(seen, spots, strict=True)), time_s, gone=gone)
+        return list(zip(items, seen, strict=True))
 
-    def carry(self, thing: Thing, iri: str, target: Place, time_s: float, slips: bool) -> float:
+    def carry(self, item: Item, iri: str, target: Place, time_s: float, slips: bool) -> float:
         """Take a thing and put it somewhere, or let it slip; return when that was over."""
-        for other in self.lab.neighbours(thing, 0.2) if thing.now.kind == "on" else ():
+        for other in self.lab.neighbours(item, 0.2) if item.now.kind == "on" else ():
             if self.rng.random() < 0.2:
-                self.lab.nudge(other)
-        self.lab.move(thing, Place("held", self.name, time_s, self.name))
-        self.call("state_place", thing=iri, place=self.hand, stamp=time_s)
+                self.lab.nudge(other, time_s)
+        self.lab.move(item, Place("held", self.name, time_s, self.name))
+        self._state(iri, time_s, place=self.hand)
         time_s += _HAND_S
         if slips:
             spot = self.lab.free_spot(self.table)
-            self.lab.move(thing, Place("on", self.table, time_s, self.name, spot))
-            self.call("state_place", thing=iri, lost=True, stamp=time_s)
+            self.lab.move(item, Place("on", self.table, time_s, self.name, spot))
+            self._state(iri, time_s, lost=True)
         elif target.kind == "in":
-            self.lab.move(thing, Place("in", target.where, time_s, self.name))
-            self.call("state_place", thing=iri, place=box_iri(target.where), inside=True,
-                      stamp=time_s)  # fmt: skip
+            self.lab.move(item, Place("in", target.where, time_s, self.name))
+            self._state(iri, time_s, place=box_iri(target.where), inside=True)
         else:
-            self.lab.move(thing, Place("on", self.table, time_s, self.name, target.spot))
-            self._report([(thing, self._measured(thing))], time_s, thing=iri)
+            self.lab.move(item, Place("on", self.table, time_s, self.name, target.spot))
+            self._report([(item, self._measured(item))], time_s, item=iri)
         return time_s
 
     def boxed(self, time_s: float) -> list[str]:
@@ -117,19 +116,22 @@ class Robot:
         rows = place_rows(self.engine, f"?thing rtf:inside <{box_iri(box)}>", time_s)
         return [str(row["thing"]) for row in rows]
 
-    def _detects(self, thing: Thing, time_s: float) -> bool:
-        if thing.covered_until_s > time_s:
+    def _state(self, iri: str, time_s: float, **args: Any) -> None:
+        self.call("state_place", **{"thing": iri, "stamp": time_s, **args})
+
+    def _detects(self, item: Item, time_s: float) -> bool:
+        if item.covered_until_s > time_s:
             return False
         return bool((self.rng.random(_FRAMES_A_LOOK) < _DETECTED).any())
 
-    def _measured(self, thing: Thing) -> NDArray[np.float64]:
+    def _measured(self, item: Item) -> NDArray[np.float64]:
         """Return the pose of a thing in the robot's base, as the robot measures it."""
-        x, y = thing.now.spot
+        x, y = item.now.spot
         dx, dy = self.rng.normal(0.0, SIGMA_M, 2)
         there = _pose(x + float(dx), y + float(dy), 0.0)
         return np.asarray(np.linalg.inv(self._map_from_base) @ there)
 
-    def _missing(self, seen: list[tuple[Thing, NDArray[np.float64]]], time_s: float) -> list[str]:
+    def _missing(self, seen: list[tuple[Item, NDArray[np.float64]]], time_s: float) -> list[str]:
         """Return the things that should be in plain view on the table, and are not."""
         block = "?thing rtf:poseIn :frame ; rtf:x ?x ; rtf:y ?y"
         frame = f"{BASE}frame/{self.table}"
@@ -138,9 +140,9 @@ class Robot:
         centre = TABLES[self.table]
         covers = [t.now.spot for t in self.lab.on(self.table) if t.covered_until_s > time_s]
         where: dict[int, list[tuple[float, float]]] = {}
-        for thing, pose in seen:
+        for item, pose in seen:
             x, y = (self._map_from_base @ pose)[:2, 3]
-            where.setdefault(thing.product, []).append((float(x), float(y)))
+            where.setdefault(item.product, []).append((float(x), float(y)))
         missing = []
         for row in rows:
             x, y = float(row["x"]), float(row["y"])
@@ -154,12 +156,12 @@ class Robot:
 
     def _report(
         self,
-        seen: list[tuple[Thing, NDArray[np.float64]]],
+        seen: list[tuple[Item, NDArray[np.float64]]],
         time_s: float,
         gone: list[str] | None = None,
-        thing: str = "",
+        item: str = "",
     ) -> list[str]:
-        said: Mapping[str, str] = {"thing": thing} if thing else {}
+        said: Mapping[str, str] = {"thing": item} if item else {}
         reports = [
             {"object": f"{BASE}object/{true.product}", "pose": pose_message(pose),
              "sigma": SIGMA_M, **said}
@@ -167,10 +169,10 @@ class Robot:
         ]  # fmt: skip
         answer = self.call("report_sightings", frame="base", seen=reports, gone=gone or [],
                            stamp=time_s)  # fmt: skip
-        for iri, (true, _) in zip(answer.things, seen, strict=True):
-            if self.known.setdefault(iri, true) is not true:
+        for iri, (true, _) in zip(answer["things"], seen, strict=True):
+            if self.identified.setdefault(iri, true) is not true:
                 self.errors.append(true.name)
-        return list(answer.things)
+        return list(answer["things"])
 
 
 def ask(engine: Engine, operation: str, **args: Any) -> Any:

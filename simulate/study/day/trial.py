@@ -14,7 +14,7 @@ import rtask
 from rtask.engine import Engine
 from rtask.rdf.namespaces import PREFIXES
 from simulate.study.day.happenings import Day, Sample, live_day
-from simulate.study.day.lab import Thing, distance
+from simulate.study.day.lab import Item, distance
 from simulate.study.day.questions import KINDS, Asked, ask_all
 from simulate.study.day.robots import BASE, Robot, ask
 from simulate.study.intervals import wilson
@@ -45,13 +45,13 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         asked = ask_all(day, given["questions"], stream(given["seed"], _STREAM))
         return {
             "verdicts": _verdicts(asked),
-            "wrong": [[one.question, one.answer, one.truth] for one in asked
-                      if one.verdict == "wrong"][:_SHOWN],
+            "wrong": [[each.question, each.answer, each.truth] for each in asked
+                      if each.verdict == "wrong"][:_SHOWN],
             "two_places": _at_two_places(day),
             "calibration": _calibration(day.samples),
             "newcomer": _newcomer(day, given["seed"]),
-            "things": len(day.lab.things),
-            "things_in_graph": len(day.known),
+            "things": len(day.lab.items),
+            "things_in_graph": len(day.identified),
             "taken_for_another": len(day.robots[0].errors),
             "deeds": dict(sorted(day.deeds.items())),
             "commits": kb.seq,
@@ -62,7 +62,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def _verdicts(asked: Sequence[Asked]) -> dict[str, dict[str, int]]:
     """Return how many answers of each kind were right, not known and wrong."""
-    counts = Counter[tuple[str, str]]((one.kind, one.verdict) for one in asked)
+    counts = Counter[tuple[str, str]]((each.kind, each.verdict) for each in asked)
     return {
         kind: {verdict: counts[kind, verdict] for verdict in _VERDICTS} for kind in KINDS
     }  # fmt: skip
@@ -71,7 +71,7 @@ def _verdicts(asked: Sequence[Asked]) -> dict[str, dict[str, int]]:
 def _at_two_places(day: Day) -> int:
     """Return how often a thing has two places at one instant, by its trace and by the graph."""
     count = 0
-    for iri in day.known:
+    for iri in day.identified:
         places = ask(day.engine, "trace_thing", name=iri, max_places=10_000).places
         for before, after in itertools.pairwise(places):
             count += before.until is None or before.until > after.since
@@ -102,21 +102,21 @@ def _within(samples: Sequence[Sample]) -> dict[str, Any]:
 def _newcomer(day: Day, seed: int) -> dict[str, int]:
     """Let a robot arrive that has seen nothing, and look for 20 named things."""
     rng = stream(seed, _NEWCOMER)
-    robot = Robot("panda-2", day.engine, day.lab, rng, "table-b", day.known)
+    robot = Robot("panda-2", day.engine, day.lab, rng, "table-b", day.identified)
     robot.register(day.end_s)
-    there = [thing for thing in day.lab.single if thing.now.kind != "away"]
+    there = [item for item in day.lab.single if item.now.kind != "away"]
     chosen = [there[int(k)] for k in rng.permutation(len(there))[:20]]
-    first_look = sum(_finds(robot, thing, day.end_s + 60.0) for thing in chosen)
+    first_look = sum(_finds(robot, item, day.end_s + 60.0) for item in chosen)
     return {"looked_for": len(chosen), "found_at_first_look": first_look}
 
 
-def _finds(robot: Robot, thing: Thing, time_s: float) -> bool:
+def _finds(robot: Robot, item: Item, time_s: float) -> bool:
     """Whether a thing is where the graph sends a robot that asks for it by name."""
-    answer = robot.call("where_is", name=thing.name, frame="map", stamp=time_s)
-    if not answer.known:
+    answer = robot.call("where_is", name=item.name, frame="map", stamp=time_s)
+    if not answer["known"]:
         return False
-    place = answer.things[0]
-    if place.pose is None or thing.now.kind != "on":
-        return bool(place.place_label == thing.now.where)
+    place = answer["things"][0]
+    if place.pose is None or item.now.kind != "on":
+        return bool(place.place_label == item.now.where)
     at = place.pose["position"]
-    return distance((at["x"], at["y"]), thing.now.spot) <= _LOOK_M
+    return distance((at["x"], at["y"]), item.now.spot) <= _LOOK_M

@@ -142,3 +142,12 @@ def test_a_doubt_between_two_lost_things_is_mutual_when_the_other_comes_back(lab
     assert {back, other} == {first, second}
     doubts = {name: dict(lab.kb.world.doubts(name)) for name in (back, other)}
     assert doubts == {back: {other: 0.5}, other: {back: 0.5}}, "nobody can tell which is which"
+
+
+def test_what_slipped_from_the_hand_of_one_robot_is_the_same_to_another_at_its_table(lab):
+    for robot in ("nao-1", "nao-2"):
+        lab.stand(lab.frame(robot), lab.map, 0.0, 0.0, -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "held_by", lab.hand(), 10)
+    lab.lose(cup, 20)
+    assert lab.see(lab.cup, 0.5, 0.3, 40, robot="nao-2") == cup

@@ -41,7 +41,7 @@ def test_a_day_is_remembered_and_nothing_is_at_two_places(result):
 def test_answers_that_contradict_the_truth_count_as_wrong(monkeypatch):
     with rtask.open(":memory:", base=BASE) as kb, Engine(kb) as engine:
         day = happenings.live_day(engine, {**SETTINGS, "hours": 0.2, "samples": 0})
-        for thing in day.lab.things:
+        for thing in day.lab.items:
             thing.log[:] = [Place("on", "table-a", place.since_s - 5000.0, "nobody", (99.0, 9.0))
                             for place in thing.log[:1]]  # fmt: skip
         monkeypatch.setattr(questions, "SURE", 0.0)
@@ -53,14 +53,19 @@ def test_answers_that_contradict_the_truth_count_as_wrong(monkeypatch):
 
 def test_the_truth_knows_where_a_thing_was_and_until_when():
     lab = Lab.made(stream(1, 2), 9, 100.0)
-    assert (len(lab.things), len(lab.pairs), len(lab.single)) == (9, 1, 7)
+    assert (len(lab.items), len(lab.pairs), len(lab.single)) == (9, 1, 7)
     thing = lab.single[0]
     first = thing.now
     lab.move(thing, Place("in", "left box", 200.0, "nao-1"))
     assert (thing.at(150.0), thing.at(250.0), thing.at(50.0)) == (first, thing.now, None)
     assert (thing.until(first), thing.until(thing.now)) == (200.0, None)
-    lab.nudge(lab.single[1])
-    assert len(lab.single[1].log) == 1, "a nudge is no move"
+    other = lab.single[1]
+    lab.nudge(other, 300.0)
+    assert len(other.log) == 1, "a nudge is no move"
+    for _ in range(200):
+        lab.nudge(other, 400.0)
+    assert other.now.since_s == 400.0, "but many are"
+    assert other.now.mover == ""
 
 
 def test_several_days_are_summed(result):
