@@ -256,4 +256,4 @@ def test_the_page_of_a_follower_leads_to_the_proposals_of_its_writer(
     done = browser.post("/admin/proposals/1/adopt", data=form, base_url=ELSEWHERE, headers=OWN)
     assert done.status_code == 403
     assert "http://writer.lab:8765" in done.text
-    assert site.kb.proposals.find("open", None)
+    assert site.kb.proposals.find("proposed", None)
