@@ -23,7 +23,7 @@ __all__ = [
     "agreement_of",
     "agrees_between",
     "contradicted",
-    "is_one_print",
+    "is_same_print",
 ]
 
 Mask = NDArray[np.bool_]
@@ -129,7 +129,7 @@ def contradicted(believed: Mask, pairs: Sequence[Agreement]) -> tuple[int, int]:
     return int((compared & (2 * against > shown)).sum()), int(compared.sum())
 
 
-def is_one_print(views: Iterable[tuple[int, int]]) -> bool:
+def is_same_print(views: Iterable[tuple[int, int]]) -> bool:
     """Tell whether two objects carry one print, by what :func:`contradicted` says of their views.
 
     Examples
