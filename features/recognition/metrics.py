@@ -23,7 +23,7 @@ class OpenSetScore:
         Queries of each sort.
     recognised
         Known objects accepted as themselves.
-    false_known, false_unknown
+    confused, false_unknown
         Known objects accepted as others, and unknown ones accepted as any.
     """
 

@@ -134,7 +134,7 @@ def is_same_print(views: Iterable[tuple[int, int]]) -> bool:
 
     Examples
     --------
-    >>> is_one_print([(6, 200), (20, 150)]), is_one_print([(6, 900), (60, 200)])
+    >>> is_same_print([(6, 200), (20, 150)]), is_same_print([(6, 900), (60, 200)])
     (True, False)
     """
     counts = [(against, of) for against, of in views if of]
