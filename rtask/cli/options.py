@@ -14,6 +14,7 @@ import click
 from click.core import ParameterSource
 
 __all__ = [
+    "RowsAsTheyCome",
     "agent_option",
     "announce_final",
     "announce_more",
@@ -139,6 +140,48 @@ def shown_rows(
     if limit not in (None, sys.maxsize) or len(rows) > bound:
         announce_more(max(0, len(rows) - bound), "earlier" if newest else "more", what)
     return list(rows[max(0, len(rows) - bound) :] if newest else rows[:bound])
+
+
+class RowsAsTheyCome:
+    """A listing whose rows are printed while they are made; as JSON, a list.
+
+    Parameters
+    ----------
+    limit
+        Value of the option ``--limit``.
+    as_json
+        Whether rows are printed as JSON.
+    """
+
+    def __init__(self, limit: int | None, as_json: bool) -> None:
+        self._bound = limit if limit is not None else sys.maxsize if as_json else _LINES
+        self._announces = limit not in (None, sys.maxsize)
+        self._as_json, self._rows = as_json, 0
+
+    def show(self, row: Any, line: str) -> None:
+        """Print a row, as JSON or as a line, unless enough are printed."""
+        self._rows += 1
+        if self._rows > self._bound:
+            return
+        if self._as_json:
+            first = '{"rows": [' if self._announces else "["
+            line = f"{first if self._rows == 1 else ','}\n{json.dumps(row, ensure_ascii=False)}"
+        click.echo(line, nl=not self._as_json)
+        sys.stdout.flush()
+
+    def end(self) -> None:
+        """End the listing, and announce how many rows were not printed."""
+        more = max(0, self._rows - self._bound)
+        if not self._as_json:
+            if self._announces or more:
+                announce_more(more)
+            return
+        start = "" if min(self._rows, self._bound) else "["
+        if self._announces:
+            start = start and '{"rows": ['
+            click.echo(f'{start}\n], "not_shown": {more}}}')
+        else:
+            click.echo(f"{start}\n]")
 
 
 def shown_parts(

@@ -188,6 +188,12 @@ class Jobs:
             )
         return job
 
+    def has(self, job_id: str, owner: str) -> bool:
+        """Whether there is such a job of a caller."""
+        with self._lock:
+            job = self._jobs.get(job_id)
+        return job is not None and job.owner == owner
+
     def forget(self, job: Job) -> None:
         """Forget a job that could not be started."""
         with self._lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from simulate.grasping.rules import GraspRequest
 from simulate.motion.arm_space import ALLOWED, ArmSpace
 from simulate.motion.collision import Obstacle, PointField, Surroundings
 from simulate.motion.kinematics import Goal, IkOptions, solve_ik
-from simulate.robots.description import Floats
+from simulate.robots.description import Arm, Floats
 
 __all__ = [
     "AT_OBJECT",
@@ -31,6 +32,8 @@ _OPENING_STEPS = 20
 _ANGLE_TOLERANCE = 0.4
 _POSE_TOLERANCE_RAD = 0.03
 _PURPOSE_IK = 0
+_BESIDE_M = 0.006
+"""Room between an object and a jaw that stands still."""
 
 AT_OBJECT: Mapping[tuple[str, str], float] = {
     **ALLOWED,
@@ -141,15 +144,33 @@ def iterate_candidates(
         angle_tolerance=_ANGLE_TOLERANCE, position_tolerance=request.position_tolerance
     )
     rng = np.random.default_rng((seed, _PURPOSE_IK))
+    aside = _aside(space.robot.arm(arm), request)
     for raised, height in enumerate(rules.heights(request)):
-        for direction, angle in enumerate(rules.angles(request)):
+        for (direction, angle), sign in itertools.product(
+            enumerate(rules.angles(request)), (1, -1) if aside else (0,)
+        ):
             position = np.array([request.x, request.y, request.table_height + height])
             closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
+            if closing is not None:
+                position += sign * aside * closing
             goal = Goal(position, closing, approach, approach is not None)
             postures = solve_ik(chain, goal, rng, options)
+            if sign and closing is not None and len(postures):
+                rotation, _ = chain.tool_poses(postures)
+                postures = postures[sign * (rotation[:, :, 0] @ closing) > 0]
             if len(postures):
                 draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, direction, 0)
                 yield from _judged(space, arm, request, around, draft, postures, closing)
+
+
+def _aside(arm: Arm, request: GraspRequest) -> float:
+    """Return how far (m) a hand is shifted, so that a jaw that stands still is beside the object.
+
+    The other one would push the object over the table to it.
+    """
+    if not arm.has_single_jaw:
+        return 0.0
+    return max((arm.mouth - request.width) / 2 - _BESIDE_M, 0.0)
 
 
 def can_get_there(space: ArmSpace, arm: str, request: GraspRequest, seed: int) -> bool:

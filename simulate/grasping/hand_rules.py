@@ -17,6 +17,8 @@ from simulate.robots.description import Arm, Floats
 __all__ = ["DiagonalMouth", "HandRules", "ParallelJaws", "SuctionFromAbove", "rules_for"]
 
 _DOWN = np.array([0.0, 0.0, -1.0])
+_ROUND = tuple(float(angle) for angle in np.deg2rad((0, 90, 45, 135)))
+"""Closing directions for a hand that must know on which side its fixed jaw is, rad."""
 
 
 class HandRules(Protocol):
@@ -101,6 +103,8 @@ class ParallelJaws:
     def openings(self, request: GraspRequest) -> tuple[float, ...]:
         """Return fully open, then just wide enough for close neighbours."""
         narrow = (request.width + 2 * self._SPARE) / self._arm.mouth
+        if self._arm.has_single_jaw:  # a narrower one would lie beside its own tool point
+            return (1.0,)
         return (1.0, narrow) if narrow < 0.9 else (1.0,)
 
     def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
@@ -108,7 +112,7 @@ class ParallelJaws:
         if request.only_theta:
             return (request.theta,)
         if request.round:
-            return (None,)
+            return _ROUND if self._arm.has_single_jaw else (None,)
         if max(request.length, request.width) < self._arm.mouth - self._SPARE:
             return (request.theta, request.theta + np.pi / 2)
         return (request.theta, request.theta + 0.2, request.theta - 0.2)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from simulate.grasping.executor import Workcell
 from simulate.grasping.judgement import CLOSED_ON_SOMETHING
-from simulate.onboarding.hands import tip_gap
+from simulate.onboarding.arms import tip_gap
 from simulate.onboarding.touching import SelfContacts
 from simulate.onboarding.workplace import reach_share
 from simulate.robots import Arm, RobotDescription, describe
@@ -20,12 +20,14 @@ from simulate.robots.other_hands import STAND_OFF_M
 from simulate.study.runner import Study, run
 from simulate.world.objects import ObjectSpec
 
-__all__ = ["Finding", "check_grasps", "check_robot_body"]
+__all__ = ["Finding", "check_closing", "check_grasps", "check_robot_body"]
 
 _ENOUGH_REACH = 0.8
 _BOX_M, _BOX_KG = 0.03, 0.05
 _OFF_M = 0.006
 """Allowed difference of the measured gap to the box, m: fingers dent, and meshes are hulls."""
+_SLANT = 0.5
+_BESIDE_M = 0.001
 _CLOSE_S = 1.5
 _HELD_SHARE = 0.8
 
@@ -70,6 +72,17 @@ def check_robot_body(robot: RobotDescription, seed: int = 0) -> Iterator[Finding
         touching = contacts.touching(homes) - set(robot.may_touch)
     pairs = ", ".join(f"{a} and {b}" for a, b in sorted(touching)) or "nothing"
     yield Finding("home", not touching, f"at home it touches {pairs}")
+    yield from check_closing(robot)
+
+
+def check_closing(robot: RobotDescription) -> Iterator[Finding]:
+    """Yield, for each hand, whether it closes on a box and further on nothing.
+
+    Parameters
+    ----------
+    robot
+        Its description.
+    """
     for arm in robot.arms.values():
         if arm.grip in ("suction_cup", "three_fingers"):
             yield _takes(robot, arm)
@@ -81,7 +94,17 @@ def check_robot_body(robot: RobotDescription, seed: int = 0) -> Iterator[Finding
             f"{arm.name} closes to {1000 * gap:.0f} mm on a box of {1000 * size:.0f} mm, "
             f"to {1000 * empty:.0f} mm on nothing"
         )
-        yield Finding("close", abs(gap - size) <= _OFF_M and gap - empty > _OFF_M, says)
+        wide = size + _OFF_M + _slant(robot, arm) * size
+        yield Finding("close", size - _OFF_M <= gap <= wide and gap - empty > _OFF_M, says)
+
+
+def _slant(robot: RobotDescription, arm: Arm) -> float:
+    """Return by which share of a box its tips may stay farther apart than the box is wide.
+
+    A jaw that turns against a fixed one touches the box above its own tip.
+    """
+    turns = arm.has_single_jaw and robot.joint(arm.fingers[0]).kind == "revolute"
+    return _SLANT if turns else 0.0
 
 
 def _takes(robot: RobotDescription, arm: Arm) -> Finding:
@@ -107,6 +130,8 @@ def _closed_on(robot: RobotDescription, arm: Arm, size: float | None) -> float:
             tool = cell.robot.tool_pose(arm.name)
             if arm.cup is not None:  # the lip on its face
                 tool[:3, 3] += (size / 2 - STAND_OFF_M) * tool[:3, 2]
+            if arm.has_single_jaw:  # as in a grasp, beside the jaw that stands still
+                tool[:3, 3] -= ((arm.mouth - size) / 2 - _BESIDE_M) * tool[:3, 0]
             turn = Rotation.from_matrix(tool[:3, :3])
             cell.world.put(body, tool[:3, 3].tolist(), turn.as_quat().tolist())
         cell.robot.move_fingers(arm.name, 0.0, arm.close_effort)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rtask.cli.options import (
+    RowsAsTheyCome,
     announce_undo,
     json_option,
     listing_option,
@@ -21,6 +24,9 @@ from rtask.cli.options import (
 from rtask.errors import RobotError, UsageError
 from simulate import options
 from simulate.drivers.commands import reach
+
+if TYPE_CHECKING:
+    from simulate.onboarding.guess import NoHandError
 
 __all__ = ["robot"]
 
@@ -79,6 +85,10 @@ def list_robots(limit: int | None, as_json: bool) -> None:
 @click.option(
     "--on", metavar="LINK", help="Link that carries the gripper.  [default: tool0, else the last]"
 )
+@click.option("--jaws", nargs=2, metavar="LINK LINK",
+    help="Links that close on each other, where no hand is found: of a single moving jaw, the link "
+    "that carries it is the other.",
+)  # fmt: skip
 @click.option("--srdf", type=click.Path(path_type=Path, dir_okay=False),
     help="SRDF of the robot: home posture and links that may touch are taken from it.",
 )  # fmt: skip
@@ -93,6 +103,7 @@ def add(
     name: str | None,
     gripper: str | None,
     on: str | None,
+    jaws: tuple[str, str] | None,
     srdf: Path | None,
     strict: bool,
     scale: float | None,
@@ -102,9 +113,12 @@ def add(
     """Make a robot from a URDF file: find its arms, hands and cameras, and a table that suits it.
 
     Everything that the file does not say is guessed, and marked so in the settings, which are there
-    to be edited. `rtask robot check` tells whether the robot works.
+    to be edited. If no hand is found, the command asks for the links of both jaws. Each hand is
+    closed in simulation, on a box and on nothing: exit code 1 if it does not hold the box, though
+    the settings are kept. `rtask robot check` tells whether the robot grasps.
     """
-    from simulate.onboarding.guess import guess_robot
+    from simulate.onboarding.check import check_closing
+    from simulate.onboarding.guess import NoHandError, guess_robot
     from simulate.robots import ROBOTS
     from simulate.robots.robot_files import robots_folder, save_robot, set_aside
     from simulate.world.quiet import banner_on_stderr
@@ -117,10 +131,19 @@ def add(
     path = robots_folder() / f"{name}.toml"
     if path.exists() and not replace:
         raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
+    if jaws is not None and gripper is not None:
+        raise UsageError("--jaws names the robot's own links: it does not go with --gripper")
+    guess = partial(
+        guess_robot, urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict, scale=scale
+    )
     with banner_on_stderr():
-        made = guess_robot(
-            urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict, scale=scale
-        )
+        try:
+            made = guess(jaws=jaws)
+        except NoHandError as error:
+            if gripper is not None or jaws is not None or as_json or not _can_ask():
+                raise
+            made = guess(jaws=_asked_jaws(error))
+        closing = list(check_closing(made.robot))
     is_replaced = path.exists()
     if is_replaced:
         set_aside(path)
@@ -141,10 +164,15 @@ def add(
         "arms": arms,
         "cameras": list(made.robot.cameras),
         "reach": round(made.share, 3),
+        "closing": [finding.to_json() for finding in closing],
+        "cannot": list(made.limits),
         "warnings": list(made.warnings),
     }
+    closes = all(finding.passed for finding in closing)
     if as_json:
         print_json(answer)
+        if not closes:
+            raise click.exceptions.Exit(1)
         return
     for warning in made.warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -153,9 +181,34 @@ def add(
         if arm.cup is not None:
             does = f"sucks with {2000 * arm.cup.radius:.0f} mm"
         click.echo(f"{arm.name}: {len(arm.joints)} joints, hand on {arm.wrist}, {does}")
+    for finding in closing:
+        click.echo(f"{'ok  ' if finding.passed else 'FAIL'} {finding.name}: {finding.says}")
+    for limit in made.limits:
+        click.echo(f"cannot: {limit}")
     click.echo(f"reaches {made.share:.0%} of its table; settings: {path}")
     click.echo(f"next: rtask robot check {name}")
     announce_undo("robot", "restore" if is_replaced else "remove", name)
+    if not closes:
+        click.echo(
+            "the hand does not hold a box: name other links with --jaws, or edit fingers, "
+            "finger_closed and finger_open in the settings",
+            err=True,
+        )
+        raise click.exceptions.Exit(1)
+
+
+def _can_ask() -> bool:
+    return sys.stdin.isatty()
+
+
+def _asked_jaws(error: NoHandError) -> tuple[str, str]:
+    """Return the links of both jaws, asked for on the terminal."""
+    click.echo(f"{error}\nlinks: {', '.join(error.links)}", err=True)
+    first = click.prompt("link of a jaw that moves", type=click.Choice(error.links), err=True,
+        show_choices=False)  # fmt: skip
+    second = click.prompt("link that it closes on", type=click.Choice(error.links), err=True,
+        show_choices=False)  # fmt: skip
+    return str(first), str(second)
 
 
 @robot.command()
@@ -209,22 +262,53 @@ def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json:
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
 @click.option("--strict", is_flag=True, help="Count a file with gaps as one that cannot be read.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
+    help="Write the findings to FILE as they come, one JSON object a line; files that are in it "
+    "are not read again.",
+)  # fmt: skip
 @listing_option
 @json_option
-def survey(files: tuple[Path, ...], strict: bool, limit: int | None, as_json: bool) -> None:
+def survey(
+    files: tuple[Path, ...], strict: bool, out: Path | None, limit: int | None, as_json: bool
+) -> None:
     """Tell which URDF files can be read, and which arms and hands they show.
 
-    A folder stands for all files *.urdf below it. Exit code 1 if one cannot be read.
+    A folder stands for all files *.urdf below it. At the end: in how many of the files that show a
+    hand, by the names of their joints, one was found, by maker; and in how many it cannot be
+    measured, because its fingers have no shapes or limits that leave no motion. Exit code 1 if a
+    file cannot be read.
     """
-    from simulate.onboarding.survey import survey_files
+    from simulate.onboarding.survey import SurveyLog, recall_by_maker, survey_files
 
-    rows = list(survey_files(files, strict))
-    shown = shown_rows(rows, limit, as_json)
-    if as_json:
-        print_json([row.to_json() for row in shown])
-    else:
-        for row in shown:
-            click.echo(row.line())
+    log = SurveyLog(out) if out is not None else None
+    rows = list(log.rows) if log is not None else []
+    before = len(rows)
+    lines = RowsAsTheyCome(limit, as_json)
+    for row in rows if as_json else ():
+        lines.show(row.to_json(), "")
+    for row in survey_files(files, strict, [row.path for row in rows]):
+        if log is not None:
+            log.add(row)
+        rows.append(row)
+        lines.show(row.to_json(), row.line())
+    lines.end()
+    if not as_json:
+        if before:
+            click.echo(f"{before} were surveyed before: {out}")
+        makers = recall_by_maker(rows)
+        for maker in makers:
+            bare = f", {maker.unmeasured} not measurable" if maker.unmeasured else ""
+            click.echo(
+                f"hands in {maker.recognised:3} of {maker.shown:3} files{bare}: {maker.maker}"
+            )
+        shown = sum(maker.shown for maker in makers)
+        recognised = sum(maker.recognised for maker in makers)
+        if shown:
+            click.echo(
+                f"hands in {recognised} of {shown} files that name one ({recognised / shown:.2f}), "
+                f"not measurable in {sum(m.unmeasured for m in makers)}, and in "
+                f"{sum(bool(row.hands) for row in rows) - recognised} that name none"
+            )
         read = sum(not row.error for row in rows)
         click.echo(f"{read} of {len(rows)} can be read")
     if any(row.error for row in rows):

@@ -13,15 +13,17 @@ import numpy as np
 
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
+from simulate.onboarding.arms import arm_from
+from simulate.onboarding.closing import points_of
 from simulate.onboarding.hands import (
-    FoundHand,
+    MIN_ARM_JOINTS,
     arm_ends,
-    arm_from,
     find_hands,
+    hand_between,
     mounted_hand,
-    points_of,
     shapeless_fingers,
 )
+from simulate.onboarding.measured_hand import MeasuredHand
 from simulate.onboarding.touching import SelfContacts, without_contacts
 from simulate.onboarding.workplace import home_postures, place_robot
 from simulate.robots.description import (
@@ -32,13 +34,14 @@ from simulate.robots.description import (
     Pose,
     RobotDescription,
 )
+from simulate.robots.jaw_shapes import with_open_mouths
 from simulate.robots.other_hands import MOUNT, OtherHand, arm_with, other_hand
 from simulate.robots.robot_files import bare_robot, robot_from, settings_of
 from simulate.robots.srdf import Srdf, read_srdf
 from simulate.robots.urdf_doctor import oversized
 from simulate.robots.urdf_reader import read_urdf
 
-__all__ = ["GuessedRobot", "guess_robot"]
+__all__ = ["GuessedRobot", "NoHandError", "guess_robot"]
 
 _OPTICAL = "optical_frame"
 _MOUNT_FROM_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -61,6 +64,8 @@ class GuessedRobot:
         What the URDF lacks and what was taken instead, one sentence each.
     share
         Share of the table in reach, 0..1.
+    limits
+        What the robot cannot do for want of joints or fingers, one sentence each.
     """
 
     robot: RobotDescription
@@ -68,6 +73,7 @@ class GuessedRobot:
     guessed: tuple[str, ...]
     warnings: tuple[str, ...]
     share: float
+    limits: tuple[str, ...] = ()
 
 
 def guess_robot(
@@ -76,6 +82,7 @@ def guess_robot(
     *,
     gripper: str | None = None,
     on: str | None = None,
+    jaws: tuple[str, str] | None = None,
     srdf: Path | None = None,
     strict: bool = False,
     scale: float | None = None,
@@ -91,6 +98,8 @@ def guess_robot(
         Of the robot.
     gripper, on, strict, scale
         As of :func:`~simulate.robots.robot_files.bare_robot`.
+    jaws
+        Two links that close on each other, where no hand would be found; None = hands are found.
     srdf
         A semantic description: its home postures are tried first, and the links whose collisions
         it disables may touch; None = home and overlaps are guessed.
@@ -99,9 +108,11 @@ def guess_robot(
 
     Raises
     ------
+    NoHandError
+        It shows an arm, but no hand.
     RobotError
-        The file cannot be read, its shapes are far larger than the robot, or it shows no arm with a
-        hand; the message says what to do.
+        The file cannot be read, its shapes are far larger than the robot, or it shows no arm; the
+        message says what to do.
     """
     semantic = read_srdf(srdf) if srdf is not None else Srdf({}, ())
     read = partial(bare_robot, urdf, name=name, strict=strict, gripper=gripper, on=on, scale=scale)
@@ -110,17 +121,19 @@ def guess_robot(
     if large:
         raise RobotError(f"{urdf}: {large[0]}" + f" (and {len(large) - 1} more)" * (len(large) > 1))
     other = other_hand(gripper) if gripper is not None else None
-    hands = _hands(whole, other)
+    hands = _hands(whole, other, jaws)
     if not hands:
-        raise RobotError(_no_hand(whole, urdf, warnings))
-    rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
+        raise _no_hand(whole, urdf, warnings)
+    folded = {name: value for hand in hands for name, value in hand.rest.items()}
+    rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)} | folded
     robot, _ = read(rest=rest)
-    mounted = _hands(robot, other)
+    mounted = _hands(robot, other, jaws)
     if not mounted:
-        raise RobotError(_no_hand(robot, urdf, warnings))
+        raise _no_hand(robot, urdf, warnings)
     robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
     arms = dict(_arms(robot, mounted, other))
-    placed = place_robot(replace(robot, arms=arms, model=whole.name), seed)
+    robot = with_open_mouths(replace(robot, arms=arms, model=whole.name))
+    placed = place_robot(robot, seed)
     robot = without_contacts(placed.robot, seed)
     allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
     robot = replace(robot, may_touch=tuple(sorted({*robot.may_touch, *allowed})))
@@ -129,37 +142,85 @@ def guess_robot(
         robot, urdf, gripper=gripper, on=on, rest=rest, strict=strict, scale=scale
     )
     made = robot_from(settings, Path(f"{name}.toml").resolve())
-    return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share)
+    limits = tuple(_limits(made, hands))
+    return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share, limits)
 
 
-def _no_hand(robot: RobotDescription, urdf: Path, warnings: Sequence[str]) -> str:
+def _limits(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> Iterator[str]:
+    """Yield what the arms and hands of a robot cannot do."""
+    for arm in robot.arms.values():
+        count = len(arm.joints)
+        if count < 5:
+            yield (
+                f"{arm.name} has {count} joints: the hand points where they leave it, and does not "
+                f"choose its closing direction; long objects are grasped only as they happen to lie"
+            )
+        elif count == 5:
+            yield f"{arm.name} has 5 joints: the hand comes from above, not at every angle"
+        if arm.has_single_jaw:
+            yield f"{arm.name}: a single jaw moves, and draws what it takes to the other"
+    for hand in hands:
+        if hand.rest:
+            held = ", ".join(sorted(hand.rest))
+            yield f"{hand.wrist} grasps with one pair of fingers; held still: {held}"
+
+
+class NoHandError(RobotError):
+    """An arm was found and no hand; ``links`` are those that could be its jaws."""
+
+    def __init__(self, message: str, links: Sequence[str]) -> None:
+        super().__init__(message)
+        self.links = tuple(links)
+
+
+def _no_hand(robot: RobotDescription, urdf: Path, warnings: Sequence[str]) -> RobotError:
     ends = arm_ends(robot)
     if not ends:
-        return f"{urdf}: no arm: no chain of three or more moving joints"
+        alone = [hand.wrist for hand in find_hands(robot)]
+        hint = f": {alone[0]!r} is a gripper of its own, for --gripper {urdf}" if alone else ""
+        return RobotError(f"{urdf}: no arm: no chain of three or more moving joints{hint}")
+    triple = [hand.wrist for hand in find_hands(robot) if hand.is_triple]
+    links = [link.name for link in robot.links if len(robot.path(link.name)) >= MIN_ARM_JOINTS]
+    if triple:
+        return NoHandError(
+            f"{urdf}: {triple[0]!r} carries three equal fingers that close about an axis, which "
+            f"are no pair of jaws: --jaws LINK LINK grasps with two of them, --gripper three:0.1 "
+            f"hangs on plain ones",
+            links,
+        )
     bare = shapeless_fingers(robot)
     if bare:
         gaps = [w for w in warnings if any(w.startswith(f"link {name!r} ") for name in bare)]
-        return (
+        return RobotError(
             f"{urdf}: no hand: {', '.join(bare)} may be fingers, but without collision shapes "
             f"nothing tells where they meet ({gaps[-1] if gaps else 'the file gives them none'})"
         )
-    return (
-        f"{urdf}: no hand: no link behind three moving joints carries two or more fingers that "
-        f"open; give one with --gripper FILE or --gripper jaw:0.085 (arms end at "
-        f"{', '.join(ends[:4])})"
+    return NoHandError(
+        f"{urdf}: no hand: no link behind three moving joints carries fingers that open; name both "
+        f"jaws with --jaws LINK LINK, or give a hand with --gripper FILE or --gripper jaw:0.085 "
+        f"(arms end at {', '.join(ends[:4])})",
+        links,
     )
 
 
-def _hands(robot: RobotDescription, other: OtherHand | None) -> list[FoundHand]:
+def _hands(
+    robot: RobotDescription, other: OtherHand | None, jaws: tuple[str, str] | None
+) -> list[MeasuredHand]:
     """Return the hands to use: the one that was hung on if it is none of jaws, else those found."""
+    if jaws is not None:
+        hand = hand_between(robot, jaws)
+        if len(hand.joints) < MIN_ARM_JOINTS:
+            raise RobotError(f"--jaws: {hand.wrist!r} has no arm of three or more moving joints")
+        return [hand]
     if other is None:
-        return _chosen(find_hands(robot))
+        hands = find_hands(robot)
+        return _chosen([h for h in hands if len(h.joints) >= MIN_ARM_JOINTS and not h.is_triple])
     wrist, _ = robot.frames[MOUNT]
-    hand = mounted_hand(robot, wrist)
-    return [hand] if hand is not None else []
+    hand_made = mounted_hand(robot, wrist)
+    return [hand_made] if hand_made is not None else []
 
 
-def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
+def _chosen(hands: Sequence[MeasuredHand]) -> list[MeasuredHand]:
     """Return the hand with the most joints behind it, and another if it has an arm of its own."""
     ordered = sorted(hands, key=lambda hand: -len(hand.joints))
     for other in ordered[1:]:
@@ -169,7 +230,7 @@ def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
     return ordered[:1]
 
 
-def _unused(robot: RobotDescription, hands: Sequence[FoundHand]) -> list[Joint]:
+def _unused(robot: RobotDescription, hands: Sequence[MeasuredHand]) -> list[Joint]:
     """Return the joints that no arm or hand moves: bases, torsos, heads, legs, other hands."""
     chains = [{joint.name for joint in hand.joints} for hand in hands]
     shared = set.intersection(*chains) if len(chains) > 1 else set()
@@ -193,7 +254,7 @@ def _standing(robot: RobotDescription) -> Pose:
 
 
 def _arms(
-    robot: RobotDescription, hands: Sequence[FoundHand], other: OtherHand | None
+    robot: RobotDescription, hands: Sequence[MeasuredHand], other: OtherHand | None
 ) -> Iterator[tuple[str, Arm]]:
     """Yield the arms by name: ``arm``, or ``left_arm`` and ``right_arm``."""
     two = len(hands) == 2
@@ -208,7 +269,7 @@ def _arms(
 
 
 def _arm_to(
-    robot: RobotDescription, hand: FoundHand, name: str, middle: Floats, other: OtherHand
+    robot: RobotDescription, hand: MeasuredHand, name: str, middle: Floats, other: OtherHand
 ) -> Arm:
     """Return the arm that carries a suction cup or a hand with three fingers."""
     bare = Arm(
@@ -220,7 +281,7 @@ def _arm_to(
     return arm_with(bare, other, robot.frames[MOUNT][1].matrix)
 
 
-def _shoulder_y(robot: RobotDescription, hand: FoundHand) -> float:
+def _shoulder_y(robot: RobotDescription, hand: MeasuredHand) -> float:
     poses = link_poses(robot.root, robot.joints, {})
     return float(poses[hand.joints[0].child][1, 3])
 

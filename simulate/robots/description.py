@@ -249,6 +249,11 @@ class Arm:
     cup: SuctionCup | None = None
     three: ThreeFingerHand | None = None
 
+    @property
+    def has_single_jaw(self) -> bool:
+        """Whether one jaw moves and the other is part of the wrist link, where it stands still."""
+        return self.grip == "parallel_jaws" and len(self.fingers) == 1
+
     def opening_share(self, opening_m: float) -> float:
         """Return an opening, m, as a share 0 .. 1 of the widest; a cup is always open."""
         return 1.0 if self.cup is not None else min(opening_m / self.mouth, 1.0)

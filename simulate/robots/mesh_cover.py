@@ -14,7 +14,14 @@ import numpy as np
 from simulate.robots.description import Floats, Shape
 from simulate.robots.mesh_files import load_mesh
 
-__all__ = ["cover_mesh", "cover_surface", "mesh_box", "read_vertices", "shape_points"]
+__all__ = [
+    "cover_mesh",
+    "cover_surface",
+    "mesh_box",
+    "read_vertices",
+    "shape_corners",
+    "shape_points",
+]
 
 _FINEST_M = 0.012
 _ALONG, _ACROSS = 0.8, 1.3
@@ -104,6 +111,16 @@ def cover_surface(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
         centres.append(centre)
         radii.append(float(np.linalg.norm(part - centre, axis=1).max()))
     return np.array(centres), np.array(radii)
+
+
+def shape_corners(shape: Shape) -> Floats:
+    """Return the corners (8, 3) m of a box around a shape, in the frame of its link."""
+    if shape.kind != "mesh":
+        return shape_points(shape)
+    low, high = mesh_box(shape.path, shape.size)
+    pose = shape.pose.matrix
+    corners = (low + high) / 2 + _CORNERS * (high - low)
+    return np.asarray(corners @ pose[:3, :3].T + pose[:3, 3])
 
 
 def shape_points(shape: Shape) -> Floats:

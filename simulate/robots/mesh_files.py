@@ -23,7 +23,9 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
     name
         A path, relative to the file's folder, or a URI with ``file://``, ``package://`` or
         ``model://``, as written or with its ``%20`` decoded. The package of such a URI is searched
-        in the file's folder, in each above it, and in those of ``ROS_PACKAGE_PATH``.
+        in the file's folder, in each above it, and in those of ``ROS_PACKAGE_PATH``. A file name
+        behind an argument of xacro that was never filled in, ``$(arg meshes)/pad.stl``, is searched
+        beside the file and in the folders ``meshes`` there and above.
     within
         The only folder that meshes may lie in, for files of strangers: a package is this folder,
         or one in it. None = anywhere.
@@ -36,8 +38,12 @@ def find_mesh(urdf: Path, name: str, within: Path | None = None) -> Path | None:
 
 
 def _candidates(urdf: Path, name: str, within: Path | None) -> Iterator[Path]:
-    inside = name.partition("://")[2]
-    if not name.startswith(("package://", "model://")):
+    inside = name.partition("://")[2].lstrip("/")
+    if name.startswith("$("):
+        rest = name.rpartition(")")[2].lstrip("/")
+        for folder in (".", "meshes", "../meshes"):
+            yield urdf.parent / folder / rest
+    elif not name.startswith(("package://", "model://")):
         yield urdf.parent / name.removeprefix("file://")
     elif within is not None:
         yield within / inside

@@ -26,6 +26,7 @@ from simulate.robots.description import (
     RobotDescription,
     Workplace,
 )
+from simulate.robots.jaw_shapes import with_open_mouths
 from simulate.robots.other_hands import MOUNT, OtherHand, other_hand
 from simulate.robots.urdf_doctor import oversized, with_scale
 from simulate.robots.urdf_reader import read_urdf
@@ -201,7 +202,7 @@ def _robot(path: Path, settings: Mapping[str, Any]) -> RobotDescription:
         may_touch=tuple((str(a), str(b)) for a, b in settings.get("may_touch", [])),
     )
     _check(path, made)
-    return made
+    return with_open_mouths(made)
 
 
 def _gripper_from(path: Path, table: Mapping[str, Any]) -> str | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -116,12 +116,18 @@ class _Reader:
     def read(self, tree: ET.Element) -> ReadRobot:
         joints = [self._joint(e) for e in tree.findall("joint") if e.find("parent") is not None]
         moved = {joint.child for joint in joints if joint.kind != "fixed"}
-        links = {}
+        elements = {}
         for element in tree.findall("link"):
-            link = self._link(element, moved)
-            if link.name in links:
-                raise RobotError(f"{self._path}: two links are called {link.name!r}")
-            links[link.name] = link
+            name = element.get("name", "")
+            if name in elements:
+                raise RobotError(f"{self._path}: two links are called {name!r}")
+            elements[name] = element
+        shapes = {name: self._shapes_of(name, e, "collision") for name, e in elements.items()}
+        shapes |= dict(self._seen_instead(elements, shapes, joints))
+        links = {
+            name: Link(name, self._inertial(name, e, shapes[name], name in moved), shapes[name])
+            for name, e in elements.items()
+        }
         for joint in joints:
             for end in (joint.parent, joint.child):
                 if end not in links:
@@ -152,12 +158,33 @@ class _Reader:
 
     # -- links ------------------------------------------------------------------------------
 
-    def _link(self, element: ET.Element, moved: set[str]) -> Link:
-        name = element.get("name", "")
-        parts = element.findall("collision") if self._shapes else ()
-        groups = (self._shape(name, part) for part in parts)
-        shapes = tuple(shape for group in groups for shape in group)
-        return Link(name, self._inertial(name, element, shapes, name in moved), shapes)
+    def _shapes_of(self, name: str, element: ET.Element, kind: str) -> tuple[Shape, ...]:
+        """Return the shapes of a link's ``collision`` or ``visual`` elements."""
+        parts = element.findall(kind) if self._shapes else ()
+        return tuple(shape for part in parts for shape in self._shape(name, part))
+
+    def _seen_instead(
+        self,
+        elements: Mapping[str, ET.Element],
+        shapes: Mapping[str, tuple[Shape, ...]],
+        joints: Sequence[Joint],
+    ) -> Iterator[tuple[str, tuple[Shape, ...]]]:
+        """Yield the visual shapes of moving branches none of whose links has a collision shape.
+
+        Without them, fingers would pass through all that they close on.
+        """
+        below: dict[str, list[Joint]] = {}
+        for joint in joints:
+            below.setdefault(joint.parent, []).append(joint)
+        bare = [j.child for j in joints if j.kind != "fixed" and not _has_shape(below, shapes, j)]
+        for name in dict.fromkeys(link for child in bare for link in _links_below(below, child)):
+            element = elements.get(name)
+            if self._strict or element is None or element.find("visual") is None:
+                continue
+            seen = self._shapes_of(name, element, "visual")
+            if seen:
+                self._gap(f"link {name!r}", "moves without a collision shape", "its visual taken")
+                yield name, seen
 
     def _inertial(
         self, name: str, element: ET.Element, shapes: tuple[Shape, ...], moves: bool
@@ -349,6 +376,23 @@ class _Reader:
         if origin is None:
             return Pose()
         return Pose(self._vector(where, origin, "xyz"), self._vector(where, origin, "rpy"))
+
+
+def _links_below(
+    below: Mapping[str, Sequence[Joint]], link: str, known: frozenset[str] = frozenset()
+) -> Iterator[str]:
+    """Yield a link and all below it; a ring of joints, which is refused later, ends there."""
+    if link in known:
+        return
+    yield link
+    for joint in below.get(link, ()):
+        yield from _links_below(below, joint.child, known | {link})
+
+
+def _has_shape(
+    below: Mapping[str, Sequence[Joint]], shapes: Mapping[str, tuple[Shape, ...]], joint: Joint
+) -> bool:
+    return any(shapes.get(link) for link in _links_below(below, joint.child))
 
 
 def _kinds() -> str:

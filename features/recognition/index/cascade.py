@@ -20,11 +20,14 @@ from features.geometry import UInt8Array
 
 __all__ = [
     "FAR",
+    "MAX_CANDIDATES",
     "build_tables",
+    "hamming_distance",
     "match_exact",
     "match_flat",
     "match_tables",
     "nearest_both_ways",
+    "squared_distance",
     "squared_distances",
 ]
 
@@ -43,6 +46,7 @@ would fill the first ten places alone, and pass the ratio rule for want of a riv
 
 _RIVAL_REACH = 8  # bits beyond the last of the ten within which rivals are looked for first
 _REMOVED = 999
+_ROW = 2**32 - 1  # the lower half of a distance and its row in one number
 
 
 @intrinsic
@@ -90,23 +94,27 @@ _count_bits: Any = _popcount
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _hamming(codes_a: Codes, i: int, codes_b: Codes, j: int) -> int:
+def hamming_distance(codes_a: Codes, i: int, codes_b: Codes, j: int) -> int:
+    """Return how many of the 128 bits of two rows' codes differ; inside kernels only."""
     low, high = codes_a[i, 0] ^ codes_b[j, 0], codes_a[i, 1] ^ codes_b[j, 1]
     return int(_count_bits(low) + _count_bits(high))
 
 
-@nb.njit(cache=True, nogil=True)
-def _squared_distance(a: UInt8Array, b: UInt8Array) -> Any:
+@nb.njit(cache=True, nogil=True, inline="always")
+def squared_distance(a: UInt8Array, i: int, b: UInt8Array, j: int) -> Any:
+    """Return the squared distance of row i of one and row j of the other; inside kernels only."""
+    # Numba widens sums of 32 bits to 64, of which half as many fit into a vector. Views of single
+    # rows would be counted references, which cost as much as the distance itself.
     total = np.int32(0)
     for k in range(128):
-        difference = np.int32(a[k]) - np.int32(b[k])
-        total += difference * difference
+        difference = np.int32(np.int32(a[i, k]) - np.int32(b[j, k]))
+        total = np.int32(total + np.int32(difference * difference))
     return total
 
 
 @nb.njit(cache=True, nogil=True)
 def _distance_reached(histogram: Rows, target: int, last: int) -> int:
-    """Return the least Hamming distance, at most ``last``, within which ``wanted`` rows lie."""
+    """Return the least Hamming distance, at most ``last``, within which ``target`` rows lie."""
     reached = 0
     for h in range(last):
         reached += histogram[h]
@@ -118,17 +126,18 @@ def _distance_reached(histogram: Rows, target: int, last: int) -> int:
 @nb.njit(cache=True, nogil=True)
 def _shortlist(hamming: NDArray[np.int16], count: int, most: int, short: Rows) -> int:
     """Write the candidates with a Hamming distance of at most ``most`` to ``short``."""
+    # Without a branch, which would be guessed wrong at every second candidate.
     shortlisted = 0
     for c in range(count):
-        if hamming[c] <= most:
-            short[shortlisted] = c
-            shortlisted += 1
+        short[shortlisted] = c
+        shortlisted += 1 if hamming[c] <= most else 0
     return shortlisted
 
 
 @nb.njit(cache=True, nogil=True)
 def _two_nearest(
     query: UInt8Array,
+    i: int,
     stored: UInt8Array,
     labels: Rows,
     views: Rows,
@@ -137,8 +146,8 @@ def _two_nearest(
     count: int,
     histogram: Rows,
     short: Rows,
-    measured: Rows,
-) -> tuple[int, int, int, int]:
+    measured: NDArray[np.int64],
+) -> tuple[Any, Any, Any, Any]:
     """Measure the candidates of least Hamming distance: best row and distance, rival's likewise.
 
     ``histogram`` of the Hamming distances is used up; ``short`` and ``measured`` are scratch of
@@ -146,26 +155,27 @@ def _two_nearest(
     """
     limit = _distance_reached(histogram, MAX_CANDIDATES, 128)
     shortlisted = _shortlist(hamming, count, limit, short)
-    best, nearest = -1, FAR
+    # Distance and row in one number: its least is the nearest, of equal ones the lowest row.
+    nothing = np.int64(FAR) << 32
+    least = nothing
     for k in range(shortlisted):
         row = candidates[short[k]]
-        distance = _squared_distance(query, stored[row])
-        measured[k] = distance
-        if distance < nearest or (distance == nearest and row < best):
-            best, nearest = row, distance
-    if best < 0:
+        measured[k] = np.int64(squared_distance(query, i, stored, row)) << 32 | row
+        least = min(least, measured[k])
+    if shortlisted == 0:
         return -1, FAR, -1, FAR
+    best, nearest = least & _ROW, least >> 32
     own = labels[views[best]]
-    rivals, rival_row, rival = 0, -1, FAR
+    rivals, least = 0, nothing
     for k in range(shortlisted):
-        row = candidates[short[k]]
-        if labels[views[row]] != own:
-            rivals += 1
-            if measured[k] < rival or (measured[k] == rival and row < rival_row):
-                rival_row, rival = row, measured[k]
+        is_rival = labels[views[measured[k] & _ROW]] != own
+        rivals += is_rival
+        least = min(least, measured[k] if is_rival else nothing)
+    rival_row, rival = (least & _ROW, least >> 32) if rivals else (-1, FAR)
     if rivals < MAX_RIVALS and shortlisted < count:
         rival_row, rival = _nearest_rival(
-            query, stored, labels, views, candidates, hamming, count, histogram, short, own, limit
+            *(query, i, stored, labels, views, candidates, hamming, count, histogram, short),
+            *(own, limit),
         )
     return best, nearest, rival_row, rival
 
@@ -173,6 +183,7 @@ def _two_nearest(
 @nb.njit(cache=True, nogil=True)
 def _nearest_rival(
     query: UInt8Array,
+    i: int,
     stored: UInt8Array,
     labels: Rows,
     views: Rows,
@@ -202,7 +213,7 @@ def _nearest_rival(
     for k in range(shortlisted):
         row = candidates[short[k]]
         if hamming[short[k]] <= limit and labels[views[row]] != own:
-            distance = _squared_distance(query, stored[row])
+            distance = squared_distance(query, i, stored, row)
             if distance < rival or (distance == rival and row < rival_row):
                 rival_row, rival = row, distance
     return rival_row, rival
@@ -211,7 +222,7 @@ def _nearest_rival(
 @nb.njit(cache=True, nogil=True)
 def _slots(rows: int) -> int:
     """Return how many places a set of so many rows has: a power of two, at most a quarter full."""
-    slots = 1024
+    slots = 64
     while slots < 4 * rows:
         slots *= 2
     return slots
@@ -220,10 +231,12 @@ def _slots(rows: int) -> int:
 @nb.njit(cache=True, nogil=True)
 def _distinct_rows(
     buckets: NDArray[np.uint32],
+    i: int,
     mask: int,
     offsets: Rows,
     table_rows: Rows,
     seen: Rows,
+    slots: int,
     candidates: Rows,
 ) -> int:
     """Write the rows in a descriptor's buckets to ``candidates``, each once; return how many.
@@ -231,11 +244,12 @@ def _distinct_rows(
     ``seen`` is scratch: a set by open addressing, which stays in the cache as marks on all rows of
     the segment would not.
     """
-    seen[:] = -1
-    last = np.uint32(len(seen) - 1)
+    for slot in range(slots):
+        seen[slot] = -1
+    last = np.uint32(slots - 1)
     count = 0
-    for table in range(len(buckets)):
-        bucket = buckets[table] & mask
+    for table in range(buckets.shape[1]):
+        bucket = buckets[i, table] & mask
         for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
             row = table_rows[table, p]
             # Knuth's multiplicative hash; its low bits are the weakest.
@@ -296,7 +310,7 @@ def match_tables(
     candidates = np.empty(room, np.int32)
     hamming = np.empty(room, np.int16)
     short = np.empty(room, np.int32)
-    measured = np.empty(room, np.int32)
+    measured = np.empty(room, np.int64)
     seen = np.empty(room, np.int32)
     for i in range(n):
         most = 0
@@ -308,10 +322,10 @@ def match_tables(
             candidates = np.empty(room, np.int32)
             hamming = np.empty(room, np.int16)
             short = np.empty(room, np.int32)
-            measured = np.empty(room, np.int32)
+            measured = np.empty(room, np.int64)
             seen = np.empty(_slots(room), np.int32)
         distinct = _distinct_rows(
-            query_buckets[i], mask, offsets, table_rows, seen[: _slots(most)], candidates
+            query_buckets, i, mask, offsets, table_rows, seen, _slots(most), candidates
         )
         # Rows lie anywhere in memory. Without branches, which would be guessed wrong, the processor
         # waits for many of them at once.
@@ -320,14 +334,14 @@ def match_tables(
         for c in range(distinct):
             row = candidates[c]
             candidates[count] = row
-            h = _hamming(query_codes, i, codes, row)
+            h = hamming_distance(query_codes, i, codes, row)
             hamming[count] = h
             is_stored = 1 if is_whole or alive[row] else 0
             histogram[h] += is_stored
             count += is_stored
         if count:
             best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
-                *(query[i], stored, labels, views, candidates, hamming, count),
+                *(query, i, stored, labels, views, candidates, hamming, count),
                 *(histogram, short, measured),
             )
     return best, nearest, rival_row, rival
@@ -356,18 +370,18 @@ def match_flat(
     candidates = np.arange(rows).astype(np.int32)
     hamming = np.empty(rows, np.int16)
     short = np.empty(rows, np.int32)
-    measured = np.empty(rows, np.int32)
+    measured = np.empty(rows, np.int64)
     for i in range(n):
         histogram[:] = 0
         for row in range(rows):
             if alive[row]:
-                h = _hamming(query_codes, i, codes, row)
+                h = hamming_distance(query_codes, i, codes, row)
                 hamming[row] = h
                 histogram[h] += 1
             else:
                 hamming[row] = _REMOVED
         best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
-            *(query[i], stored, labels, views, candidates, hamming, rows),
+            *(query, i, stored, labels, views, candidates, hamming, rows),
             *(histogram, short, measured),
         )
     return best, nearest, rival_row, rival

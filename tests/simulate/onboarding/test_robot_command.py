@@ -12,9 +12,11 @@ from click.testing import CliRunner
 from rtask.errors import RobotError
 from simulate.grasping.executor import Workcell
 from simulate.onboarding.commands import robot as command
+from simulate.onboarding.guess import NoHandError, guess_robot
 from simulate.robots import check_robot, describe, known_robots
 from simulate.robots.robot_files import load_robot, set_aside
 from simulate.robots.srdf import read_srdf, srdf_text
+from tests.simulate.onboarding.test_hand_topologies import sliding_fingers, turning_jaw
 
 
 @pytest.fixture(scope="module")
@@ -198,3 +200,77 @@ def test_a_survey_tells_why_a_file_cannot_be_read(tmp_path):
     assert code == 1
     assert "not XML" in rows[0]["error"]
     assert rows[1]["hands"] == ["panda_link7"]
+
+
+def test_a_survey_that_was_cut_goes_on_where_it_was(tmp_path):
+    found = tmp_path / "found.jsonl"
+    panda = data("franka_panda/panda.urdf")
+    assert run("survey", panda, "--out", str(found))[0] == 0
+    whole = found.read_text("utf-8")
+    found.write_text(whole + '{"path": "cut in the mid', "utf-8")
+    code, rows = run("survey", panda, data("pr2_gripper.urdf"), "--out", str(found))
+    assert (code, [row["hands"] for row in rows]) == (0, [["panda_link7"], ["gripper_pole"]])
+    lines = found.read_text("utf-8").splitlines()
+    assert [json.loads(line) for line in lines] == rows
+    assert lines[0] == whole.strip()
+
+
+def test_a_survey_counts_by_maker_the_files_that_name_a_hand_and_those_where_it_was_found(tmp_path):
+    for maker, jaws in (("good_description", '<box size="0.02 0.01 0.05"/>'), ("bare_models", "")):
+        (tmp_path / maker / "urdf").mkdir(parents=True)
+        write_gripper(tmp_path / maker / "urdf" / "gripper.urdf", jaws)
+    done = CliRunner().invoke(command, ["survey", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "hands in   1 of   1 files: good_description" in done.output
+    assert "hands in   0 of   1 files, 1 not measurable: bare_models" in done.output
+    assert "hands in 1 of 2 files that name one (0.50), not measurable in 1, and" in done.output
+    assert "no hand found, but finger_left, finger_right: no shapes" in done.output
+    limited = run("survey", str(tmp_path), "--limit", "1")[1]
+    assert (len(limited["rows"]), limited["not_shown"]) == (1, 1)
+
+
+def test_where_no_hand_is_found_both_jaws_are_asked_for(tmp_path, monkeypatch):
+    path = sliding_fingers("a4").write(tmp_path, "toes")
+    path.write_text(path.read_text("utf-8").replace('"p1"', '"toe1"').replace('"p2"', '"toe2"'))
+    with pytest.raises(NoHandError, match="--jaws LINK LINK"):
+        run("add", str(path))
+    given = []
+
+    def noted(*args, jaws=None, **options):
+        given.append(jaws)
+        if jaws is None:
+            return guess_robot(*args, jaws=jaws, **options)
+        raise RobotError("enough is known")
+
+    monkeypatch.setattr("simulate.onboarding.guess.guess_robot", noted)
+    monkeypatch.setattr("simulate.onboarding.commands._can_ask", lambda: True)
+    done = CliRunner().invoke(command, ["add", str(path)], input="toe9\ntoe1\ntoe2\n")
+    assert str(done.exception) == "enough is known"
+    assert given == [None, ("toe1", "toe2")]
+    assert "links: a3, a4, toe1, toe2" in done.stderr
+
+
+@pytest.mark.slow
+def test_an_arm_of_five_joints_with_one_moving_jaw_becomes_a_robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("RTASK_ROBOTS", str(tmp_path))
+    code, answer = run("add", str(turning_jaw("a5").write(tmp_path, "small")))
+    assert code == 0
+    assert answer["closing"][0]["passed"], answer["closing"]
+    assert answer["arms"][0]["fingers"] == ["part_joint"]
+    says = " ".join(answer["cannot"])
+    assert "5 joints" in says
+    assert "a single jaw moves" in says
+    assert describe("small").arm("arm").has_single_jaw
+
+
+def write_gripper(path: Path, shape: str) -> None:
+    """Write a palm with two sliding fingers of a shape."""
+    collision = f"<collision><geometry>{shape}</geometry></collision>" if shape else ""
+    fingers = "".join(
+        f'<link name="finger_{side}">{collision}</link>'
+        f'<joint name="finger_{side}_joint" type="prismatic"><parent link="palm"/>'
+        f'<child link="finger_{side}"/><axis xyz="0 {sign} 0"/><origin xyz="0 {sign * 0.006} 0.1"/>'
+        '<limit lower="0" upper="0.04" velocity="1" effort="10"/></joint>'
+        for side, sign in (("left", 1), ("right", -1))
+    )
+    path.write_text(f'<robot name="two"><link name="palm"/>{fingers}</robot>', "utf-8")
