@@ -4,7 +4,7 @@ const NS = "http://www.w3.org/2000/svg";
 const MARGIN_PX = 30;
 const JAW_PX = 14; // as in the style sheet
 const VERTEX_PX = matchMedia("(pointer: coarse)").matches ? 11 : 6;
-const SAVED = ["fill", "fill-opacity", "stroke", "stroke-width", "stroke-dasharray", "font-size", "font-family"];
+const SAVED = ["fill", "fill-opacity", "stroke", "stroke-opacity", "stroke-width", "stroke-dasharray", "font-size", "font-family"];
 
 function shape(name, attributes, words = "") {
   const made = document.createElementNS(NS, name);
