@@ -7,8 +7,8 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-# One process of tests more than two cores: while a test waits for a server, another one runs.
-WORKERS ?= 3
+# Two processes of tests more than two cores: while tests wait for servers, others run.
+WORKERS ?= 4
 IN_PARALLEL := -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 # Compiled modules are kept even where the environment says otherwise: each of the some hundred
 # processes that tests start would compile what it imports, a third of its time.

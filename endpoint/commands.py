@@ -100,7 +100,7 @@ def serve(
         if follow and isinstance(kb, KnowledgeBase):
             follower = Follower(kb, tokens, follow, secret, not no_forward, lease_s=lease)
         else:
-            server.check_exposure(tokens, config, kb.folder)
+            server.check_exposure(tokens, config, kb.folder, store)
         if not isinstance(kb, KnowledgeBase):
             engine = EngineElsewhere()
         elif not config.plain:

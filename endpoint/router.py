@@ -33,7 +33,7 @@ from endpoint.http.messages import RefusedError, Request, Response, require_meth
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.hosted import source_of
 from endpoint.routes import Match, Route, find
-from endpoint.routes.addresses import API, BLOBS, CONTEXT, ENGINE, SERVICES
+from endpoint.routes.addresses import API, BLOBS, CONTEXT, ENGINE, JOBS, SERVICES
 from endpoint.served import embedded
 from endpoint.sparql import check, graph_store, protocol, questions, terms
 from endpoint.sparql.answer_cache import AnswerCache
@@ -248,6 +248,10 @@ class Router:
                 name = tool_called(message)
                 if name is not None:
                     yield self._source_of_tool(route.handler, name)
+        elif address.startswith(f"{JOBS}/"):
+            name = address.removeprefix(f"{JOBS}/")
+            has_job = self._context.services.jobs.has(name, caller.key)
+            yield "graph" if has_job else "writer"
         else:
             try:
                 definition, method = self._called(address)

@@ -70,13 +70,17 @@ def listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def check_exposure(tokens: TokenStore, config: Config, folder: Path | None) -> None:
+def check_exposure(
+    tokens: TokenStore, config: Config, folder: Path | None, store: str = ""
+) -> None:
     """Refuse to serve other machines while no token is required.
 
     Parameters
     ----------
     folder
         Where the tokens are; None for a server in memory, which has none.
+    store
+        Address of the SPARQL server that holds the statements; empty if the folder does.
 
     Raises
     ------
@@ -87,8 +91,10 @@ def check_exposure(tokens: TokenStore, config: Config, folder: Path | None) -> N
         where = "behind a proxy the server" if config.behind_proxy else config.host
         remedy = "serve a folder, not memory"
         if folder is not None:
-            named = shlex.quote(str(folder))
-            remedy = f"create one first: rtask token create --data {named} --role admin"
+            where_to = f"--data {shlex.quote(str(folder))}"
+            if store:  # a folder that was new is gone, and is to be made for this store again
+                where_to = f"--store {shlex.quote(store)} {where_to}"
+            remedy = f"create one first: rtask token create {where_to} --role admin"
         raise UsageError(f"{where} is reachable from other machines and no token exists; {remedy}")
 
 

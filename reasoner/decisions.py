@@ -129,7 +129,7 @@ class Refutation:
     needs : tuple of Need
         What would make it hold, the least first; empty if no rule derives such a statement.
     unknown : tuple of str
-        Terms of the triple that no statement mentions.
+        Terms of the triple that no statement mentions; empty if something would make it hold.
     """
 
     triple: Triple

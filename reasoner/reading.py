@@ -66,6 +66,13 @@ class Reading:
         s, p, o = self.equality.rewrite(fact)
         return s == o if p == SAME else self.facts.has(s, p, o)
 
+    def mentions(self, number: int) -> bool:
+        """Return whether a fact mentions a term, or it belongs to the vocabulary of OWL."""
+        forms = self.terms.variants(number) if number >= LITERAL else (number,)
+        return number < len(v.IRIS) or any(
+            self.facts.about(self.equality.find(form)) for form in forms
+        )
+
     def is_virtual(self, fact: Fact) -> bool:
         """Return whether a fact holds of every term, or of every class or property."""
         has = self.facts.has

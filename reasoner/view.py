@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
@@ -93,11 +94,13 @@ class ClosureView:
             s, p, o = triple
             if s == o and p == NamedNode(v.IRIS[SAME]):
                 return Proof(triple, f"{name(s)} {name(p)} {name(o)}", "eq-ref")
-            absent = tuple(name(term) for term in triple if self._terms.find_equal(term) is None)
             gloss = " ".join("a" if term == _TYPE else name(term) for term in triple)
-            return Refutation(triple, gloss, (), absent)
+            return Refutation(triple, gloss, (), self._unmentioned(triple, name))
         if not self.contains(triple):
-            return self._reading().refute(fact, budget, name)
+            refutation = self._reading().refute(fact, budget, name)
+            if refutation.needs:
+                return refutation
+            return replace(refutation, unknown=self._unmentioned(triple, name))
         return self._reading().prove(fact, budget, graphs_of, name)
 
     def inferred(self) -> Iterator[Triple]:
@@ -130,6 +133,20 @@ class ClosureView:
     def _find(self, triple: Triple) -> Fact | None:
         s, p, o = map(self._terms.find_equal, triple)
         return None if s is None or p is None or o is None else (s, p, o)
+
+    def _unmentioned(self, triple: Triple, name: Name) -> tuple[str, ...]:
+        """Return the names of the terms that no statement mentions now.
+
+        The dictionary may hold more: terms of statements that are gone, or that were only looked
+        for. A process started since then has forgotten them, and is to answer the same.
+        """
+        reading = self._reading()
+        numbers = map(self._terms.find_equal, triple)
+        return tuple(
+            name(term)
+            for term, number in zip(triple, numbers, strict=True)
+            if number is None or not reading.mentions(number)
+        )
 
     def _reading(self, draft: Draft | None = None) -> Reading:
         state, terms = self._state, self._terms

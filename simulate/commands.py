@@ -208,17 +208,31 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
     type=click.IntRange(min=1),
     help="Objects on each table.",
 )
+@click.option(
+    "--recorded",
+    is_flag=True,
+    help="Show the pictures of the recorded demo: one robot fails, the next one holds.",
+)
 @options.json_flag("path")
-def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bool) -> None:
+def film(
+    out: Path, kinds: tuple[str, ...], seed: int, objects: int, recorded: bool, as_json: bool
+) -> None:
     """Film robots side by side, each grasping an object, to OUT (.webp, .png or .gif).
 
-    A robot takes about a minute.
+    A robot takes about a minute. --recorded takes seconds and shows what sharing is worth; the
+    other options do not apply to it.
     """
     from simulate.robots import check_robot
-    from simulate.study.film import Film, check_film, film_robot, write_film
+    from simulate.study.film.robots import Film, check_film, film_robot, write_film
     from simulate.world.quiet import banner_on_stderr
 
     check_film(out)
+    if recorded:
+        from simulate.study.film.sharing import write_recorded
+
+        write_recorded(out)
+        click.echo(json.dumps({"path": str(out)}) if as_json else str(out))
+        return
     for kind in kinds:
         check_robot(kind)
     settings = Film(objects=objects, seed=seed)

@@ -13,6 +13,7 @@ from simulate.fleet.commands import requests
 from simulate.fleet.study_commands import attempts, demo, sharing, trust
 from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
+from simulate.study.day.command import day
 from simulate.study.pushes.command import push_grasps
 from simulate.study.quality.command import grasp_quality
 from simulate.study.quality.hands_command import hands
@@ -30,7 +31,8 @@ def study() -> None:
 
 
 for _command in (
-    attempts, demo, grasp_quality, grasping, hands, judging, learn, piles, push_grasps, requests,
+    attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles, push_grasps,
+    requests,
     sharing, table4, table5, tasks, trust,
 ):  # fmt: skip
     study.add_command(_command)

@@ -20,6 +20,11 @@ _PATIENCE_S = 60.0
 _ROOT = Path(__file__).resolve().parent.parent
 _FAILED = pytest.StashKey[Path]()
 
+# Several processes of tests share the processors. Threads of one library that wait for each other
+# in a loop took up to half of the time, and sums would depend on how many processors there are.
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Offer to run tests in an order that nobody chose."""

@@ -33,7 +33,7 @@ from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, r
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
 from endpoint.routes import Route, find
-from endpoint.routes.addresses import CHANGES
+from endpoint.routes.addresses import CHANGES, JOBS
 from endpoint.served import embedded
 from rtask.errors import (
     ClosedError,
@@ -97,6 +97,10 @@ class Changes:
         context.rights.require(route.right, request, caller)
         if is_followed(request):
             self._admit(caller)
+            number = request.path.removeprefix(f"{JOBS}/").strip("/")
+            following = context.following
+            if following is not None and not context.services.jobs.has(number, caller.key):
+                return following.redirect(request)
             return JobStream(self, context.services, request, caller)
         if route.handler == "activity":
             self._admit(caller)

@@ -349,9 +349,9 @@ class Follower:
             503: the writer does not answer.
         """
         self.deliver_records()
-        target = request.raw_path + (f"?{request.query_string}" if request.query_string else "")
         if not self.forwards:
-            return Response(307, b"", "", (("Location", self.url + target),))
+            return self.redirect(request)
+        target = _target(request)
         headers = {n: v for n, v in request.headers.items() if n in _PASSED_ON}
         try:
             answer = self._http.request(
@@ -369,6 +369,10 @@ class Follower:
         media_type = answer.headers.get("content-type", "")
         return Response(answer.status_code, answer.content, media_type, passed_on)
 
+    def redirect(self, request: Request) -> Response:
+        """Send a caller to the writer."""
+        return Response(307, b"", "", (("Location", self.url + _target(request)),))
+
     def catch_up(self) -> None:
         """Wait, for two seconds at most, for what the writer has committed by now."""
         try:
@@ -377,6 +381,10 @@ class Follower:
             wait_for(Response)
         except (httpx.HTTPError, RtaskError, ValueError, KeyError) as error:
             _log.info("an answer may lack what was just written: %s", error)
+
+
+def _target(request: Request) -> str:
+    return request.raw_path + (f"?{request.query_string}" if request.query_string else "")
 
 
 class _Frames:

@@ -46,5 +46,8 @@ class Following(Protocol):
     def forward(self, request: Request) -> Response:
         """Let the other server answer a request."""
 
+    def redirect(self, request: Request) -> Response:
+        """Send a caller to the other server."""
+
     def catch_up(self) -> None:
         """Wait a moment for what the other server has committed by now."""

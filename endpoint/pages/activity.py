@@ -23,6 +23,7 @@ MAX_ROWS = 200
 PAST_COMMITS = 60
 _JPEG_QUALITY = 80
 _SILENT = ("frame", "answered")  # seen on the robot's card only
+_BOOKKEEPING = "wrote"
 
 
 @page(_ADDRESS, "activity.html")
@@ -42,17 +43,23 @@ def activity() -> Model:
 
 
 def last_events(count: int) -> list[Model]:
-    """Return what happened last, the newest first; nothing where the graph is at another server."""
+    """Return what robots did last, the newest first; nothing where the graph is at another server.
+
+    Where nothing but bookkeeping happened, that is returned.
+    """
     if not isinstance(knowledge_base(), KnowledgeBase):
         return []
     log = context().activity
-    events = [event for event in log.after(0) if event.kind not in _SILENT]
-    if len(events) < count:  # commits before the log began are read again each time
-        events = [
-            *(event for event in _before(log.first_seq) if event.kind not in _SILENT),
-            *events,
-        ]
-    return [as_json(event) for event in reversed(events[-count:])]
+    events = list(log.after(0))
+    if len(_done(events)) < count:  # commits before the log began are read again each time
+        events = [*_before(log.first_seq), *events]
+    shown = _done(events) or [event for event in events if event.kind not in _SILENT]
+    return [as_json(event) for event in reversed(shown[-count:])]
+
+
+def _done(events: list[Event]) -> list[Event]:
+    """Return events without bookkeeping and without those that only a robot's card shows."""
+    return [event for event in events if event.kind not in (*_SILENT, _BOOKKEEPING)]
 
 
 def _before(seq: int) -> list[Event]:

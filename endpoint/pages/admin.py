@@ -26,7 +26,7 @@ from endpoint.pages.render import (
     page,
 )
 from endpoint.pages.signin import require_form
-from rtask.errors import AuthenticationError, UsageError
+from rtask.errors import AuthenticationError, ForbiddenError, UsageError
 
 _EVENTS = 200
 _DECIDED = 100
@@ -71,8 +71,11 @@ def audit() -> Model:
 
 @page("/admin/proposals", "proposals.html")
 def proposals() -> Model:
-    """Return the proposals, those to decide first."""
+    """Return the proposals, those to decide first; at a follower, where they are."""
     caller = _operator()
+    following = context().following
+    if following is not None:
+        return {"writer": following.url}
     found = visible(embedded_graph(), caller)
     return {
         "open": [proposal for proposal in found if proposal.is_open],
@@ -131,6 +134,11 @@ def decide_proposal(number: int, action: str) -> WerkzeugResponse:
     require_form()
     if action not in ("adopt", "refuse"):
         raise UsageError("expected adopt or refuse")
+    following = context().following
+    if following is not None:
+        raise ForbiddenError(
+            f"this server follows {following.url}; decide on proposals there", operation="decide"
+        )
     remark = flask.request.form.get("remark", "")
     decide(embedded_graph(), context().audit, by, number, cast("Decision", action), remark)
     return flask.redirect("/admin/proposals", 303)

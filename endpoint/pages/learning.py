@@ -10,7 +10,7 @@ from typing import Any
 from endpoint.pages.drawn import belief_over
 from endpoint.pages.render import Model, page, query_text, select
 
-__all__ = ["learned"]
+__all__ = ["MAX_ATTEMPTS", "benefit", "learned", "recent_attempts"]
 
 MAX_ATTEMPTS = 5000
 MAX_GRASPS = 100
@@ -31,8 +31,7 @@ _COUNTS = ((0, "none"), (1, "1"), (4, "2 to 4"), (9, "5 to 9"), (10**9, "10 or m
 @page("/learning", "learning.html")
 def learning() -> Model:
     """Return success by what was known before, by robot and by grasp; one query."""
-    rows = select(_QUERY, limit=MAX_ATTEMPTS)[::-1]
-    return {**learned(rows), "most": MAX_ATTEMPTS, "query": query_text(_QUERY)}
+    return {**learned(recent_attempts()), "most": MAX_ATTEMPTS, "query": query_text(_QUERY)}
 
 
 def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
@@ -97,6 +96,46 @@ def learned(attempts: Iterable[Mapping[str, Any]]) -> Model:
         "grasps": beliefs[:MAX_GRASPS],
         "grasp_count": len(beliefs),
     }
+
+
+def benefit(attempts: Iterable[Mapping[str, Any]]) -> Model | None:
+    """Return what sharing is worth: first tries at what other robots had tried, and at the rest.
+
+    None unless there are both.
+
+    Parameters
+    ----------
+    attempts
+        As for :func:`learned`.
+
+    Examples
+    --------
+    >>> tried = {"object": "o", "success": True}
+    >>> found = benefit([{**tried, "robot": "a"}, {**tried, "robot": "b"}])
+    >>> found["shared"], found["alone"]
+    ({'attempts': 1, 'held': 1}, {'attempts': 1, 'held': 1})
+    """
+    tried: dict[str, set[str]] = defaultdict(set)
+    held: dict[bool, list[bool]] = {True: [], False: []}
+    for row in attempts:
+        robot, before = str(row["robot"]), tried[str(row["object"])]
+        if robot not in before:
+            held[bool(before)].append(bool(row["success"]))
+        before.add(robot)
+    if not all(held.values()):
+        return None
+    shared, alone = (f"{sum(held[known])} of {len(held[known])}" for known in (True, False))
+    return {
+        "shared": {"attempts": len(held[True]), "held": sum(held[True])},
+        "alone": {"attempts": len(held[False]), "held": sum(held[False])},
+        "sentence": f"At the first try, robots held {shared} objects that another robot had tried "
+        f"before, and {alone} that none had.",
+    }
+
+
+def recent_attempts() -> list[Model]:
+    """Return the last attempts whose outcome is known, the oldest first."""
+    return select(_QUERY, limit=MAX_ATTEMPTS)[::-1]
 
 
 def _share(name: str, judged: list[bool]) -> Model:

@@ -19,7 +19,7 @@ _SOF_MARKERS = frozenset({0xC0, 0xC1, 0xC2})
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD9)})
 _MAX_TIFF_ENTRIES = 256
 _WIDTH, _HEIGHT, _BITS = 256, 257, 258
-_KNOWN = "PNG, JPEG, WebP, BMP or TIFF"
+_FORMATS = "PNG, JPEG, WebP, BMP or TIFF"
 
 
 def is_image(data: bytes) -> bool:
@@ -62,7 +62,7 @@ def image_size(data: bytes) -> tuple[int, int]:
             return entries[_WIDTH], entries[_HEIGHT]
     except (struct.error, KeyError):
         raise CloudFormatError("the picture is cut off before its size") from None
-    raise UnknownFormatError(f"no {_KNOWN}: starts with {data[:8].hex(' ')}")
+    raise UnknownFormatError(f"no {_FORMATS}: starts with {data[:8].hex(' ')}")
 
 
 def is_cut_off(data: bytes) -> bool:

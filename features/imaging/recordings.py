@@ -66,8 +66,8 @@ def first_view(
         colour_only = colour_only or seen
     else:
         if colour_only is None:
-            told = "".join(f"; {reason}" for reason in reasons)
-            raise CloudFormatError(f"no image and no cloud from {at_s:g} s on{told}")
+            reason_text = "".join(f"; {reason}" for reason in reasons)
+            raise CloudFormatError(f"no image and no cloud from {at_s:g} s on{reason_text}")
         seen = colour_only
     for reason in reasons:
         warn(reason)

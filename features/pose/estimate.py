@@ -22,7 +22,7 @@ from features.pose.hypotheses import Hypothesis
 from features.pose.model import PoseModel
 from features.pose.result import PoseAlternative, PoseEstimate, PoseParams
 from features.pose.rotations import angle_between
-from features.pose.task import MIN_POINTS, Found, PoseTask
+from features.pose.task import MIN_POINTS, PoseTask, ScoredPose
 
 __all__ = ["PoseAlternative", "PoseEstimate", "PoseParams", "estimate_pose"]
 
@@ -108,7 +108,7 @@ def estimate_pose(
     return _answer(task, pool, complete, matched)
 
 
-def _guesses(task: PoseTask, pool: list[Found]) -> Iterator[Hypothesis]:
+def _guesses(task: PoseTask, pool: list[ScoredPose]) -> Iterator[Hypothesis]:
     """Yield guesses at the object's pixels as long as the poses so far leave something open."""
     for k, guess in enumerate(task.guesses()):
         if k == 1 and task.is_enough(pool):
@@ -121,7 +121,7 @@ def _guesses(task: PoseTask, pool: list[Found]) -> Iterator[Hypothesis]:
 
 
 def _answer(
-    task: PoseTask, pool: list[Found], complete: bool, matched: NDArray[np.float64] | None
+    task: PoseTask, pool: list[ScoredPose], complete: bool, matched: NDArray[np.float64] | None
 ) -> PoseEstimate:
     """Choose among the poses of a sorted pool and say how sure the choice is."""
     best, *others = task.distinct(pool, 1 + _MAX_ALTERNATIVES)
@@ -161,7 +161,7 @@ def _answer(
     )
 
 
-def _by_colour(task: PoseTask, candidates: list[Found]) -> ColourChoice:
+def _by_colour(task: PoseTask, candidates: list[ScoredPose]) -> ColourChoice:
     """Let colours choose among poses as good by shape, and among those that symmetry allows."""
     model, turns = task.model, task.turns()
     undecided = ColourChoice(0, 0, len(candidates) - 1, False)
@@ -171,7 +171,7 @@ def _by_colour(task: PoseTask, candidates: list[Found]) -> ColourChoice:
     return choose_by_colour(_misfits(task, each).reshape(len(candidates), -1), turns)
 
 
-def _misfits(task: PoseTask, poses: list[Found]) -> NDArray[np.float64]:
+def _misfits(task: PoseTask, poses: list[ScoredPose]) -> NDArray[np.float64]:
     """Return how far the colours that each pose predicts are from the image's, (n,)."""
     model = task.model
     if model.colours is None or task.rgb is None:
@@ -180,7 +180,9 @@ def _misfits(task: PoseTask, poses: list[Found]) -> NDArray[np.float64]:
     return colour_misfits(model.samples, model.colours, placed, task.depth, task.rgb, task.camera)
 
 
-def _nearest(task: PoseTask, candidates: list[Found], matched: NDArray[np.float64]) -> ColourChoice:
+def _nearest(
+    task: PoseTask, candidates: list[ScoredPose], matched: NDArray[np.float64]
+) -> ColourChoice:
     """Choose, as colours do, the pose and variant that is turned least from a matched one."""
     rotations = np.stack([scored.rotation for scored in candidates])
     off = np.einsum("cij,sjk,ik->cs", rotations, task.turns(), matched)

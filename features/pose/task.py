@@ -17,7 +17,7 @@ from features.pose.rotations import angle_between, rotation_about
 from features.pose.search import Poses, ScenePoints, refine, scene_points, search
 from features.pose.visibility import check_free_space
 
-__all__ = ["MIN_POINTS", "Found", "PoseTask"]
+__all__ = ["MIN_POINTS", "PoseTask", "ScoredPose"]
 
 MIN_POINTS = 30
 _STRAY = 0.75
@@ -31,7 +31,7 @@ _LITTLE_RAD = np.deg2rad([0.0, -18.0, -12.0, -6.0, 6.0, 12.0, 18.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ScoredPose:
     """One pose with what speaks for and against it.
 
     Parameters
@@ -94,7 +94,7 @@ class PoseTask:
         """Return guesses that the segment shows another thing beside the object."""
         return halves(self.points, self.labels, self.label) if self.params.merge else []
 
-    def poses(self, guess: Hypothesis, starts: int) -> list[Found]:
+    def poses(self, guess: Hypothesis, starts: int) -> list[ScoredPose]:
         """Search for poses; whatever the guess, their fit is that of the segment asked for."""
         alone = len(guess.labels) == 1 and not guess.is_part
         points = self.judged if alone else self._chosen(guess.mask)
@@ -106,31 +106,33 @@ class PoseTask:
         mask = self.labels == self.label if guess.is_part else guess.mask
         return self._judge(poses, mask, guess.labels)
 
-    def given(self, poses: NDArray[np.float64]) -> list[Found]:
+    def given(self, poses: NDArray[np.float64]) -> list[ScoredPose]:
         """Improve poses that are known from elsewhere."""
         turns = np.ascontiguousarray(poses[:, :3, :3])
         centred = Poses(turns, poses[:, :3, 3] + turns @ self.model.centre, np.zeros(len(poses)))
         refined = refine(self.model, self.judged, centred)
         return self._judge(refined, self.labels == self.label, (self.label,))
 
-    def is_enough(self, pool: list[Found]) -> bool:
+    def is_enough(self, pool: list[ScoredPose]) -> bool:
         """Tell whether the best pose leaves nothing to explain."""
         best = max(pool, key=lambda scored: scored.score)
         params = self.params
         return best.fit >= params.enough_fit and best.violation <= params.max_violation
 
-    def leaves_much(self, pool: list[Found]) -> bool:
+    def leaves_much(self, pool: list[ScoredPose]) -> bool:
         """Tell whether the best pose leaves much of the segment unexplained."""
         return max(pool, key=lambda scored: scored.score).fit < self.params.enough_fit
 
-    def turned_alike(self, pool: list[Found], matched: NDArray[np.float64]) -> list[Found]:
+    def turned_alike(
+        self, pool: list[ScoredPose], matched: NDArray[np.float64]
+    ) -> list[ScoredPose]:
         """Return the poses turned by little from a matched one, symmetries of the shape apart."""
         symmetries = self.model.symmetries
         return [f for f in pool if angle_between(f.rotation, matched, symmetries) < _SAME_SIDE_RAD]
 
-    def distinct(self, pool: list[Found], most: int) -> list[Found]:
+    def distinct(self, pool: list[ScoredPose], most: int) -> list[ScoredPose]:
         """Return the best poses of a sorted pool that differ from one another."""
-        distinct: list[Found] = []
+        distinct: list[ScoredPose] = []
         for scored in pool:
             if all(self.differ(scored, other) for other in distinct):
                 distinct.append(scored)
@@ -138,7 +140,7 @@ class PoseTask:
                 break
         return distinct
 
-    def with_surroundings(self, pool: list[Found]) -> list[Found]:
+    def with_surroundings(self, pool: list[ScoredPose]) -> list[ScoredPose]:
         """Judge the best poses of a sorted pool by what they explain beside the segment.
 
         A handle that the segmenter cut off lies on the model in the right pose only, while a wrong
@@ -152,7 +154,7 @@ class PoseTask:
         ]
         return sorted(pool, key=lambda scored: -scored.score)
 
-    def completed(self, scored: Found) -> Found:
+    def completed(self, scored: ScoredPose) -> ScoredPose:
         """Lay a pose on the points beside the segment as well, if it clearly explains more then.
 
         Otherwise they only let it slide along a smooth body.
@@ -163,7 +165,7 @@ class PoseTask:
         ]
         return pool[-1] if after and after[-1] > before + _CLEARLY else scored
 
-    def _short(self, pool: list[Found]) -> NDArray[np.float64]:
+    def _short(self, pool: list[ScoredPose]) -> NDArray[np.float64]:
         """Return by how much of the score (n,) each explains less beside the segment than any."""
         numbers, places = self._surroundings()
         beside = places[self.labels.ravel()[numbers] != self.label]
@@ -179,7 +181,7 @@ class PoseTask:
         short: NDArray[np.float64] = self.params.gain * (shares.max() - shares)
         return short
 
-    def recollected(self, scored: Found) -> list[Found]:
+    def recollected(self, scored: ScoredPose) -> list[ScoredPose]:
         """Let a pose collect the points that lie on it, and improve it on them, twice."""
         poses = Poses(scored.rotation[None], scored.translation[None], np.zeros(1))
         mask = self.labels == self.label
@@ -196,7 +198,7 @@ class PoseTask:
         turns = self.model.symmetries
         return turns[:: -(-len(turns) // _MAX_TURNS)]
 
-    def varied(self, scored: Found, variant: int) -> list[Found]:
+    def varied(self, scored: ScoredPose, variant: int) -> list[ScoredPose]:
         """Return a pose turned by a symmetry of the shape, and by a little more or less.
 
         Each is laid on the points again. What noise lets pass as a symmetry may be off by some
@@ -218,7 +220,7 @@ class PoseTask:
             for k in near_best
         ]  # fmt: skip
 
-    def pose_of(self, scored: Found) -> NDArray[np.float64]:
+    def pose_of(self, scored: ScoredPose) -> NDArray[np.float64]:
         return self.model.camera_from_object(scored.rotation, scored.translation)
 
     def _chosen(self, mask: NDArray[np.bool_]) -> ScenePoints:
@@ -226,14 +228,16 @@ class PoseTask:
             self.points[mask], self.params.max_points, _STRAY * self.model.diameter_m, self.rng
         )
 
-    def _judge(self, poses: Poses, mask: NDArray[np.bool_], labels: tuple[int, ...]) -> list[Found]:
+    def _judge(
+        self, poses: Poses, mask: NDArray[np.bool_], labels: tuple[int, ...]
+    ) -> list[ScoredPose]:
         sight = check_free_space(
             self.model.samples, poses.rotations, poses.translations,
             self.depth, mask, self.camera, self.model.spacing_m, self.plane,
         )  # fmt: skip
         violation, coverage = sight.violation, sight.coverage
         return [
-            Found(
+            ScoredPose(
                 poses.rotations[k], poses.translations[k], labels,
                 float(poses.fit[k]), float(violation[k]), float(coverage[k]),
                 self._score(float(poses.fit[k]), float(violation[k])),
@@ -290,7 +294,7 @@ class PoseTask:
         )
         return away
 
-    def differ(self, a: Found, b: Found) -> bool:
+    def differ(self, a: ScoredPose, b: ScoredPose) -> bool:
         if len(self.model.symmetric_axes) < 2:
             turn = angle_between(a.rotation, b.rotation, self.model.symmetries)
             if turn > _OTHER_RAD:

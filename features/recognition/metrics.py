@@ -23,14 +23,14 @@ class OpenSetScore:
         Queries of each sort.
     recognised
         Known objects accepted as themselves.
-    false_known, false_unknown
+    confused, false_unknown
         Known objects accepted as others, and unknown ones accepted as any.
     """
 
     known: int
     unknown: int
     recognised: int
-    false_known: int
+    confused: int
     false_unknown: int
 
     @property
@@ -57,7 +57,7 @@ def score_open_set(
     >>> score_open_set([("object:1", Recognition("null", False))]).recall
     0.0
     """
-    in_store = unknown = recognised = false_known = false_unknown = 0
+    in_store = unknown = recognised = confused = false_unknown = 0
     for truth, answer in answers:
         accepted = answer.accepted
         if threshold is not None:
@@ -69,8 +69,8 @@ def score_open_set(
         elif accepted and answer.matches[0].object_iri == truth:
             recognised += 1
         elif accepted:
-            false_known += 1
-    return OpenSetScore(in_store, unknown, recognised, false_known, false_unknown)
+            confused += 1
+    return OpenSetScore(in_store, unknown, recognised, confused, false_unknown)
 
 
 def expected_calibration_error(

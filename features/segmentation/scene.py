@@ -21,7 +21,7 @@ from features.segmentation.segment import (
     usable_points,
 )
 from features.segmentation.standing import join_standing_parts
-from features.segmentation.thin import add_thin_things
+from features.segmentation.thin import add_thin_objects
 
 __all__ = ["Scene", "SegmentedObject", "segment_scene", "warm_up"]
 
@@ -184,7 +184,7 @@ def _add_thin(
     params: SegmentParams,
 ) -> NDArray[np.int32]:
     height_m, fewest = params.height_min_m, params.min_points
-    labelled = add_thin_things(points, colours, labels, prism, height_m, fewest)
+    labelled = add_thin_objects(points, colours, labels, prism, height_m, fewest)
     return (
         labels
         if labelled is labels

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from features.segmentation.prism import Prism
 
-__all__ = ["add_thin_things"]
+__all__ = ["add_thin_objects"]
 
 _MIN_COLOUR, _MAX_COLOUR = 10.0, 20.0
 _DEVIATIONS = 4.0
@@ -30,7 +30,7 @@ _MAX_SHARE = 0.2
 _SAMPLED = 7
 
 
-def add_thin_things(
+def add_thin_objects(
     points: NDArray[np.floating[Any]],
     colours: NDArray[np.uint8],
     labels: NDArray[np.int32],

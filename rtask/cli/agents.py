@@ -127,7 +127,7 @@ def _embedded(data: Path, agent: str | None) -> Iterator[Answerer]:
     with open_to_change(data) as kb:
         engine = Engine(kb)
         try:
-            toolbox = Toolbox(kb, engine, lambda one: SCOPES[one.role])
+            toolbox = Toolbox(kb, engine, lambda access: SCOPES[access.role])
             running: dict[str, _Call] = {}
 
             def take(message: JsonObject, send: Send) -> Callable[[], None]:

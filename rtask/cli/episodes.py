@@ -46,6 +46,22 @@ def _time(
     return time
 
 
+def _query(context: click.Context, parameter: click.Parameter, text: str | None) -> str | None:
+    if text is None or not text.startswith("@"):
+        return text
+    try:
+        return Path(text[1:]).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise click.BadParameter(f"{text[1:]}: {error}") from None
+
+
+_select = click.option(
+    "--select",
+    "query",
+    callback=_query,
+    metavar="SPARQL",
+    help="Only those that this SELECT names as ?attempt; @FILE reads it from a file.",
+)
 _since = click.option(
     "--since", callback=_time, help="Only those that ended then or later (ISO 8601)."
 )
@@ -55,16 +71,22 @@ _since = click.option(
 @data_option
 @agent_option("Only those of this robot.")
 @_since
+@_select
 @listing_option
 @json_option
 def list_episodes(
-    data: Path, agent: str | None, since: dt.datetime | None, limit: int | None, as_json: bool
+    data: Path,
+    agent: str | None,
+    since: dt.datetime | None,
+    query: str | None,
+    limit: int | None,
+    as_json: bool,
 ) -> None:
     """List attempts: when, who, with what, and what the robot judged."""
     from rtask.interop.episodes.episode import episodes_of
 
     with open_to_read(data) as kb:
-        recorded = episodes_of(kb, robot=agent, since=since)
+        recorded = episodes_of(kb, robot=agent, since=since, query=query)
     recorded = shown_rows(recorded, limit, as_json, newest=True)
     if as_json:
         print_json([episode.to_json() for episode in recorded])
@@ -83,6 +105,7 @@ def list_episodes(
 @data_option
 @agent_option("Only those of this robot.")
 @_since
+@_select
 @click.option(
     "--format",
     "-F",
@@ -99,6 +122,7 @@ def export(
     data: Path,
     agent: str | None,
     since: dt.datetime | None,
+    query: str | None,
     form: str | None,
     hand: str | None,
     rate: int,
@@ -119,7 +143,7 @@ def export(
     if form in ("mcap", "bag") and out.suffix != f".{form}":
         raise UsageError(f"--format {form}: expected a file that ends in .{form}, got {out}")
     with open_to_read(data) as kb, naming_extras(_EXTRA):
-        recorded = episodes_of(kb, robot=agent, since=since)
+        recorded = episodes_of(kb, robot=agent, since=since, query=query)
         if not recorded:
             raise UsageError("no attempt fits; see `rtask episodes list`")
         with Working("writing") as working:

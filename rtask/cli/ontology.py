@@ -165,9 +165,9 @@ def patches(limit: int | None, as_json: bool) -> None:
 
     `rtask load --no-patches` keeps them.
     """
-    from rtask.loader.patches import patches as known
+    from rtask.loader.patches import patches as shipped_patches
 
-    listed = shown_rows([patch.to_dict() for patch in known()], limit, as_json)
+    listed = shown_rows([patch.to_dict() for patch in shipped_patches()], limit, as_json)
     if as_json:
         print_json(listed)
         return

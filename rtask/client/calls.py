@@ -42,6 +42,7 @@ __all__ = [
     "OfferedObject",
     "OtherThing",
     "OutcomeReport",
+    "PastPlace",
     "Picture",
     "PlanReason",
     "PlanRefusal",
@@ -54,11 +55,13 @@ __all__ = [
     "RegisteredRobot",
     "ReportedOutcome",
     "ReportedRefusal",
+    "ReportedSightings",
     "Resembled",
     "ResolvedRequest",
     "SceneGrasp",
     "SceneGrasps",
     "SceneSegment",
+    "SeenThing",
     "SimilarObject",
     "SimilarObjects",
     "StatedFrame",
@@ -66,6 +69,7 @@ __all__ = [
     "StepTimes",
     "StoredPlan",
     "Taught",
+    "Traced",
     "WaitingStep",
     "WithdrawnContributor",
 ]
@@ -83,6 +87,8 @@ REPEATABLE = frozenset(
         "resolve_request",
         "where_is",
         "state_place",
+        "report_sightings",
+        "trace_thing",
         "locate_frame",
         "state_frame",
         "plan_goal",
@@ -201,6 +207,21 @@ class Look(TypedDict, total=False):
     """height of the table in frame_id; default: lowest point (m)"""
     stamp: float | Mapping[str, int]
     """time of the observation; default: now (s)"""
+
+
+class SeenThing(TypedDict, total=False):
+    """A thing that was recognised and located."""
+
+    object: Required[str]
+    """IRI, objectId or name of its product"""
+    pose: Required[Mapping[str, Any]]
+    """geometry_msgs/Pose of the thing in the frame of the report"""
+    sigma: float
+    """standard deviation of the position per axis (m); default: 0.01"""
+    confidence: float
+    """that it is of this product and there; default: 1.0"""
+    thing: str
+    """IRI of the thing, if the robot knows which one it is; default: decided by place and time"""
 
 
 class StepTimes(TypedDict, total=False):
@@ -710,6 +731,40 @@ class StatedPlace(TypedDict):
     """The commit, which can be undone."""
 
     commit: str
+
+
+class ReportedSightings(TypedDict):
+    """Which things these are, and the commit, which can be undone."""
+
+    things: list[str]
+    new: int
+    commit: str
+
+
+class PastPlace(TypedDict):
+    """A place at which the thing was."""
+
+    relation: str
+    place: str
+    place_label: str
+    frame: str
+    pose: dict[str, Any] | None
+    arrived_after: float | None
+    since: float
+    seen: float
+    until: float | None
+    by: str
+    moved_by: str
+
+
+class Traced(TypedDict):
+    """Places of a thing, oldest first."""
+
+    thing: str
+    object: str
+    label: str
+    places: list[PastPlace]
+    places_left_out: int
 
 
 class LocatedFrame(TypedDict):
@@ -1409,7 +1464,9 @@ class Calls(ABC):
         *,
         thing: str,
         place: str | None = None,
+        inside: bool | None = None,
         lost: bool | None = None,
+        stamp: float | Mapping[str, int] | None = None,
         agent: str | None = None,
     ) -> StatedPlace:
         """State where a thing is from now on.
@@ -1420,12 +1477,64 @@ class Calls(ABC):
             IRI of the thing
         place
             IRI of the place or end effector; default: none, which must be said by lost
+        inside
+            whether it is in the place, and not on it; default: False
         lost
             whether it is no longer where it was, and nobody knows where; default: False
+        stamp
+            since when; default: now (s)
         agent
             in whose name; default: the caller
         """
         answer: StatedPlace = self._operate("state_place", locals())
+        return answer
+
+    def report_sightings(
+        self,
+        *,
+        frame: str,
+        seen: Sequence[SeenThing | Mapping[str, Any]] | None = None,
+        gone: Sequence[str] | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        agent: str | None = None,
+    ) -> ReportedSightings:
+        """Store which things a robot saw where, and which are gone.
+
+        Parameters
+        ----------
+        frame
+            frame of the poses: its name in tf, robot/name or its IRI
+        seen
+            what was seen
+        gone
+            IRIs of things that were looked for where they were, in plain view, and are not there
+        stamp
+            when the robot looked; default: now (s)
+        agent
+            in whose name; default: the caller
+        """
+        answer: ReportedSightings = self._operate("report_sightings", locals())
+        return answer
+
+    def trace_thing(
+        self,
+        *,
+        name: str,
+        stamp: float | Mapping[str, int] | None = None,
+        max_places: int | None = None,
+    ) -> Traced:
+        """Tell where a thing was, one place after the other, and who moved it.
+
+        Parameters
+        ----------
+        name
+            IRI of the thing, or a name that only one thing has
+        stamp
+            time up to which its places are asked for; default: now (s)
+        max_places
+            how many of the latest places are listed; default: 100
+        """
+        answer: Traced = self._operate("trace_thing", locals())
         return answer
 
     def locate_frame(

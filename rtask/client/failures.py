@@ -49,10 +49,10 @@ def failure_of(answer: httpx.Response) -> RtaskError:
 def is_transient(answer: httpx.Response) -> bool:
     """Return whether the same request may succeed later: as the answer says, or by its status."""
     try:
-        said = answer.json().get("transient")
+        declared = answer.json().get("transient")
     except (ValueError, AttributeError):
-        said = None
-    return said if isinstance(said, bool) else answer.status_code in TRANSIENT_STATUSES
+        declared = None
+    return declared if isinstance(declared, bool) else answer.status_code in TRANSIENT_STATUSES
 
 
 class Patience:

@@ -49,14 +49,14 @@ class Attempt(Generic[T]):
     def __init__(self, changed: threading.Condition) -> None:
         self._changed = changed
         self._answers: list[T] = []
-        self._is_wanted = True
+        self._is_live = True
         self.is_over = False
         self.error: Exception | None = None
 
     @property
     def is_wanted(self) -> bool:
         """Whether the answer may still count; a long function looks now and then."""
-        return self._is_wanted
+        return self._is_live
 
     def offer(self, answer: T) -> None:
         """Tell the best answer so far, which counts if the time is up before there is a better."""
@@ -87,7 +87,7 @@ class Attempt(Generic[T]):
 
     def drop(self) -> None:
         """Tell the function that its answer is not wanted any more."""
-        self._is_wanted = False
+        self._is_live = False
 
 
 def race(

@@ -74,8 +74,8 @@ class RacingClient(Client):
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
     ) -> dict[str, Any]:
-        operation_known = self._near.engine.operations.get(operation)
-        if operation_known is None or operation_known.effect == "writes":
+        declared = self._near.engine.operations.get(operation)
+        if declared is None or declared.effect == "writes":
             return self._far._call(operation, args, timeout_s)
         return self._raced(lambda client: client._call(operation, args), _is_nothing)
 

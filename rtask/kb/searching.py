@@ -9,7 +9,7 @@ from rtask.kb.base import GraphBase
 from rtask.kb.search.places import Place
 from rtask.kb.search.text import TextHit
 from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
-from rtask.sparql.service import with_found_texts
+from rtask.sparql.service import with_text_matches
 
 __all__ = ["Searching"]
 
@@ -85,4 +85,4 @@ class Searching(GraphBase):
 
     def _expand_services(self, text: str) -> str:
         """Replace what this store answers itself in a query or update by the answers."""
-        return with_found_texts(text, self.search)
+        return with_text_matches(text, self.search)

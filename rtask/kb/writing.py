@@ -23,7 +23,15 @@ __all__ = ["Writing"]
 
 
 class Writing(Searching):
-    """Atomic commits, one at a time."""
+    """Atomic commits, one at a time.
+
+    Attributes
+    ----------
+    bulk_loads
+        How often statements were stored outside of commits, which subscribers do not hear of.
+    """
+
+    bulk_loads: int = 0
 
     def access(self, agent: str | None = None, access: Access | None = None) -> Access:
         """Return the rights of a caller on this knowledge base.
@@ -171,5 +179,6 @@ class Writing(Searching):
         try:
             return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
         finally:
+            self.bulk_loads += 1
             self.readers.invalidate()
             self.index.invalidate()

@@ -153,12 +153,12 @@ def _faulty_quads(fault: Fault, quads: Iterable[Quad]) -> set[Quad]:
     for quad in quads:
         if isinstance(quad.subject, BlankNode):
             about.setdefault(quad.subject, []).append(quad)
-    quads_found: set[Quad] = set()
+    faulty: set[Quad] = set()
     for quad in stated:
         cells, members = _list(quad.object, about)
         if members == fault.members:
-            quads_found |= {quad, *cells}
-    return quads_found
+            faulty |= {quad, *cells}
+    return faulty
 
 
 def _list(head: object, about: dict[object, list[Quad]]) -> tuple[list[Quad], set[object]]:

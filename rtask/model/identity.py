@@ -25,7 +25,7 @@ class IdentityMap:
     """
 
     def __init__(self, changed: Container[Model]) -> None:
-        self._known: WeakValueDictionary[str, Model] = WeakValueDictionary()
+        self._instances: WeakValueDictionary[str, Model] = WeakValueDictionary()
         self._changed = changed
         self._stale: set[str] = set()
         self._all_stale = False
@@ -35,19 +35,19 @@ class IdentityMap:
         """Return the object of an IRI, if there is one."""
         if self._stale or self._all_stale:
             self._expire()
-        return self._known.get(name)
+        return self._instances.get(name)
 
     def add(self, name: str, instance: Model) -> None:
         """Add an object."""
-        self._known[name] = instance
+        self._instances[name] = instance
 
     def drop(self, name: str) -> None:
         """Remove an object."""
-        self._known.pop(name, None)
+        self._instances.pop(name, None)
 
     def all(self) -> list[Model]:
         """Return all objects that are in use."""
-        return list(self._known.values())
+        return list(self._instances.values())
 
     def hear(self, touched: Touched) -> None:
         """Mark the objects that commits touched as stale, or all; runs in any thread."""
@@ -62,8 +62,8 @@ class IdentityMap:
         with self._lock:
             stale, self._stale = self._stale, set()
             if self._all_stale:
-                stale, self._all_stale = set(self._known), False
+                stale, self._all_stale = set(self._instances), False
         for name in stale:
-            instance = self._known.get(name)
+            instance = self._instances.get(name)
             if instance is not None and instance not in self._changed:
                 instance.__state__.forget()

@@ -147,16 +147,16 @@ class HeadGraph:
             self._send(partial(self._whole, old, new, writes, record), old, new)
             return
         staged = _Staged(self._endpoints, self._dialect, self._name, new.token)
-        is_known = True
+        is_settled = True
         try:
             staged.store(writes)
             moving = partial(self._moving, old, new, record, staged)
             self._send(moving, old, new, _PATIENCE_LARGE_S)
         except RemoteUnavailableError:
-            is_known = False  # the server may still be moving them; a later opening removes them
+            is_settled = False  # the server may still be moving them; a later opening removes them
             raise
         finally:
-            if is_known:
+            if is_settled:
                 staged.remove()
 
     def _whole(self, old: Head, new: Head, writes: Writes, record: str | None) -> str:

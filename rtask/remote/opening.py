@@ -81,21 +81,21 @@ def open_on_server(
 
 
 def _open(endpoints: Endpoints, place: Place, mode: str, base: str | None) -> Files:
-    base_found = _find(endpoints, base)
-    if base_found is None:
+    remote_base = _find(endpoints, base)
+    if remote_base is None:
         if mode == "r":
             raise StoreFormatError(f"{endpoints} holds no knowledge base; open it for writing once")
-        base_found = _create(endpoints, base)
+        remote_base = _create(endpoints, base)
     elif mode == "new":
         raise StoreFormatError(f"{endpoints} is already a knowledge base; open it with mode='rw'")
     elif mode == "rw":
-        _require_same_default_graph(endpoints, base_found)
+        _require_same_default_graph(endpoints, remote_base)
     folder = place.folder or default_folder(endpoints.address)
     address = without_password(endpoints.address)
-    settings = replace(base_found.settings, store=address)
+    settings = replace(remote_base.settings, store=address)
     settings.require(folder, base, plain=False)
     _note(folder, settings)
-    dialect = Dialect(settings.base, base_found.abilities)
+    dialect = Dialect(settings.base, remote_base.abilities)
     graphs = Graphs(settings.base)
     head = HeadGraph(endpoints, dialect).read()
     if mode != "r":
@@ -131,15 +131,15 @@ def _name(base: str) -> str:
 
 def _find(endpoints: Endpoints, base: str | None) -> _RemoteBase | None:
     rows = endpoints.rows(f"SELECT ?v {{ GRAPH ?g {{ ?g {_SETTINGS} ?v }} }}")
-    bases_found = [_RemoteBase.of(text.value) for (text,) in rows]
+    candidates = [_RemoteBase.of(text.value) for (text,) in rows]
     if base is not None:
         return next(
-            (candidate for candidate in bases_found if candidate.settings.base == base), None
-        ) or (bases_found[0] if bases_found else None)
-    if len(bases_found) > 1:
-        bases = ", ".join(sorted(candidate.settings.base for candidate in bases_found))
+            (candidate for candidate in candidates if candidate.settings.base == base), None
+        ) or (candidates[0] if candidates else None)
+    if len(candidates) > 1:
+        bases = ", ".join(sorted(candidate.settings.base for candidate in candidates))
         raise StoreFormatError(f"{endpoints} holds several knowledge bases; name one base: {bases}")
-    return bases_found[0] if bases_found else None
+    return candidates[0] if candidates else None
 
 
 def _create(endpoints: Endpoints, base: str | None) -> _RemoteBase:

@@ -66,8 +66,21 @@ class RemoteStore(GraphStore):
     """
 
     __slots__ = (
-        "_changing", "_copy", "_dialect", "_endpoints", "_generation", "_graphs", "_head_graph",
-        "_is_open", "_is_pinned", "_known", "_names", "head", "on_close", "on_moved", "record",
+        "_cache",
+        "_changing",
+        "_copy",
+        "_dialect",
+        "_endpoints",
+        "_generation",
+        "_graphs",
+        "_head_graph",
+        "_is_open",
+        "_is_pinned",
+        "_names",
+        "head",
+        "on_close",
+        "on_moved",
+        "record",
     )  # fmt: skip
 
     def __init__(self, endpoints: Endpoints, dialect: Dialect, graphs: Graphs, head: Head) -> None:
@@ -77,7 +90,7 @@ class RemoteStore(GraphStore):
         self._names = graphs
         self._head_graph = HeadGraph(endpoints, dialect)
         self._is_open = True
-        self._known: dict[Subject, dict[Quad, None]] = {}
+        self._cache: dict[Subject, dict[Quad, None]] = {}
         self._graphs: dict[GraphName, None] | None = None
         self._changing: int | None = None
         self._is_pinned = False
@@ -149,7 +162,7 @@ class RemoteStore(GraphStore):
 
     def _forget_statements(self) -> None:
         self._generation += 1
-        self._known = {}
+        self._cache = {}
         self._copy = None
 
     def read_head(self) -> Head:
@@ -165,7 +178,7 @@ class RemoteStore(GraphStore):
 
     def prefetch(self, subjects: Iterable[Subject]) -> None:
         """Ask for all statements about some subjects, in one query for several hundred of them."""
-        missing = [s for s in dict.fromkeys(subjects) if s not in self._known]
+        missing = [s for s in dict.fromkeys(subjects) if s not in self._cache]
         for at in range(0, len(missing), _SUBJECTS):
             self._fetch(missing[at : at + _SUBJECTS])
 
@@ -186,16 +199,16 @@ class RemoteStore(GraphStore):
             if s is not None and g in self._named():
                 quads_of[s][Quad(s, p, self._dialect.exact_object(o, text), g)] = None
         if generation == self._generation and heads == [self.head]:  # no commit in between
-            if len(self._known) > _MAX_CACHED:
-                self._known = {}
-            self._known.update(quads_of)
+            if len(self._cache) > _MAX_CACHED:
+                self._cache = {}
+            self._cache.update(quads_of)
         return quads_of
 
     def _about(self, subject: Subject) -> Iterable[Quad]:
         """Return the statements about a subject, asking for them if they are not known."""
         if self._is_changing:
             self._pin()
-        cached = self._known.get(subject)
+        cached = self._cache.get(subject)
         return self._fetch([subject])[subject] if cached is None else cached
 
     # Reading

@@ -146,7 +146,7 @@ class GraphNode:
                 offered = self.node.get_service_names_and_types_by_node(name, namespace)
             except RuntimeError:  # it has just left
                 continue
-            if service in (found for found, _ in offered):
+            if service in (name for name, _ in offered):
                 owner = f"{namespace.rstrip('/')}/{name}"
                 raise UsageError(
                     f"service {service} is offered by another node, {owner}; end it, or start this "

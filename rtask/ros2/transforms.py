@@ -19,7 +19,7 @@ from rtask.interop.ros.convert import JsonObject, time_of
 __all__ = ["Transform", "TransformBuffer"]
 
 _WAIT_S = 0.5
-_KEPT_NS = 10 * 10**9
+_BUFFER_NS = 10 * 10**9
 _MAX_DEPTH = 100
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -75,7 +75,7 @@ class _Edge:
             return
         self.times.insert(place, stamp_ns)
         self.poses.insert(place, pose)
-        old = bisect.bisect_left(self.times, self.times[-1] - _KEPT_NS)
+        old = bisect.bisect_left(self.times, self.times[-1] - _BUFFER_NS)
         del self.times[:old], self.poses[:old]
 
     def at(self, stamp_ns: int) -> Transform | None:

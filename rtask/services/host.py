@@ -207,11 +207,11 @@ class ServiceHost:
             Either does not exist; the nearest name is named.
         """
         definition = self.registry.find(service)
-        method_found = definition.methods.get(method)
-        if method_found is None:
+        declared = definition.methods.get(method)
+        if declared is None:
             hint = nearest(method, list(definition.methods))
             raise UnknownTermError(f"{definition.exact} has no method {method!r}{hint}")
-        return definition, method_found
+        return definition, declared
 
     def connect(
         self,
@@ -261,7 +261,7 @@ class ServiceHost:
         if definition.executor == "outward":
             return "ready" if self.outward.count(definition.exact) else "waiting"
         states = {pool.state for pool in self._pools_of(definition)}
-        return next((one for one in ("failed", "ready") if one in states), "untried")
+        return next((state for state in ("failed", "ready") if state in states), "untried")
 
     def problem(self, definition: Definition) -> RtaskError | None:
         """Return why a service cannot be used: an extra is missing, or its last start failed."""

@@ -20,7 +20,7 @@ from rtask.services.task import Task
 __all__ = ["ENDED", "Job", "Jobs"]
 
 ENDED = frozenset(("succeeded", "failed", "cancelled", "timed_out"))
-KEPT_S = 3600.0
+RETENTION_S = 3600.0
 MAX_JOBS = 1000
 MAX_OWN_JOBS = 100
 MAX_ANSWER_BYTES = 256 * 2**20
@@ -188,6 +188,12 @@ class Jobs:
             )
         return job
 
+    def has(self, job_id: str, owner: str) -> bool:
+        """Whether there is such a job of a caller."""
+        with self._lock:
+            job = self._jobs.get(job_id)
+        return job is not None and job.owner == owner
+
     def forget(self, job: Job) -> None:
         """Forget a job that could not be started."""
         with self._lock:
@@ -214,7 +220,7 @@ class Jobs:
         held = sum(job.answer_bytes for job in ended)
         for number, job in enumerate(ended):
             since = job.task.ended_s or job.task.call.deadline
-            if number < surplus or held > MAX_ANSWER_BYTES or now - since > KEPT_S:
+            if number < surplus or held > MAX_ANSWER_BYTES or now - since > RETENTION_S:
                 held -= job.answer_bytes
                 del self._jobs[job.id]
 

@@ -51,11 +51,11 @@ class Ledger:
 
     def __init__(self, file: Path | None) -> None:
         self._file = file
-        self._known: dict[str, dict[str, str]] = {}
+        self._digests: dict[str, dict[str, str]] = {}
         if file is not None and file.exists():
             try:
                 stored = json.loads(file.read_text("utf-8"))
-                self._known = {exact: dict(digests) for exact, digests in stored.items()}
+                self._digests = {exact: dict(digests) for exact, digests in stored.items()}
             except (OSError, ValueError, TypeError, AttributeError) as error:
                 raise UsageError(
                     f"{file}, the list of versions that were served, cannot be read: {error}; "
@@ -72,7 +72,7 @@ class Ledger:
         """
         if self._file is None:
             return
-        noted = dict(self._known)
+        noted = dict(self._digests)
         for served in definitions:
             if served.version.startswith("0."):
                 continue
@@ -86,9 +86,9 @@ class Ledger:
                     "version (below 1.0.0 while it still changes), or remove its line from "
                     f"{self._file}"
                 )
-        if noted != self._known:
+        if noted != self._digests:
             _write(self._file, noted)
-            self._known = noted
+            self._digests = noted
 
 
 def _digest(text: str) -> str:

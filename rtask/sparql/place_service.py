@@ -141,7 +141,9 @@ class _Block:
             self._within = float(value.text)
         elif name == "at" and value.kind == "string":
             self._at = self._time(value)
-        elif value.kind == "variable" and any(name in one for one in RELATIONS.values()):
+        elif value.kind == "variable" and any(
+            name in properties for properties in RELATIONS.values()
+        ):
             self._outputs[name] = value
         else:
             raise self._refusal(tokens, f"rtf:{name} {value.text} cannot be asked; {_FORM}")

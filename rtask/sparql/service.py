@@ -25,7 +25,7 @@ from rtask.sparql.service_blocks import block_refusal, replace_blocks, string_va
 from rtask.sparql.templates import resolve
 from rtask.sparql.tokens import Token, line_and_column
 
-__all__ = ["TEXT_SERVICE", "with_found_texts", "without_services"]
+__all__ = ["TEXT_SERVICE", "with_text_matches", "without_services"]
 
 TEXT_SERVICE = "urn:rtask:text"
 MAX_HITS = 1_000
@@ -95,7 +95,7 @@ class _Block:
     given: dict[str, Token]
 
 
-def with_found_texts(text: str, search: Search) -> str:
+def with_text_matches(text: str, search: Search) -> str:
     """Return a query with each text service replaced by its hits.
 
     Parameters

@@ -7,7 +7,7 @@ it: a robot cannot write into the graph of another one, whose thing it moved.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -117,6 +117,8 @@ class WorldEdit:
             ]
             identity = identify(candidates, seen.sigma_m, seen.min_extent_m)
             exemplar, doubts = identity.exemplar, identity.doubts
+            if exemplar and not identity.is_followed:
+                doubts += self._mutual_doubts(exemplar, {name for name, _ in doubts})
         if not exemplar:
             exemplar = self.make_exemplar(seen.product)
         for other, chance in doubts:
@@ -167,9 +169,40 @@ class WorldEdit:
 
     def lose(self, exemplar: str, time_s: float) -> None:
         """State that a thing is no longer where it was, and nobody knows where."""
+        self.lose_all([exemplar], time_s)
+
+    def lose_all(self, exemplars: Sequence[str], time_s: float) -> None:
+        """State that several things are no longer where they were.
+
+        If one that is like a lost thing was seen elsewhere meanwhile, and no other like it is lost,
+        it was this one.
+        """
+        for exemplar in exemplars:
+            last = self.last(exemplar)
+            if last is None or time_s < last.begin:
+                continue
+            other = self._carried(last, exemplars) if last.is_current else None
+            self._close(exemplar, time_s if other is None else other.begin)
+            if other is not None:
+                same = NamedNode(other.subject), RT.mergedInto, NamedNode(exemplar)
+                self.statements.append(same)
+
+    def _carried(self, last: Placement, lost: Sequence[str]) -> Placement | None:
+        """Return the first placement of a thing that turns out to be a lost one, or None."""
+        for other in self._doubts_about(last.subject):
+            history = self.world.history(other)
+            doubts = [name for name, _ in self.world.doubts(other)]
+            if self.world.is_merged(other) or last.subject not in doubts or not history:
+                continue
+            rivals = [name for name in doubts if name != last.subject]
+            is_only = all(self._is_there_still(name) and name not in lost for name in rivals)
+            if is_only and last.confirmed < history[0].begin:
+                return history[0]
+        return None
+
+    def _is_there_still(self, exemplar: str) -> bool:
         last = self.last(exemplar)
-        if last is not None and time_s >= last.begin:
-            self._close(exemplar, time_s)
+        return last is not None and last.is_current
 
     def stand(
         self,
@@ -228,6 +261,11 @@ class WorldEdit:
         self._made.setdefault(product, []).append(exemplar)
         return exemplar
 
+    @property
+    def made(self) -> int:
+        """Number of things that this commit states for the first time."""
+        return sum(len(made) for made in self._made.values())
+
     def is_of(self, exemplar: str, product: str) -> bool:
         """Whether a thing is an exemplar of a product, stored or made in this commit."""
         return exemplar in self._made.get(product, ()) or bool(
@@ -265,9 +303,18 @@ class WorldEdit:
             spread,
             last.is_current,
             last.is_current and last.place in seen.hands,
-            there is not None or is_own,
+            there is not None or is_own or self._was_in_reach(last, seen),
             seen.time_s - last.confirmed,
         )
+
+    def _was_in_reach(self, last: Placement, seen: Seen) -> bool:
+        """Whether a thing that was in a hand or box last was in the frames of a robot before."""
+        if last.frame_from_subject is not None or self._is_made(last.subject):
+            return False
+        for placement in reversed(self.world.history(last.subject)):
+            if placement.frame_from_subject is not None:
+                return self.world.pose_in(placement, seen.frame, seen.time_s) is not None
+        return False
 
     def _is_there(self, last: Placement, seen: Seen) -> bool:
         there = self.world.pose_in(last, seen.frame, seen.time_s)
@@ -336,6 +383,17 @@ class WorldEdit:
             for quad in self.world.kb.match(None, RT.possiblyIdenticalTo, iri(exemplar))
             if isinstance(quad.subject, NamedNode)
         )
+
+    def _mutual_doubts(
+        self, exemplar: str, named: Collection[str]
+    ) -> tuple[tuple[str, float], ...]:
+        """Return the things that may be this one, which then may be any of them."""
+        chances = (
+            (other, dict(self.world.doubts(other)).get(exemplar))
+            for other in self._doubts_about(exemplar)
+            if other not in named and not self.world.is_merged(other)
+        )
+        return tuple((other, chance) for other, chance in chances if chance is not None)
 
     def _is_in_doubt(self, exemplar: str, other: str) -> bool:
         return bool(self.world.kb.match(iri(exemplar), RT.possiblyIdenticalTo, iri(other)))

@@ -140,12 +140,14 @@ class FrameTree:
         asked_s, measured_s
             Unix time at which the target is asked for, and at which the source was measured in.
         """
-        if target == source:
+        if target == source and self.instant(source, asked_s, measured_s) == asked_s:
             return Way(np.eye(4))
         there = self.rooted(source, asked_s, measured_s)
         here = self.rooted(target, asked_s)
         for up, frame in enumerate(there.path):
-            if frame in here.path:
+            # The frame of a robot that walked meanwhile is elsewhere than it was.
+            is_same = frame == there.root or self.instant(frame, asked_s, measured_s) == asked_s
+            if is_same and frame in here.path:
                 down = here.path.index(frame)
                 pose = np.linalg.inv(here.poses[down]) @ there.poses[up]
                 variance = there.variances_m2[up] + here.variances_m2[down]

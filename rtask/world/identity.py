@@ -66,10 +66,13 @@ class Identity:
         A known one; empty for a new one.
     doubts
         Other known things that it may be, with the chances, most likely first.
+    is_followed
+        Whether it is where it was, or was in the robot's hand, so that it can be no other.
     """
 
     exemplar: str
     doubts: tuple[tuple[str, float], ...] = ()
+    is_followed: bool = False
 
 
 def identify(
@@ -89,8 +92,8 @@ def identify(
     >>> there = Candidate("urn:a", 0.004, Spread(0.005, 1.0, 0.35), is_current=True)
     >>> identify([there], 0.005).exemplar
     'urn:a'
-    >>> identify([Candidate("urn:a", 0.4, there.spread, is_current=True)], 0.005)
-    Identity(exemplar='', doubts=())
+    >>> identify([Candidate("urn:a", 0.4, there.spread, is_current=True)], 0.005).exemplar
+    ''
     """
     reach = Spread(sigma_m, 1.0, 0.0).radius(_CHANCE)
     here = [
@@ -101,10 +104,10 @@ def identify(
         and candidate.distance_m <= max(candidate.spread.radius(_CHANCE) + reach, min_extent_m)
     ]
     if here:
-        return Identity(min(here)[1])
+        return Identity(min(here)[1], is_followed=True)
     held = sorted(candidate.exemplar for candidate in candidates if candidate.in_own_hand)
     if held:
-        return Identity(held[0], _shares(held[1:], len(held)))
+        return Identity(held[0], _shares(held[1:], len(held)), is_followed=len(held) == 1)
     lost = sorted(
         (c for c in candidates if not c.is_current and c.is_reachable),
         key=lambda c: (c.distance_m is None, c.distance_m or 0.0, c.age_s, c.exemplar),

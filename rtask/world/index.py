@@ -60,6 +60,7 @@ class PlacementIndex:
         self._kb = kb
         self._lock = threading.RLock()
         self._is_filled = False
+        self._bulk_loads = 0
         self._touched: set[str] = set()
         self._clear()
         self._stop = kb.on_commit(self._on_commit)
@@ -225,9 +226,13 @@ class PlacementIndex:
                     self._touched.add(quad.subject.value)
 
     def _catch_up(self) -> None:
-        """Bring the index up to the graph: what was touched, or all of it at first."""
-        if not self._is_filled:
+        """Bring the index up to the graph: what was touched, or all of it at first.
+
+        What was loaded in bulk is in no commit, so everything is read again then.
+        """
+        if not self._is_filled or self._bulk_loads != self._kb.bulk_loads:
             self._is_filled = True
+            self._bulk_loads = self._kb.bulk_loads
             self._fill()
         touched, self._touched = self._touched, set()
         for node in touched:

@@ -113,7 +113,7 @@ class Spots:
     def _of_thing(self, thing: str, placement: Placement, depth: int) -> Spot | None:
         still = self.world.spread(placement, self.time_s).still_there * placement.confidence
         if placement.frame_from_subject is not None:
-            measured_s = min(placement.confirmed, self.time_s)
+            measured_s = min(placement.begin, self.time_s)
             pose, sigma = placement.frame_from_subject, placement.sigma_m
             return self._in_frame(thing, placement.frame, pose, measured_s, sigma, still)
         around = self.of(placement.place, depth + 1) if depth < _MAX_NESTING else None

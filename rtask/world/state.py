@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -127,8 +128,7 @@ class WorldState:
 
     def way_to(self, placement: Placement, frame: str, time_s: float) -> Way:
         """Return the pose of a frame's measurements in another frame, for a placement at a time."""
-        measured_s = placement.confirmed if placement.end is None else placement.begin
-        return self.frames.way(frame, placement.frame, time_s, min(measured_s, time_s))
+        return self.frames.way(frame, placement.frame, time_s, min(placement.begin, time_s))
 
     def pose_in(
         self, placement: Placement, frame: str, time_s: float
@@ -150,7 +150,24 @@ class WorldState:
         if placement.frame and not self.frames.is_of_robot(placement.frame):
             # A table that was pushed may have shaken off what stood on it.
             events += len(self.index.begins(placement.frame, placement.confirmed, time_s))
-        return spread_of(placement, time_s, events)
+        spread = spread_of(placement, time_s, events)
+        if placement.end is None or not placement.confirmed < time_s < placement.end:
+            return spread
+        return self._in_hindsight(placement, time_s, spread)
+
+    def _in_hindsight(self, placement: Placement, time_s: float, spread: Spread) -> Spread:
+        """Return the spread between when a thing was last seen at a place and when it was gone.
+
+        Whoever took it away knows when that was. Else it left at any time in between.
+        """
+        assert placement.end is not None
+        after = self.last_placement(placement.subject, placement.end)
+        if after is not None and after.begin == placement.end and after.relation != "at":
+            return replace(spread, still_there=1.0)
+        if placement.relation == "held_by" and after is not None and after.iri != placement.iri:
+            return replace(spread, still_there=1.0)
+        gap_s = placement.end - placement.confirmed
+        return replace(spread, still_there=1.0 - (time_s - placement.confirmed) / gap_s)
 
     def close(self) -> None:
         """Stop following the graph."""

@@ -64,13 +64,13 @@ def robot_cell(
 def _familiarity(met: Mapping[str, Any]) -> str:
     if not met["recognised"]:
         return "new to it"
-    return f"recognised as {met['label'] or 'a known object'} ({met['confidence']:.0%} sure)"
+    return f"recognised as {met['label'] or 'an object'} ({met['confidence']:.0%} sure)"
 
 
 def _attempt(
     folder: Path, robot: str, number: int, attempt: Mapping[str, Any], is_shared: bool
 ) -> str:
-    kept = attempt["held"] and attempt["place_reason"] != "slip_transport"
+    succeeded = attempt["held"] and attempt["place_reason"] != "slip_transport"
     done = "held and placed" if attempt["placed"] else "held" if attempt["held"] else "not held"
     why = attempt["place_reason"] if attempt["held"] else attempt["reason"]
     if attempt["held"] and why == "not_judged":
@@ -81,8 +81,8 @@ def _attempt(
     hand = f' data-hand="{hand_data(attempt["hand"])}"' if attempt.get("hand") else ""
     belief = float(attempt.get("mean", 0.0))
     parts = [
-        f'<p><b class="{"good" if kept else "bad"}">{number}. {escape(done)}</b></p>',
-        _pictures(folder, robot, attempt, kept),
+        f'<p><b class="{"good" if succeeded else "bad"}">{number}. {escape(done)}</b></p>',
+        _pictures(folder, robot, attempt, succeeded),
         f"<p>{escape(grasp)}, believed {belief:.0%} likely to hold</p>",
         _advice(str(attempt.get("alone", "")), is_shared),
     ]
@@ -98,20 +98,20 @@ def _advice(text: str, is_shared: bool) -> str:
     """Return what the robot's graph told of the grasp, and where geometry would have led."""
     if not text:
         return ""
-    told, _, otherwise = text.partition(_BESIDE)
-    line = f"<p>{'The' if is_shared else 'Its own'} {escape(told)}."
+    evidence, _, otherwise = text.partition(_BESIDE)
+    line = f"<p>{'The' if is_shared else 'Its own'} {escape(evidence)}."
     if otherwise:
         line += f" Geometry alone would have chosen: {escape(otherwise)}."
     return f"{line}</p>"
 
 
-def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any], kept: bool) -> str:
+def _pictures(folder: Path, robot: str, attempt: Mapping[str, Any], succeeded: bool) -> str:
     """Return the picture of the moment of success or failure, and the others folded away."""
     paths = sorted((folder / robot).glob(f"{attempt['run']:02d}-*-*.*"))
     if not paths:
         return ""
     phases = [path.stem.split("-")[-1] for path in paths]
-    moment = phases.index("held") if kept and "held" in phases else len(paths) - 1
+    moment = phases.index("held") if succeeded and "held" in phases else len(paths) - 1
     shots = [_shot(robot, path, phase) for path, phase in zip(paths, phases, strict=True)]
     others = "".join(
         shot.replace("<img ", '<img loading="lazy" ', 1)

@@ -21,7 +21,7 @@ __all__ = [
     "fleet_figures",
     "fleet_rows",
     "objects_tried",
-    "products_known",
+    "recognised_products",
     "score_identities",
     "sharing_gain",
     "write_fleet_report",
@@ -35,7 +35,7 @@ COLUMNS = (
 Met = Mapping[str, Any]
 
 
-def products_known(robots: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def recognised_products(robots: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the product that each object of the graph stands for, by the object's IRI.
 
     It is the one from which the object was first created. An object that was reported through the
@@ -51,7 +51,7 @@ def products_known(robots: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
     """Return for each robot how many objects it recognised correctly and falsely."""
-    products = products_known(done["robots"])
+    products = recognised_products(done["robots"])
     counts = {}
     for robot in done["robots"]:
         recognised = [met for met in _encounters(robot) if met["recognised"]]

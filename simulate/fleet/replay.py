@@ -31,7 +31,7 @@ from rtask.errors import UsageError
 from simulate.study.intervals import bootstrap
 from simulate.world.seeds import stream
 
-__all__ = ["COLUMNS", "CONDITIONS", "Luck", "Player", "Told", "replay", "replay_rows"]
+__all__ = ["COLUMNS", "CONDITIONS", "Luck", "Player", "ReportedGrasp", "replay", "replay_rows"]
 
 CONDITIONS = ("shared", "look-alikes", "another family", "random grasps")
 COLUMNS = (
@@ -44,7 +44,7 @@ _NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportedGrasp:
     """An attempt that a robot reported: the number of the grasp, and whether it held.
 
     Parameters
@@ -145,9 +145,9 @@ class Luck:
 
 
 def _memory(
-    condition: str, i: int, products: Sequence[Mapping[str, Any]], first: Sequence[Told],
+    condition: str, i: int, products: Sequence[Mapping[str, Any]], first: Sequence[ReportedGrasp],
     player: Player, luck: Luck, rng: np.random.Generator,
-) -> tuple[Sequence[Told], Mapping[str, Any]] | None:  # fmt: skip
+) -> tuple[Sequence[ReportedGrasp], Mapping[str, Any]] | None:  # fmt: skip
     """Return attempts to remember for a product, and the product on which they were made.
 
     None if no product is of the kind that the condition asks for.
@@ -156,7 +156,7 @@ def _memory(
         return first, products[i]
     if condition == "random grasps":
         places = rng.permutation(len(products[i]["arms"]))
-        moved = [Told(int(k), other.held) for k, other in zip(places, first, strict=False)]
+        moved = [ReportedGrasp(int(k), other.held) for k, other in zip(places, first, strict=False)]
         return moved, products[i]
     alike = condition == "look-alikes"
     kind = products[i]["kind"]
@@ -173,14 +173,14 @@ class Player:
     def __init__(self, policy: Policy, hand: ParallelGripper, cap: int) -> None:
         self.policy, self.hand, self.cap = policy, hand, cap
 
-    def count(self, done: Sequence[Told]) -> int:
+    def count(self, done: Sequence[ReportedGrasp]) -> int:
         """Return the attempts to success, the cap and one more if none held."""
         return len(done) if done and done[-1].held else self.cap + 1
 
     def play(
-        self, thing: Mapping[str, Any], luck: Luck, reports: Sequence[Told] = (),
+        self, product: Mapping[str, Any], luck: Luck, reports: Sequence[ReportedGrasp] = (),
         source: Mapping[str, Any] | None = None,
-    ) -> list[Told]:  # fmt: skip
+    ) -> list[ReportedGrasp]:  # fmt: skip
         """Return the attempts of a robot at a product.
 
         Parameters
@@ -190,27 +190,27 @@ class Player:
         source
             Product on which they were made; None = this one.
         """
-        source = source or thing
-        arms = self._arms(thing, reports, source, luck.turned)
-        learner = BetaThompson(self.policy.bandit, max(thing["size"]))
+        source = source or product
+        arms = self._arms(product, reports, source, luck.turned)
+        learner = BetaThompson(self.policy.bandit, max(product["size"]))
         sign = -1.0 if luck.turned else 1.0
         reported = [
             (sign * source["arms"][attempt.arm]["x"], attempt.held, attempt.weight)
             for attempt in reports
         ]
-        done: list[Told] = []
+        done: list[ReportedGrasp] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
             tries = [
                 Trial(arms[attempt.arm].position, arms[attempt.arm].theta, attempt.held)
                 for attempt in done
             ]
             seen = [*reported, *((trial.position[0], trial.success, 1.0) for trial in tries)]
-            order = learner.rank(self._with_causes(arms, seen, thing["size"][0]), tries, seed)
+            order = learner.rank(self._with_causes(arms, seen, product["size"][0]), tries, seed)
             if not order:
                 break
             chosen = order[0].index
-            tried = thing["arms"][chosen]["held"]
-            done.append(Told(chosen, bool(tried[int(outcome * len(tried))])))
+            tried = product["arms"][chosen]["held"]
+            done.append(ReportedGrasp(chosen, bool(tried[int(outcome * len(tried))])))
             if done[-1].held:
                 break
         return done
@@ -228,12 +228,12 @@ class Player:
         return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(
-        self, thing: Mapping[str, Any], reports: Sequence[Told], source: Mapping[str, Any],
-        turned: bool,
+        self, product: Mapping[str, Any], reports: Sequence[ReportedGrasp],
+        source: Mapping[str, Any], turned: bool,
     ) -> list[Arm]:  # fmt: skip
-        at = np.array([[a["x"], a["y"], a["z"]] for a in thing["arms"]])
-        thetas = np.array([a["theta"] for a in thing["arms"]])
-        length, width, height = (float(s) for s in thing["size"])
+        at = np.array([[a["x"], a["y"], a["z"]] for a in product["arms"]])
+        thetas = np.array([a["theta"] for a in product["arms"]])
+        length, width, height = (float(s) for s in product["size"])
         size = (length, width, height)
         weights = Weights(self.policy, {"it": 1.0}, self.hand, size, _NOW)
         tried = sorted({report.arm for report in reports})
@@ -244,11 +244,11 @@ class Player:
                 (a["x"], a["y"], a["z"]), a["theta"], a["quality"],
                 float(evidence.successes[i]), float(evidence.failures[i]),
             )
-            for i, a in enumerate(thing["arms"])
+            for i, a in enumerate(product["arms"])
         ]  # fmt: skip
 
     def _remembered(
-        self, number: int, reports: Sequence[Told], source: Mapping[str, Any], turned: bool
+        self, number: int, reports: Sequence[ReportedGrasp], source: Mapping[str, Any], turned: bool
     ) -> Remembered:
         arm = source["arms"][number]
         sign = -1.0 if turned else 1.0  # half a turn leaves the closing direction as it is

@@ -24,7 +24,7 @@ from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
 from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
-from simulate.fleet.figures import objects_tried, products_known, score_identities
+from simulate.fleet.figures import objects_tried, recognised_products, score_identities
 from simulate.fleet.headroom import headroom_won
 from simulate.fleet.member import Member
 from simulate.robots import describe
@@ -224,7 +224,7 @@ def _memory_first(
     met: list[Mapping[str, Any]] = []
     for result in results:
         robots = result[condition][:robot]
-        products = products_known(robots if condition == "shared" else robots[-1:])
+        products = recognised_products(robots if condition == "shared" else robots[-1:])
         met += [
             encounter
             for encounter in objects_tried(robots[-1])

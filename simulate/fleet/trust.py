@@ -21,7 +21,7 @@ from grasp.spatial.gripper_files import gripper_named
 from rtask.engine.honesty import Reports, judge_honesty
 from rtask.engine.policy import Policy
 from rtask.errors import UsageError
-from simulate.fleet.replay import Luck, Player, Told
+from simulate.fleet.replay import Luck, Player, ReportedGrasp
 from simulate.study.intervals import bootstrap
 from simulate.world.seeds import stream
 
@@ -47,7 +47,7 @@ _CONDITIONS = {
 class _Fleet:
     """Reports and findings of one fleet under one condition."""
 
-    told: dict[int, list[tuple[int, Told]]] = field(default_factory=dict)
+    told: dict[int, list[tuple[int, ReportedGrasp]]] = field(default_factory=dict)
     count: dict[int, int] = field(default_factory=dict)
     named: dict[int, int] = field(default_factory=dict)
     """robots whose reports are left out now, and how many they had made when they were named"""
@@ -146,7 +146,7 @@ def _play(
         done = player.play(products[i], luck, reports if luck.recognised else ())
         lies = not condition.startswith("truthful") and robot < liars
         for attempt, held in zip(done, claims.tolist(), strict=False):
-            report = Told(attempt.arm, _lie(lie, attempt.held, held)) if lies else attempt
+            report = ReportedGrasp(attempt.arm, _lie(lie, attempt.held, held)) if lies else attempt
             fleet.told.setdefault(i, []).append((robot, report))
         fleet.count[robot] = fleet.count.get(robot, 0) + len(done)
         if robot >= liars and done:
@@ -157,7 +157,9 @@ def _play(
     return fleet
 
 
-def _heard(fleet: _Fleet, asking: int, reports: Sequence[tuple[int, Told]]) -> Iterator[Told]:
+def _heard(
+    fleet: _Fleet, asking: int, reports: Sequence[tuple[int, ReportedGrasp]]
+) -> Iterator[ReportedGrasp]:
     """Yield what a robot takes from the reports on a product; its own word counts in full."""
     for who, report in reports:
         weight = fleet.doubts.get(who, 1.0) if who != asking else 1.0

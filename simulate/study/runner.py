@@ -46,7 +46,7 @@ class Progress:
         self._stream = stream or sys.stderr
         self._terminal = self._stream.isatty()
         self._total, self._before, self._done = total, done, done
-        self._started = self._said = time.monotonic()
+        self._started = self._printed_s = time.monotonic()
         if done:
             self._say(f"{done} of {total} trials are done already")
 
@@ -54,9 +54,9 @@ class Progress:
         """Count one more trial, with ``words`` about it."""
         self._done += 1
         now = time.monotonic()
-        if not self._terminal and now - self._said < 10 and self._done < self._total:
+        if not self._terminal and now - self._printed_s < 10 and self._done < self._total:
             return
-        self._said = now
+        self._printed_s = now
         each = (now - self._started) / (self._done - self._before)
         left = each * (self._total - self._done)
         self._say(

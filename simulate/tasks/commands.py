@@ -71,14 +71,14 @@ def tasks(
         ended = Crew(planner, robots, tell, agent).work()
     if as_json:
         goals = [
-            {"goal": one.goal, "result": one.result, "repairs": one.repairs, "comment": one.comment}
-            for one in ended
+            {"goal": run.goal, "result": run.result, "repairs": run.repairs, "comment": run.comment}
+            for run in ended
         ]
         click.echo(json.dumps({"goals": goals, "turns": turns}))
     else:
-        for one in ended:
-            why = f": {one.comment}" if one.comment else ""
-            again = f", planned again {one.repairs} times" if one.repairs else ""
-            click.echo(f"{one.goal}: {one.result.replace('_', ' ')}{again}{why}")
-    if any(one.result == "given_up" for one in ended):
+        for run in ended:
+            why = f": {run.comment}" if run.comment else ""
+            again = f", planned again {run.repairs} times" if run.repairs else ""
+            click.echo(f"{run.goal}: {run.result.replace('_', ' ')}{again}{why}")
+    if any(run.result == "given_up" for run in ended):
         raise SystemExit(1)

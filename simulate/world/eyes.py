@@ -50,9 +50,9 @@ class Eyes:
         self._robot = robot
         self._noise = noise
         self._rng = np.random.default_rng(np.random.SeedSequence(noise_seed))
-        self._kept: dict[tuple[str, str | None], _View] = {}
-        self._kept_points: dict[tuple[str, str | None], Floats] = {}
-        self._kept_at = (float("nan"), 0)
+        self._views: dict[tuple[str, str | None], _View] = {}
+        self._clouds: dict[tuple[str, str | None], Floats] = {}
+        self._moment = (float("nan"), 0)
 
     def look(self, side: str, camera: str | None = None) -> tuple[Frame, Floats]:
         """Turn the head towards a side and take a frame.
@@ -71,13 +71,13 @@ class Eyes:
         (4, 4) float
             ``base_from_camera``, optical frame.
         """
-        if self._robot.world.moment != self._kept_at:
-            self._kept.clear()
-            self._kept_points.clear()
-            self._kept_at = self._robot.world.moment
-        if (side, camera) not in self._kept:
-            self._kept[side, camera] = self._capture(side, camera)
-        frame, base_from_camera, self.labels = self._kept[side, camera]
+        if self._robot.world.moment != self._moment:
+            self._views.clear()
+            self._clouds.clear()
+            self._moment = self._robot.world.moment
+        if (side, camera) not in self._views:
+            self._views[side, camera] = self._capture(side, camera)
+        frame, base_from_camera, self.labels = self._views[side, camera]
         return frame, base_from_camera
 
     def _capture(self, side: str, camera: str | None) -> _View:
@@ -103,10 +103,10 @@ class Eyes:
 
     def _points(self, side: str, camera: str | None) -> Floats:
         frame, base_from_camera = self.look(side, camera)
-        if (side, camera) not in self._kept_points:
+        if (side, camera) not in self._clouds:
             cloud = frame.points().reshape(-1, 3).astype(np.float64)
             seen = np.isfinite(cloud).all(axis=1) & (cloud[:, 2] > 0)
             points = np.asarray(transform(base_from_camera, cloud[seen]), dtype=np.float64)
             points.setflags(write=False)  # several looks share them
-            self._kept_points[side, camera] = points
-        return self._kept_points[side, camera]
+            self._clouds[side, camera] = points
+        return self._clouds[side, camera]

@@ -68,6 +68,11 @@ AUDITS = {
       .flatMap((name) => [...document.querySelectorAll(`[${name}]`)].flatMap((e) =>
         e.getAttribute(name).split(" ").filter((id) => !document.getElementById(id))
           .map((id) => `${name}=${id}`)))""",
+    "empty head of a column": """() => [...document.querySelectorAll("th")]
+      .filter((e) => !e.textContent.trim()).map((e) => e.parentElement.textContent.trim())""",
+    "code that keys cannot scroll": """() => [...document.querySelectorAll("pre")]
+      .filter((e) => e.scrollWidth > e.clientWidth && e.tabIndex < 0)
+      .map((e) => e.textContent.slice(0, 40))""",
     "table without heads": """() => [...document.querySelectorAll("table")]
       .filter((e) => e.checkVisibility() && !e.querySelector("th"))
       .map((e) => e.textContent.trim().slice(0, 60))""",

@@ -50,7 +50,7 @@ _PROOF = "/explain?s={object}&p=rdf:type&o="
 _SHOWN = {
     "page-editor": (_EDITED, {**LAPTOP, "height": 640}, "light"),
     "page-editor-phone": (_EDITED, PHONE, "dark"),
-    "page-proof-holds": (f"{_PROOF}rt:ManipulableObject", {**LAPTOP, "height": 520}, "light"),
+    "page-proof-holds": (f"{_PROOF}sumo:Physical", {**LAPTOP, "height": 520}, "light"),
     "page-proof-fails": (f"{_PROOF}rt:GraspAttempt", {**LAPTOP, "height": 520}, "light"),
     "page-proof-undecided": (
         f"{_PROOF}sumo:Physical&budget=1",

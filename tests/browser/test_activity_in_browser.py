@@ -88,13 +88,18 @@ def test_a_robot_comes_sees_reports_and_leaves_on_an_open_page(
             )
             nao.call(
                 "report_outcome", object="urn:lab/object/1", grasp="urn:lab/grasp/1",
-                outcome={"success": False, "reason": "slip_lift"},
+                outcome={"success": False, "reason": "slip_lift", "comment": "opening 1 -> 0"},
             )  # fmt: skip
             said = "did not hold blue mug: it slipped out while being lifted"
             lane.get_by_text(said).wait_for()
             assert page.locator("[data-events] li").first.inner_text() != ""
             row = page.locator("[data-events] li[data-kind=outcome]").first
             assert row.get_by_role("link", name=said).get_attribute("href") is not None
+            measured = row.get_by_text("opening 1 -> 0")
+            assert not measured.is_visible()
+            row.get_by_text("what it measured").click()
+            measured.wait_for()
+            assert page.locator("[data-events] li[data-kind=wrote]:visible").count() == 0
             assert fits(page)
             keep_picture(page, f"activity-{look}")
         lane.get_by_text("left", exact=True).wait_for()
@@ -140,6 +145,7 @@ def test_an_open_page_catches_up_with_a_restarted_server(
         with open_page(browser, first.url, expected=lost) as page:
             page.goto(f"{first.url}/activity")
             page.get_by_text("live", exact=True).wait_for()
+            page.get_by_label("What").select_option("all")
             first.stop()
             page.get_by_text("not live since").wait_for()
             with rtask.open(folder) as kb:  # while nobody serves it

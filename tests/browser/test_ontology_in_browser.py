@@ -156,6 +156,10 @@ def test_a_withdrawn_leaf_removes_the_conclusion_on_another_open_page(
         leaf.get_by_role("button", name="Withdraw this").click()
         page.get_by_text("It does not hold").wait_for()
         watching.get_by_text("It does not hold").wait_for()
+    again = f"{PREFIXES} INSERT DATA {{ <urn:lab/cup> rt:hasFunction rt:containLiquid }}"
+    httpx.post(
+        f"{server.url}/update", data={"update": again}, headers=bearer(token)
+    ).raise_for_status()
     assert httpx.get(f"{server.url}/terms.json").json()["terms"]
 
 

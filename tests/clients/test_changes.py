@@ -164,10 +164,10 @@ def test_a_stopping_server_says_goodbye(tmp_path: Path) -> None:
     with running_server(None) as server, Events(changes(server)) as events:
         events.next()
         with connect(f"{server.websocket}changes") as follower:
-            follower.recv(timeout=10)
+            follower.recv(timeout=60)
             assert server.stop() == 0
             with pytest.raises(ConnectionClosed) as closed:
-                follower.recv(timeout=10)
+                follower.recv(timeout=60)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1012
         bye = events.next()

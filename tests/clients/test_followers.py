@@ -128,6 +128,21 @@ def test_a_follower_answers_reads_passes_writes_on_and_shows_ones_own(
         form = {"Content-Type": "application/x-www-form-urlencoded", "Content-Encoding": "gzip"}
         packed = httpx.post(follower.url + "/update", content=body, headers={**form, **robot})
         assert packed.status_code in (200, 204), packed.text
+        call = f"{writer.url}/services/rtask/Engine/recall_grasps"
+        made = httpx.post(
+            call, json={"object": "none"}, headers={"Prefer": "respond-async", **robot}
+        )
+        assert made.status_code == 202, made.text
+        place = made.headers["Location"]
+        near = httpx.get(follower.url + place, params={"wait": "30"}, headers=robot)
+        assert (near.status_code, near.json()["id"]) == (200, made.json()["id"]), near.text
+        events = {"Accept": "text/event-stream", **robot}
+        assert httpx.get(follower.url + place, headers=events).headers["Location"] == (
+            writer.url + place
+        )
+        ended = httpx.delete(follower.url + place, headers=robot)
+        assert (ended.status_code, ended.json()["id"]) == (200, made.json()["id"]), ended.text
+        assert httpx.get(follower.url + "/jobs/none", headers=robot).status_code == 404
         writer_epoch, _, seq = done.headers["RTASK-Version"].partition(":")
         future = {"RTASK-Min-Version": f"{writer_epoch}:{int(seq) + 1000}", **robot}
         behind = httpx.get(follower.url + "/sparql", params={"query": "ASK {}"}, headers=future)

@@ -148,6 +148,9 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
     pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     for more in ({"frame": "map"}, {"frame": "table", "parent": "map", "pose": pose}):
         call("state_frame", more)
+    seen = [{"object": "urn:lab/object/1", "pose": pose}]
+    (seen_thing,) = call("report_sightings", {"frame": "table", "seen": seen}).to_dict()["things"]
+    assert call("trace_thing", {"name": seen_thing}).to_dict()["places"]
     assert call("locate_frame", {"frame": "table", "target": "map"}).to_dict()["known"]
     call("end_step", {"robot": "urn:lab/robot/panda-1", "task": step["task"], "result": "done"})
     assert [one["state"] for one in call("list_plans", {}).to_dict()["plans"]] == ["running"]

@@ -107,7 +107,7 @@ def test_a_hostile_update_ends_while_others_are_served(server: RunningServer, se
     attacker.start()
     served = 0
     deadline = time.monotonic() + PATIENCE_S
-    with httpx.Client(base_url=server.url, timeout=10) as client:
+    with httpx.Client(base_url=server.url, timeout=PATIENCE_S) as client:
         while attacker.is_alive() and time.monotonic() < deadline:
             assert client.get("/health/live").status_code == 200
             insert = f"INSERT DATA {{ <urn:robot> <urn:saw> {seed * 10_000 + served} }}"
@@ -142,6 +142,6 @@ def test_sigterm_ends_a_server_that_evaluates_a_hostile_update(
         attacker.start()
         time.sleep(0.5)
         running.process.terminate()
-        running.process.wait(timeout=20)
-        attacker.join(timeout=10)
+        running.process.wait(timeout=60)
+        attacker.join(timeout=60)
         assert ended

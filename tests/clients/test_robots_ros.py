@@ -37,7 +37,7 @@ def pair(server: RunningServer) -> Iterator[tuple[roslibpy.Ros, roslibpy.Ros]]:
     robots = []
     for _ in range(2):
         robot = roslibpy.Ros(host="127.0.0.1", port=server.port)
-        robot.run(timeout=10)
+        robot.run(timeout=60)
         robots.append(robot)
     yield robots[0], robots[1]
     for robot in robots:
@@ -65,9 +65,9 @@ def test_roslibpy_calls_a_service_that_another_robot_provides(
     service.advertise(add)
     until(lambda: "/add_two_ints_py" in caller.get_services())
     ask = roslibpy.Service(caller, "/add_two_ints_py", "demo/AddTwoInts")
-    assert ask.call(roslibpy.ServiceRequest({"a": 2, "b": 40}), timeout=10)["sum"] == 42
+    assert ask.call(roslibpy.ServiceRequest({"a": 2, "b": 40}), timeout=60)["sum"] == 42
     with pytest.raises(roslibpy.core.ServiceException):
-        ask.call(roslibpy.ServiceRequest({"a": 0, "b": 1}), timeout=10)
+        ask.call(roslibpy.ServiceRequest({"a": 0, "b": 1}), timeout=60)
     service.unadvertise()
     until(lambda: "/add_two_ints_py" not in caller.get_services())
 
@@ -79,7 +79,7 @@ def test_roslibpy_sends_a_goal_to_another_robot(
     with connect(server.websocket) as robot:
         robot.send(json.dumps({"op": "advertise_action", "action": "/walk", "type": "nao/Walk"}))
         robot.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
-        robot.recv(timeout=10)
+        robot.recv(timeout=60)
         walk = roslibpy.ActionClient(caller, "/walk", "nao/Walk")
         done, feedback = threading.Event(), []
         results: list[Any] = []
@@ -90,7 +90,7 @@ def test_roslibpy_sends_a_goal_to_another_robot(
             lambda error: (results.append(error), done.set()),
         )
         assert id_
-        goal = json.loads(robot.recv(timeout=10))
+        goal = json.loads(robot.recv(timeout=60))
         about = {"id": goal["id"], "action": "/walk"}
         robot.send(json.dumps({"op": "action_feedback", **about, "values": {"walked": 0.5}}))
         robot.send(

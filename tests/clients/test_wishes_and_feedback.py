@@ -71,7 +71,7 @@ def test_a_wish_is_met_over_http_the_client_and_rosbridge(
     with rtask.connect(strict.url, timeout_s=120) as robot:
         near = robot.resolve_request(**request)
     ros = roslibpy.Ros(host="127.0.0.1", port=strict.port)
-    ros.run(timeout=10)
+    ros.run(timeout=60)
     service = roslibpy.Service(ros, "/rtask/resolve_request", "rtask/ResolveRequest")
     over_ros = service.call(roslibpy.ServiceRequest(request), timeout=120)
     unmet = service.call(roslibpy.ServiceRequest({**request, "wanted": "a pen"}), timeout=120)

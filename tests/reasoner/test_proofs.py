@@ -52,6 +52,11 @@ def test_what_does_not_hold_is_refuted_by_what_it_lacks():
     assert "would have to be asserted" in closure.explain(triple(":h a :Mug")).render()
     unknown = closure.explain(triple(":nobody a :Mug"))
     assert (unknown.holds, bool(unknown), unknown.unknown) == (False, False, ("nobody",))
+    gone = triple(":nobody a :Nothing")
+    closure.stage(add=[gone]).apply()
+    assert closure.explain(triple(":nobody a :Mug")).unknown == ()
+    closure.stage(remove=[gone]).apply()
+    assert closure.explain(triple(":nobody a :Mug")) == unknown
     near = closure.explain(triple(":h a :Thing"))
     assert [need.missing for need in near.needs] == [("h a Vessel",)]
     handled = Closure.build(triples(KITCHEN), triples(":cup a :Mug .")).explain(

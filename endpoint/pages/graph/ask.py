@@ -11,10 +11,13 @@ from endpoint.pages.render import Model, context, knowledge_base, page
 from endpoint.routes.addresses import ASK
 from endpoint.sparql.questions import select_within
 from rtask.asking.questions import Answer, answer
-from rtask.errors import UsageError
+from rtask.errors import BusyError, GoneError, TooLargeError, UnsupportedError, UsageError
 from rtask.rdf.terms import NamedNode, Term, python_value
 
 __all__ = ["ask"]
+
+_REFUSALS = (UsageError, UnsupportedError, GoneError, TooLargeError, BusyError)
+"""Why a question is not answered; the last four where it asks about earlier states."""
 
 
 @page(ASK, "ask.html")
@@ -26,7 +29,7 @@ def ask() -> Model:
         select = select_within(knowledge_base(), context().config.timeout_s)
         try:
             answered = answer(knowledge_base(), text, select=select)
-        except UsageError as error:  # such as too long a text
+        except _REFUSALS as error:  # such as too long a text
             return {**model, "problem": str(error), "questions": []}
         model["answer"] = _shown(answered)
     questions = [] if text else [sample["question"] for sample in samples()]

@@ -23,7 +23,7 @@ __all__ = [
     "agreement_of",
     "agrees_between",
     "contradicted",
-    "is_one_print",
+    "is_same_print",
 ]
 
 Mask = NDArray[np.bool_]
@@ -129,12 +129,12 @@ def contradicted(believed: Mask, pairs: Sequence[Agreement]) -> tuple[int, int]:
     return int((compared & (2 * against > shown)).sum()), int(compared.sum())
 
 
-def is_one_print(views: Iterable[tuple[int, int]]) -> bool:
+def is_same_print(views: Iterable[tuple[int, int]]) -> bool:
     """Tell whether two objects carry one print, by what :func:`contradicted` says of their views.
 
     Examples
     --------
-    >>> is_one_print([(6, 200), (20, 150)]), is_one_print([(6, 900), (60, 200)])
+    >>> is_same_print([(6, 200), (20, 150)]), is_same_print([(6, 900), (60, 200)])
     (True, False)
     """
     counts = [(against, of) for against, of in views if of]

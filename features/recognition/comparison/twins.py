@@ -15,7 +15,7 @@ from features.recognition.comparison.same_print import (
     agreement_of,
     agrees_between,
     contradicted,
-    is_one_print,
+    is_same_print,
 )
 from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.index.snapshot import Snapshot
@@ -62,7 +62,7 @@ class Twins:
         return [
             int(snapshot.object_of_view[other])
             for other in self._same(snapshot, view)
-            if is_one_print(
+            if is_same_print(
                 [self._contradicted(snapshot, view, self._with_siblings(snapshot, other))]
             )
         ]
@@ -75,7 +75,7 @@ class Twins:
         return [
             int(snapshot.object_of_view[other])
             for other in self._same(snapshot, view)
-            if is_one_print(
+            if is_same_print(
                 self._contradicted(snapshot, here, self._with_siblings(snapshot, other))
                 for here in self._with_siblings(snapshot, view)
             )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import ontology
@@ -38,6 +41,24 @@ _OF_RDFS = {
 }  # fmt: skip
 # These are open: applications use terms of them that no loaded ontology repeats.
 _OPEN = tuple(ontology.PREFIXES[name] for name in ("rdf", "rdfs", "owl", "xsd", "sh", "unit"))
+
+
+_DECLARED = re.compile(r"^rt:([\w-]+) a ", re.M)
+
+
+@lru_cache(maxsize=1)
+def shipped_terms() -> Mapping[str, str]:
+    """Return the terms of the ontology that comes with this version, each with its module.
+
+    A graph that was made by an earlier version, and not upgraded, does not know all of them.
+    """
+    return MappingProxyType(
+        {
+            ontology.NS + name: file.stem
+            for file in ontology.modules()
+            for name in _DECLARED.findall(file.read_text("utf-8"))
+        }
+    )
 
 
 class Unknown:
@@ -188,6 +209,14 @@ class Unknown:
         edge: Edge | None,
         severity: Severity = "certain",
     ) -> Finding:
+        module = shipped_terms().get(node.value) if rule == "unknown-term" else None
+        if module is not None:
+            words = (
+                f"{self._short(node)} is in the ontology of this version of RTASK "
+                f"(module {module}), but not in that of the graph, which is upgraded when it is "
+                "opened for writing"
+            )
+            return Finding(rule, severity, node.start, node.end, words)
         if edge is not None:
             candidates = self._fitting.ranked(candidates, node, edge)
         repairs = []

@@ -11,7 +11,15 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
+from urllib.parse import urlencode
 
+from rtask.asking.questions.beliefs import (
+    BELIEFS,
+    ChangedBeliefs,
+    asks_for_changes,
+    changed_beliefs,
+    past_states,
+)
 from rtask.asking.questions.catalogue import Question
 from rtask.asking.questions.filling import Filled, fill, filled_query, unused_mentions
 from rtask.asking.questions.matching import NEAR, Asked, Match, matcher
@@ -24,7 +32,7 @@ from rtask.asking.questions.mentions import (
     tokens_of,
 )
 from rtask.asking.questions.periods import Period, find_period
-from rtask.asking.questions.sentences import names_of, sentence
+from rtask.asking.questions.sentences import MAX_CLAUSES, names_of, sentence
 from rtask.asking.questions.why import why_of
 from rtask.asking.questions.words import split_name, stem
 from rtask.errors import UsageError
@@ -176,6 +184,8 @@ def answer(
         The text is empty or longer than :data:`MAX_TEXT`.
     QueryTimeout
         A query took too long.
+    UnsupportedError, GoneError, TooLargeError, BusyError
+        It asks what has changed, and the graph keeps no earlier states here, or none so old.
 
     Examples
     --------
@@ -191,7 +201,11 @@ def answer(
     if not text.strip() or len(text) > MAX_TEXT:
         raise UsageError(f"a question has 1 to {MAX_TEXT} characters, not {len(text)}")
     run = select or _within_bounds(kb)
-    reading = _read(run, text, str(getattr(kb, "base", "")), now or dt.datetime.now(dt.UTC))
+    now = now or dt.datetime.now(dt.UTC)
+    if asks_for_changes(text, find_period(text, now)):
+        changed = changed_beliefs(run, past_states(kb), text, find_period(text, now), now)
+        return _changes(text, changed)
+    reading = _read(run, text, str(getattr(kb, "base", "")), now)
     matches = matcher().matches(reading.asked)
     nearest = _nearest(matches)
     best = matches[0]
@@ -233,6 +247,21 @@ def answer(
         is_cut,
         why_of(run, rows, sparql),
     )
+
+
+def _changes(text: str, changed: ChangedBeliefs) -> Answer:
+    """Return the answer to what has changed."""
+    rows = changed.rows[:MAX_ROWS]
+    shown = list(changed.clauses[:MAX_CLAUSES])
+    left = len(changed.clauses) - len(shown)
+    words = "; ".join([*shown, f"and {left} more"] if left else shown)
+    if not shown:
+        words = f"no belief changed {changed.period}; `rtask history` lists the commits"
+    return Answer(
+        text, "beliefs", f"Which beliefs changed {changed.period}?", {}, (), BELIEFS, rows, {},
+        f"{words[:1].upper()}{words[1:]}.", (), len(changed.rows) > MAX_ROWS,
+        tuple(f"/resource?{urlencode({'iri': str(row.value('about'))})}" for row in rows),
+    )  # fmt: skip
 
 
 def _within_bounds(kb: Selectable) -> Select:

@@ -81,6 +81,10 @@ def ask(
     from": which of the objects in view will do, why, and how to grasp it.
     """
     if not (agent or gripper or objects):
+        if server is not None and _asks_for_changes(" ".join(words)):
+            with connection(data, server) as client:
+                _show_changes(client.answer(" ".join(words)), limit, as_json)
+            return
         with open_graph(data, server) as kb:
             from rtask.asking.questions import answer
 
@@ -101,6 +105,28 @@ def ask(
         _show_resolved(resolved)
     if resolved["task_response"] == "unmet":
         raise SystemExit(1)
+
+
+def _asks_for_changes(text: str) -> bool:
+    import datetime as dt
+
+    from rtask.asking.questions.beliefs import asks_for_changes
+    from rtask.asking.questions.periods import find_period
+
+    return asks_for_changes(text, find_period(text, dt.datetime.now(dt.UTC)))
+
+
+def _show_changes(told: Mapping[str, Any], limit: int | None, as_json: bool) -> None:
+    """Print what a server says has changed, since it alone keeps its earlier states."""
+    rows = shown_rows(told["rows"], limit, as_json, default=_ROWS)
+    if as_json:
+        print_json({**told, "rows": rows, "why": told["why"][: len(rows)]})
+    else:
+        click.echo(f"understood: {told['understood']}", err=True)
+        click.echo(told["sentence"])
+        for row in rows:
+            click.echo(f"  {row['belief']}: {row['before'] or '-'} -> {row['now'] or '-'}")
+    exit_if_empty(rows)
 
 
 def _show_answer(result: Answer, limit: int | None, as_json: bool) -> None:

@@ -28,13 +28,13 @@ class NewFolder:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.absolute()
-        self._is_kept = _is_used(self._folder)
+        self._stays = _is_used(self._folder)
         parents = (self._folder, *self._folder.parents)
         self._made = [path for path in parents if not path.exists()]
 
     def keep(self) -> None:
         """Keep the folder, whatever happens next."""
-        self._is_kept = True
+        self._stays = True
 
     def __enter__(self) -> NewFolder:
         return self
@@ -45,7 +45,7 @@ class NewFolder:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if not self._is_kept:
+        if not self._stays:
             self._remove()
 
     def _remove(self) -> None:

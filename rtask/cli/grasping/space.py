@@ -185,8 +185,8 @@ def _body(mesh: Mesh, path: Path, call: _SpaceCall) -> tuple[Mesh, str]:
     if not others:
         return mesh, ""
     more = f" and {len(others) - 3} more" if len(others) > 3 else ""
-    said = f"; of {len(bodies)} bodies that lie apart: --part {', --part '.join(others[:3])}{more}"
-    return bodies[number - 1], said
+    hint = f"; of {len(bodies)} bodies that lie apart: --part {', --part '.join(others[:3])}{more}"
+    return bodies[number - 1], hint
 
 
 def _size(mesh: Mesh) -> str:

@@ -113,7 +113,8 @@ def with_pose(models: Models, view: Seen) -> Seen:
         return view
     remembered = recall(models.kb, Question(objects=iris)).objects
     view = replace(
-        view, names={name: object_known.label for name, object_known in remembered.items()}
+        view,
+        names={name: remembered_object.label for name, remembered_object in remembered.items()},
     )
     if not view.answer.accepted:
         return view
@@ -122,8 +123,8 @@ def with_pose(models: Models, view: Seen) -> Seen:
     # Only the camera is known, not where it is relative to the table.
     nothing = np.empty((0, 3))
     seen = Observation(b"", view.crop, view.features, np.eye(4), nothing, None, is_posed=False)
-    object_known = memory.objects.get(match.object_iri)
-    return replace(view, pose=find_pose(models, seen, object_known, match, memory))
+    remembered_object = memory.objects.get(match.object_iri)
+    return replace(view, pose=find_pose(models, seen, remembered_object, match, memory))
 
 
 def short_name(name: str) -> str:

@@ -112,8 +112,8 @@ def _plan_there(
 ) -> dict[str, Any]:
     """Return the plan of a server; with an order, store that very plan."""
     with connection(Path(), server) as client:
-        wanted = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
-        answer = dict(client.call("plan_goal", **goal, **wanted))
+        forms = {"pddl": form == "pddl", "behaviour_tree": form == "tree"}
+        answer = dict(client.call("plan_goal", **goal, **forms))
         if order and answer["steps"]:
             due = None if order.deadline is None else order.deadline.timestamp()
             stored = client.call(

@@ -24,14 +24,14 @@ def migrate(undo: bool, data: Path, as_json: bool) -> None:
     What robots reported is carried out again in the order of time, and becomes things with their
     places. Each product is a commit: others may read meanwhile, and a run that was killed goes on.
     """
-    from rtask.engine.curation.older_graphs import migrate as make_things
+    from rtask.engine.curation.older_graphs import migrate as migrate_products
     from rtask.engine.curation.older_graphs import undo_migration
 
     with announce_compilation(), Working("making things of products"), open_to_change(data) as kb:
         if undo:
             undone = undo_migration(kb)
         else:
-            made = make_things(kb)
+            made = migrate_products(kb)
     if undo:
         if as_json:
             print_json({"undone": undone})

@@ -273,8 +273,8 @@ class _Writer:
             is_new,
             features,
         )
-        told = wrong or (prepared.outcome.clock if prepared.outcome else "")
-        message = {"message": told} if told else {}
+        remark = wrong or (prepared.outcome.clock if prepared.outcome else "")
+        message = {"message": remark} if remark else {}
         return {**entry, "thing": handled, **self._resembled(prepared, object_iri), **message}
 
     def _see(

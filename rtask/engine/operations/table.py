@@ -28,7 +28,9 @@ from rtask.engine.operations.tasks.plan import plan_goal, store_plan
 from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_step, list_plans
 from rtask.engine.operations.teach import teach_object
 from rtask.engine.operations.world.frames import locate_frame, state_frame
+from rtask.engine.operations.world.sightings import report_sightings
 from rtask.engine.operations.world.state import state_place
+from rtask.engine.operations.world.trace import trace_thing
 from rtask.engine.operations.world.where import where_is
 from rtask.wire.stubs import source_of
 
@@ -44,6 +46,8 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     resolve_request,
     where_is,
     state_place,
+    report_sightings,
+    trace_thing,
     locate_frame,
     state_frame,
     plan_goal,

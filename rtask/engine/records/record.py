@@ -268,8 +268,8 @@ def _with_belief(
         return entry
     counts = Counter() if is_new else Counter(judged_counts(context, grasp))
     counts += pending.judged.get(grasp, Counter())
-    known = [(*how, number) for how, number in counts.items()]
-    before = posterior(context.policy, min(max(rounded(quality), 0.0), 1.0), known)
+    tallies = [(*how, number) for how, number in counts.items()]
+    before = posterior(context.policy, min(max(rounded(quality), 0.0), 1.0), tallies)
     return replace(entry, received=replace(entry.received, belief=(before.alpha, before.beta)))
 
 

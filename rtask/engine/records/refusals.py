@@ -6,7 +6,7 @@ import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-from typing import Literal as OneOf
+from typing import Literal as Choice
 
 from rtask.engine.triples import Triples, rounded, stamp
 from rtask.rdf.namespaces import PROV, RT
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Refusal", "Response", "refusal_iri", "store_refusal", "store_response"]
 
-Response = OneOf[
+Response = Choice[
     "second_look",
     "new_object",
     "measured_sides",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from rtask.errors import UsageError
+from rtask.errors import UnsupportedError, UsageError
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, local_name
 from rtask.rdf.terms import BlankNode, NamedNode, Quad, iri, moment
 
@@ -117,7 +117,11 @@ SELECT DISTINCT ?attempt ?blob {
 
 
 def episodes_of(
-    kb: GraphCore, *, robot: str | None = None, since: dt.datetime | None = None
+    kb: GraphCore,
+    *,
+    robot: str | None = None,
+    since: dt.datetime | None = None,
+    query: str | None = None,
 ) -> list[Episode]:
     """Return the episodes of a graph in the order of their ends.
 
@@ -129,17 +133,23 @@ def episodes_of(
         Name or IRI of the robot; None = all.
     since
         Only those that ended at this time or later, with a time zone; None = all.
+    query
+        SPARQL SELECT of attempts: its variable ``?attempt``, else its first; None = all. The usual
+        prefixes need no declaration.
 
     Raises
     ------
     UsageError
-        ``since`` has no time zone.
+        ``since`` has no time zone, or ``query`` is no SELECT.
+    QuerySyntaxError
+        ``query`` cannot be read.
     """
     if since is not None and since.tzinfo is None:
         raise UsageError(f"{since.isoformat()} has no time zone; write, say, {since.isoformat()}Z")
     narrow = ""
     if since is not None:
         narrow = f'FILTER(?ended >= "{since.isoformat()}"^^xsd:dateTime)'
+    among = None if query is None else _selected(kb, query)
     pictures: dict[str, list[Picture]] = {}
     for row in _rows(kb, _PICTURES):
         picture = Picture(str(row["node"]), str(row["phase"] or ""), str(row["blob"]))
@@ -153,6 +163,8 @@ def episodes_of(
         attempt = str(row["attempt"])
         if robot is not None and robot not in (str(row["robot"]), str(row["robotName"])):
             continue
+        if among is not None and attempt not in among:
+            continue
         episodes.setdefault(
             attempt,
             replace(
@@ -162,6 +174,16 @@ def episodes_of(
             ),
         )
     return list(episodes.values())
+
+
+def _selected(kb: GraphCore, query: str) -> set[str]:
+    """Return the IRIs that a SELECT of attempts has in its rows."""
+    try:
+        rows = kb.select(f"{PREFIXES}\n{query}")
+    except UnsupportedError as error:
+        raise UsageError(f"attempts are chosen by a SELECT: {error}") from error
+    column = "attempt" if "attempt" in rows.variables else rows.variables[0]
+    return {str(row.value(column)) for row in rows}
 
 
 def _rows(kb: GraphCore, query: str) -> Iterator[dict[str, Any]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from rtask.errors import UsageError
 from rtask.interop.episodes.episode import Episode
 from rtask.interop.episodes.motion import Motion
 from rtask.interop.episodes.recording import RECORDING, Written, write_episodes
+from rtask.interop.episodes.situation import POSE, Situation, situations_of
 
 if TYPE_CHECKING:
     import pyarrow
@@ -33,7 +34,6 @@ __all__ = ["write_lerobot"]
 _VERSION = "v3.0"
 _CHUNK = "chunk-000/file-000.parquet"
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-_NOBODY = "unnamed object"
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,10 @@ def write_lerobot(
     """Write the episodes whose joints were recorded as a data set, wholly or not at all.
 
     ``observation.state`` has the measured joints and ``action`` the commanded ones, the last of
-    which is the opening of the hand; ``next.success`` is what the robot judged. Judgements with
-    their evidence are columns ``rtask/...`` of ``meta/episodes``.
+    which is the opening of the hand; ``next.success`` is what the robot judged. Where the robot
+    estimated the object's pose before each attempt, ``observation.environment_state`` has it, as it
+    was before the attempt. Judgements with their evidence are columns ``rtask/...`` of
+    ``meta/episodes``.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def write_lerobot(
     Raises
     ------
     UsageError
-        The folder exists, no episode has a motion, or hands differ.
+        The folder exists, no episode has a motion, or hands or types of robots differ.
     """
     if folder.exists():
         raise UsageError(f"{folder} exists; give another name or remove it")
@@ -101,9 +103,11 @@ def write_lerobot(
     if not recorded:
         raise UsageError("no attempt has its joints recorded (`motion` of an outcome)")
     selected, motions = _of_single_hand(recorded, hand)
+    situations = situations_of(kb, selected)
+    _require_single_type(situations.values())
     made = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        _write(selected, motions, made, rate_hz)
+        _write(selected, motions, situations, made, rate_hz)
         (made / RECORDING).parent.mkdir()
         written = write_episodes(kb, selected, made / RECORDING, progress)
         made.chmod(0o755)
@@ -131,14 +135,38 @@ def _of_single_hand(
     return [episode for episode, _ in selected], [motion for _, motion in selected]
 
 
+def _require_single_type(situations: Iterable[Situation]) -> None:
+    """Refuse robots of several types, whose states and actions mean different things."""
+    types = sorted({situation.robot_type for situation in situations})
+    if len(types) > 1:
+        raise UsageError(
+            f"a data set has robots of one type, and there are {', '.join(types)}: choose one "
+            "robot, or a hand"
+        )
+
+
 def _write(
-    episodes: Sequence[Episode], motions: Sequence[Motion], folder: Path, rate_hz: int
+    episodes: Sequence[Episode],
+    motions: Sequence[Motion],
+    situations: Mapping[str, Situation],
+    folder: Path,
+    rate_hz: int,
 ) -> None:
-    tasks = list(dict.fromkeys(_task(recorded) for recorded in episodes))
+    told = [situations[recorded.attempt] for recorded in episodes]
+    tasks = list(dict.fromkeys(situation.task for situation in told))
+    # A column has a value in every row: without one of some episode there is none.
+    frames = {situation.frame_id for situation in told}
+    has_pose = all(situation.pose is not None for situation in told) and len(frames) == 1
     parts, start = list[_Part](), 0
-    for number, (episode, motion) in enumerate(zip(episodes, motions, strict=True)):
-        task = _task(episode)
+    for number, (episode, motion, situation) in enumerate(
+        zip(episodes, motions, told, strict=True)
+    ):
+        task = situation.task
         columns = _columns(motion, number, tasks.index(task), start, episode.held is True)
+        if has_pose:
+            assert situation.pose is not None
+            rows = np.tile(situation.pose.astype(np.float32), (len(motion.times), 1))
+            columns = {"observation.environment_state": rows, **columns}
         parts.append(_Part(episode, task, columns))
         start += len(motion.times)
     joints = list(motions[0].joints)
@@ -148,10 +176,10 @@ def _write(
     whole = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
     stats = {name: _stats(values) for name, values in whole.items()}
     (folder / "meta/stats.json").write_text(json.dumps(stats, indent=4), "utf-8")
-    robots = sorted({recorded.robot_name for recorded in episodes})
+    names = {"observation.environment_state": [f"{min(frames)}/{part}" for part in POSE]}
     info = {
         "codebase_version": _VERSION,
-        "robot_type": ", ".join(robots),
+        "robot_type": told[0].robot_type,
         "total_episodes": len(parts),
         "total_frames": start,
         "total_tasks": len(tasks),
@@ -162,14 +190,11 @@ def _write(
         "splits": {"train": f"0:{len(parts)}"},
         "data_path": f"data/{_PATTERN}.parquet",
         "video_path": None,
-        "features": {name: _feature(name, values, joints) for name, values in whole.items()},
+        "features": {
+            name: _feature(values, names.get(name, joints)) for name, values in whole.items()
+        },
     }
     (folder / "meta/info.json").write_text(json.dumps(info, indent=4), "utf-8")
-
-
-def _task(episode: Episode) -> str:
-    """Return what the robot was to do, in words: the condition of a policy."""
-    return f"pick up {episode.thing_name or _NOBODY} and put it into the box"
 
 
 def _columns(
@@ -190,12 +215,12 @@ def _columns(
     }
 
 
-def _feature(name: str, values: NDArray[Any], joints: list[str]) -> dict[str, Any]:
+def _feature(values: NDArray[Any], names: list[str]) -> dict[str, Any]:
     shape = list(values.shape[1:]) or [1]
     return {
         "dtype": values.dtype.name,
         "shape": shape,
-        "names": joints if values.ndim > 1 else None,
+        "names": names if values.ndim > 1 else None,
     }
 
 

@@ -138,7 +138,7 @@ class Converter:
             return _header(value)
         if field.code is Code.IS_EMPTY:
             return {field.wire: []} if value else {}
-        if field.arity is Arity.AT_MOST_ONE:
+        if field.arity is Arity.OPTIONAL:
             if len(value) > 1:
                 raise UsageError(f"{path}: {len(value)} values; expected one, or none to leave out")
             return {field.wire: self._value(field, value[0], path)} if len(value) else {}
@@ -184,7 +184,7 @@ class Converter:
     def _coded(self, field: Field, value: Any, path: str) -> Any:
         if field.code is Code.JSON:
             return json.dumps(value)
-        if field.arity is Arity.AT_MOST_ONE:
+        if field.arity is Arity.OPTIONAL:
             return [] if value is None else [self._made(field, value, path)]
         if field.arity is Arity.MANY:
             return [self._made(field, v, f"{path}[{k}]") for k, v in enumerate(value or ())]

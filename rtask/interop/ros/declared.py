@@ -87,34 +87,34 @@ class _Reader:
         sent = carried(kind)
         is_optional = not declared.is_required() or bool(sent and sent.also)
         type_, code = self._carried(kind, member.type)
-        arity = Arity.MANY if member.length == LIST or code is Code.BYTES else Arity.ONE
+        arity = Arity.MANY if member.length == LIST or code is Code.BYTES else Arity.SINGLE
         if is_single:
-            arity = Arity.AT_MOST_ONE
+            arity = Arity.OPTIONAL
         note = _note(declared, kind, arity)
         made = [Field(_ros_name(wire), wire, type_, arity, code, note, is_optional)]
         for suffix, other in sent.also if sent else ():
             note = f"the same as a {other.partition('/')[2]}; at most one"
             made.append(
-                Field(f"{made[0].name}_{suffix}", wire, other, Arity.AT_MOST_ONE, Code.MESSAGE,
+                Field(f"{made[0].name}_{suffix}", wire, other, Arity.OPTIONAL, Code.MESSAGE,
                       note, True)
             )  # fmt: skip
         if arity is Arity.MANY and code is Code.VALUE and kind.is_nullable and type_ == "string":
             note = f"whether {made[0].name} is given, and empty"
             made.append(
-                Field(f"no_{made[0].name}", wire, "bool", Arity.ONE, Code.IS_EMPTY, note, True)
+                Field(f"no_{made[0].name}", wire, "bool", Arity.SINGLE, Code.IS_EMPTY, note, True)
             )
         return made
 
     def _answered(self, wire: str, declared: FieldInfo, member: Member) -> Field:
         kind = kind_of(declared)
         type_, code = self._carried(kind, member.type)
-        arity = Arity.MANY if member.length == LIST else Arity.ONE
+        arity = Arity.MANY if member.length == LIST else Arity.SINGLE
         note = " ".join((declared.description or "").split())
-        if arity is Arity.ONE and kind.is_nullable:
+        if arity is Arity.SINGLE and kind.is_nullable:
             if type_ == "float64":
                 note += "; NaN = none" if note else "NaN = none"
             elif code is not Code.JSON:
-                arity = Arity.AT_MOST_ONE
+                arity = Arity.OPTIONAL
         name = _ros_name(wire) + ("_json" if code is Code.JSON else "")
         default = None
         if not declared.is_required():
@@ -157,7 +157,7 @@ def _joined_header(fields: list[Field]) -> list[Field]:
     words = f"time: {fields[at].note.partition(';')[0]}, zero = now"
     if frame is not None:
         words += f"; frame: {fields[frame].note}"
-    header = Field("header", "stamp", "std_msgs/Header", Arity.ONE, Code.HEADER, words, True)
+    header = Field("header", "stamp", "std_msgs/Header", Arity.SINGLE, Code.HEADER, words, True)
     place = at if frame is None else min(at, frame)
     remaining = [field for k, field in enumerate(fields) if k not in (at, frame)]
     return [*remaining[:place], header, *remaining[place:]]
@@ -185,4 +185,4 @@ def _note(declared: FieldInfo, kind: Kind, arity: Arity) -> str:
     if left_out and f"default: {left_out}" not in words:
         words += f"; default: {left_out}"
     words = words.replace("base64 of ", "").replace("base64 ", "")
-    return words + ("; at most one" if arity is Arity.AT_MOST_ONE else "")
+    return words + ("; at most one" if arity is Arity.OPTIONAL else "")

@@ -27,14 +27,14 @@ REFUSED = "refused"
 class Arity(Enum):
     """Number of values that a field of a ROS message carries."""
 
-    ONE = ""
+    SINGLE = ""
     MANY = "[]"
-    AT_MOST_ONE = "[]", "at most one"
+    OPTIONAL = "[]", "at most one"
 
     @property
     def suffix(self) -> str:
         """The brackets after the type."""
-        return "" if self is Arity.ONE else "[]"
+        return "" if self is Arity.SINGLE else "[]"
 
 
 class Code(Enum):
@@ -69,7 +69,7 @@ class Field:
     name: str
     wire: str
     type: str
-    arity: Arity = Arity.ONE
+    arity: Arity = Arity.SINGLE
     code: Code = Code.VALUE
     note: str = ""
     is_optional: bool = False

@@ -24,7 +24,7 @@ from pyoxigraph import Store
 from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.disk_space import Reserve, full_disk, means_full
-from rtask.kb.durability.journal import JournalFile, KeptJournal, NoJournal
+from rtask.kb.durability.journal import JournalFile, JournalWithHistory, NoJournal
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.private_copy import PastCopy, PrivateCopy
 from rtask.kb.durability.published import HeldSnapshot, hold_newest
@@ -60,7 +60,7 @@ class Files:
     settings: Settings
     store: GraphStore
     blobs: BlobStore
-    journal: KeptJournal | NoJournal
+    journal: JournalWithHistory | NoJournal
     folder: Path | None = None
     lock: FolderLock | None = None
     checkpoints: Checkpoints | None = None

@@ -34,7 +34,7 @@ __all__ = [
     "CommitRecord",
     "Journal",
     "JournalFile",
-    "KeptJournal",
+    "JournalWithHistory",
     "NoJournal",
     "Record",
     "body_of",
@@ -149,7 +149,7 @@ class Journal(Protocol):
         """Wait until the record of this commit is durable."""
 
 
-class KeptJournal(Journal, Protocol):
+class JournalWithHistory(Journal, Protocol):
     """A journal that can be read."""
 
     def records(self, since: int = 0) -> Iterator[Record]:

@@ -15,7 +15,7 @@ from pyoxigraph import Quad
 from rtask.errors import ClosedError, EpochChangedError, GoneError, UsageError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Change, Commit
-from rtask.kb.durability.journal import KeptJournal, Record
+from rtask.kb.durability.journal import JournalWithHistory, Record
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import RDF_TYPE, GraphName, NamedNode, Subject, Term, moment
@@ -48,7 +48,7 @@ class Feed:
         epoch: str,
         store: GraphStore,
         catalogue: Catalogue,
-        journal: KeptJournal | None,
+        journal: JournalWithHistory | None,
         plain: bool,
         last_seq: int,
     ) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from pyoxigraph import Quad
 
-from rtask.kb.durability.journal import KeptJournal, NoJournal
+from rtask.kb.durability.journal import JournalWithHistory, NoJournal
 from rtask.kb.feed.feed import Feed
 from rtask.rdf.terms import LONG_AGO, GraphName, moment
 
@@ -70,7 +70,10 @@ class Period:
 
 
 def history(
-    feed: Feed, journal: KeptJournal | NoJournal, matches: Callable[[Quad], bool], period: Period
+    feed: Feed,
+    journal: JournalWithHistory | NoJournal,
+    matches: Callable[[Quad], bool],
+    period: Period,
 ) -> Iterator[HistoryEntry]:
     """Yield the commits that touched matching statements, oldest first.
 
@@ -84,7 +87,7 @@ def history(
 
 
 def _entries(
-    feed: Feed, journal: KeptJournal | NoJournal, period: Period
+    feed: Feed, journal: JournalWithHistory | NoJournal, period: Period
 ) -> Iterator[HistoryEntry]:
     upto = feed.last_seq if period.upto is None else period.upto
     clock = _Clock()
@@ -146,7 +149,9 @@ class ClockJump:
     back_s: float
 
 
-def clock_jumps(journal: KeptJournal | NoJournal, least_s: float = 1.0) -> Iterator[ClockJump]:
+def clock_jumps(
+    journal: JournalWithHistory | NoJournal, least_s: float = 1.0
+) -> Iterator[ClockJump]:
     """Yield where the clock went back between two commits in a row, oldest first."""
     before = LONG_AGO
     for record in journal.records(0) if not isinstance(journal, NoJournal) else ():

@@ -45,7 +45,7 @@ MAX_OPEN = 100
 LIFETIME = dt.timedelta(days=30)
 MAX_BYTES = 1 << 20
 """Size of the statements of one proposal."""
-_MAX_KEPT = 10_000
+_MAX_PROPOSALS = 10_000
 """Proposals kept in all; of those that are decided the oldest are forgotten first."""
 _DAY_S = 86_400
 _SCHEMA = """
@@ -160,7 +160,7 @@ class Proposals:
             ).lastrowid
             database.execute(
                 "DELETE FROM proposals WHERE state <> 'proposed' AND number <= ?",
-                ((number or 0) - _MAX_KEPT,),
+                ((number or 0) - _MAX_PROPOSALS,),
             )
         assert number is not None
         return self.get(number)

@@ -186,7 +186,7 @@ def _options(line: bytes) -> _Options:
 
 
 def answer_query(
-    store: ox.Store, payload: bytes, pipe: int, kept: MergedCopy | None = None
+    store: ox.Store, payload: bytes, pipe: int, merged: MergedCopy | None = None
 ) -> None:
     """Evaluate a query; send its answer or an error.
 
@@ -194,7 +194,7 @@ def answer_query(
     ----------
     payload
         From :meth:`rtask.kb.readers.request.Question.encode`.
-    kept
+    merged
         Copy for queries that leave derived statements out.
     """
     answer: _Answer | None = None
@@ -204,7 +204,7 @@ def answer_query(
         options, text = _options(line), encoded.decode("utf-8", "surrogatepass")
         source, dataset = store, options.dataset
         if "default_graph" in dataset:
-            source, dataset = with_merged_graphs(store, text, dataset, kept)
+            source, dataset = with_merged_graphs(store, text, dataset, merged)
         result: Any = source.query(text, **dataset)
         kind, media_type, form = _form(_kind(result), options.media_type)
         answer = _Answer(pipe, options, kind, media_type, started)

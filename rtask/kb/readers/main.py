@@ -32,12 +32,12 @@ _PARENT_CHECK_S = 2.0
 _PR_SET_PDEATHSIG = 1
 
 
-def apply_change(store: ox.Store, payload: bytes, kept: MergedCopy | None = None) -> None:
+def apply_change(store: ox.Store, payload: bytes, merged: MergedCopy | None = None) -> None:
     """Apply a change to a store in memory, and its merged copy; twice does no harm."""
     change = decode_change(payload)
-    if kept is not None and kept.is_made:
+    if merged is not None and merged.is_made:
         removed, added = list(change.removed), list(change.added)
-        kept.follow(removed, added, change.created, change.dropped)
+        merged.follow(removed, added, change.created, change.dropped)
         change = change._replace(removed=removed, added=added)
     for quad in change.removed:
         store.remove(quad)
@@ -124,8 +124,8 @@ class Keeper:
                 _die_with(keeper)
                 store = _started(self._store, order, socket.socket(fileno=hello))
                 # A reader of a snapshot has one state only, and a large one.
-                kept = None if order["snapshot"] else MergedCopy()
-                _read(store, questions, answers, kept)
+                merged = None if order["snapshot"] else MergedCopy()
+                _read(store, questions, answers, merged)
             os._exit(0)
         self._readers[pid] = order["number"]
         for descriptor in (hello, questions, answers):
@@ -152,13 +152,13 @@ def _started(store: ox.Store, order: dict[str, Any], hello: socket.socket) -> ox
     return store
 
 
-def _read(store: ox.Store, questions: int, answers: int, kept: MergedCopy | None) -> NoReturn:
+def _read(store: ox.Store, questions: int, answers: int, merged: MergedCopy | None) -> NoReturn:
     """Apply commits and answer queries."""
     incoming = Questions(questions)
     while True:
         kind, payload = incoming.next()
         if kind == b"F":
-            apply_change(store, payload, kept)
+            apply_change(store, payload, merged)
         elif kind == b"U":
             from rtask.kb.readers.update_answering import answer_update
 
@@ -168,9 +168,9 @@ def _read(store: ox.Store, questions: int, answers: int, kept: MergedCopy | None
                 os._exit(0)  # a new reader costs less than restoring this copy
         elif kind == b"S":
             with in_long_turns():
-                answer_query(store, payload, answers, kept)
+                answer_query(store, payload, answers, merged)
         else:
-            answer_query(store, payload, answers, kept)
+            answer_query(store, payload, answers, merged)
 
 
 def _prepare_updates() -> None:

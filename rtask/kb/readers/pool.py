@@ -221,7 +221,7 @@ class Readers:
             self._supply.give_back(reader, is_reusable and is_last)
 
         stream = ReaderStream(
-            line.reader, text, None, done, crash, self._deadlines, come=read_ahead
+            line.reader, text, None, done, crash, self._deadlines, read_ahead=read_ahead
         )
         stream.hold(line.leave)
         with self._lock:

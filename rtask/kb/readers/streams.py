@@ -110,7 +110,7 @@ class ReaderStream(Stream):
         Kind of request, for errors.
     deadlines
         End the query in time.
-    come
+    read_ahead
         What the reader has sent already.
     """
 
@@ -123,7 +123,7 @@ class ReaderStream(Stream):
         crash: Callable[[ReaderProcess], RtaskError],
         deadlines: Deadlines,
         what: str = "query",
-        come: bytes = b"",
+        read_ahead: bytes = b"",
     ) -> None:
         self.reader = reader
         self.deadline: float | None = None
@@ -137,7 +137,7 @@ class ReaderStream(Stream):
         self._what = what
         self._release: Callable[[], None] | None = None
         self._first: bytes | None = None
-        self._read_ahead = come
+        self._read_ahead = read_ahead
         self._reading = threading.Lock()
 
     @property

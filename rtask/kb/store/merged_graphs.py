@@ -121,9 +121,9 @@ class MergedCopy:
             triple = quad.subject, quad.predicate, quad.object
             if all(q.graph_name == _MERGED for q in copy.quads_for_pattern(*triple, None)):
                 copy.remove(ox.Quad(*triple, _MERGED))
-        come = [quad for quad in added if self._holds(quad.graph_name)]
-        copy.extend(come)
-        copy.extend(ox.Quad(quad.subject, quad.predicate, quad.object) for quad in come)
+        arrivals = [quad for quad in added if self._holds(quad.graph_name)]
+        copy.extend(arrivals)
+        copy.extend(ox.Quad(quad.subject, quad.predicate, quad.object) for quad in arrivals)
         for graph in created:
             if self._holds(graph):
                 copy.add_graph(graph)
@@ -133,7 +133,7 @@ class MergedCopy:
 
 
 def with_merged_graphs(
-    store: ox.Store, text: str, dataset: dict[str, Any], kept: MergedCopy | None = None
+    store: ox.Store, text: str, dataset: dict[str, Any], merged: MergedCopy | None = None
 ) -> tuple[ox.Store, dict[str, Any]]:
     """Return a store and dataset in which the default graph holds no statement twice.
 
@@ -146,7 +146,7 @@ def with_merged_graphs(
     dataset
         Options of ``pyoxigraph.Store.query``; ``default_graph`` is a list, or absent where the
         store or the text chooses.
-    kept
+    merged
         A copy that follows the changes of the store, if the caller keeps one.
 
     Returns
@@ -160,8 +160,8 @@ def with_merged_graphs(
     dataset = {**dataset, "default_graph": graphs}
     if len(graphs) == 1:
         return store, dataset
-    if kept is not None:
-        copy = kept.serve(store, text, graphs, dataset.get("named_graphs"))
+    if merged is not None:
+        copy = merged.serve(store, text, graphs, dataset.get("named_graphs"))
         if copy is not None:
             return copy, {**dataset, "default_graph": [_MERGED]}
     if not _shows_repeats(text):

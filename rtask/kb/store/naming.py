@@ -65,13 +65,13 @@ class Names:
     def __init__(self, store: GraphStore, graphs: Graphs) -> None:
         self._store = store
         self._base = graphs.base
-        self._known: dict[Term, str] = {}
+        self._names: dict[Term, str] = {}
 
     def __call__(self, term: Term) -> str:
         """Return the name of a term."""
-        name = self._known.get(term)
+        name = self._names.get(term)
         if name is None:
-            name = self._known[term] = self._name(term)
+            name = self._names[term] = self._name(term)
         return name
 
     def _name(self, term: Term) -> str:

@@ -51,7 +51,7 @@ class Snapshots:
         self._last_seq = last_seq
         self._lock = threading.Lock()
         self._number = 0
-        self._kept: list[Snapshot] = []
+        self._snapshots: list[Snapshot] = []
         if not frozen:
             shutil.rmtree(self._home, ignore_errors=True)
 
@@ -64,7 +64,7 @@ class Snapshots:
             The snapshot cannot be made, e.g. because the disk is full.
         """
         with self._lock:
-            newest = self._kept[-1] if self._kept else None
+            newest = self._snapshots[-1] if self._snapshots else None
             if newest is None or newest.seq < at_least:
                 newest = self._make()
             newest.users += 1
@@ -86,7 +86,7 @@ class Snapshots:
                 shutil.rmtree(path, ignore_errors=True)
                 raise StoreError(f"cannot make a snapshot of {self._folder}: {error}") from error
             snapshot = Snapshot(path, seq)
-        self._kept.append(snapshot)
+        self._snapshots.append(snapshot)
         return snapshot
 
     def release(self, snapshot: Snapshot) -> None:
@@ -95,13 +95,13 @@ class Snapshots:
             snapshot.users -= 1
             if snapshot.users > 0:
                 return
-            self._kept.remove(snapshot)
+            self._snapshots.remove(snapshot)
             if not self.frozen:
                 shutil.rmtree(snapshot.path, ignore_errors=True)
 
     def close(self) -> None:
         """Delete all snapshots; all readers must have ended."""
         with self._lock:
-            self._kept.clear()
+            self._snapshots.clear()
             if not self.frozen:
                 shutil.rmtree(self._home, ignore_errors=True)

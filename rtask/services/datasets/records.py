@@ -150,7 +150,7 @@ def outliers(records: Records, new: Records) -> list[tuple[str, str, float]]:
     >>> outliers({**many, "9": {"id": 9, "width_m": 55.0}}, {"9": {"id": 9, "width_m": 55.0}})
     [('9', 'width_m', 55.0)]
     """
-    outliers_found: list[tuple[str, str, float]] = []
+    flagged: list[tuple[str, str, float]] = []
     for field in sorted({field for record in new.values() for field in record}):
         values = [
             number for record in records.values() if (number := _number(record, field)) is not None
@@ -164,8 +164,8 @@ def outliers(records: Records, new: Records) -> list[tuple[str, str, float]]:
         for name, record in sorted(new.items()):
             value = _number(record, field)
             if value is not None and abs(value - median) > _MAX_DEVIATIONS * deviation:
-                outliers_found.append((name, field, value))
-    return outliers_found
+                flagged.append((name, field, value))
+    return flagged
 
 
 def _number(record: Mapping[str, Any], field: str) -> float | None:

@@ -119,8 +119,8 @@ def _effect(given: Mapping[str, Any], where: str) -> Effect:
     effect = given.get("effect", "reads" if given.get("only_reads") is True else "writes")
     if effect not in EFFECTS:
         raise UsageError(f"{where}.effect: expected one of {', '.join(EFFECTS)}")
-    known_effect: Effect = effect
-    return known_effect
+    declared: Effect = effect
+    return declared
 
 
 def _fields(schema: Any, where: str, base: type[Message | Answer]) -> dict[str, Any]:

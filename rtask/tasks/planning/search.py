@@ -120,12 +120,12 @@ class _Search:
         state, steps, reached = self.start, list[_Operator](), list[_Alternatives]()
         for goal in self._agenda():
             reached.append(goal)
-            found = self._reach(state, reached, (goal,), self._relevant(state, (goal,)))
-            if found is None:
+            operators = self._reach(state, reached, (goal,), self._relevant(state, (goal,)))
+            if operators is None:
                 return self._together()
-            for operator in found:
+            for operator in operators:
                 state = state & ~operator.deletes | operator.adds
-            steps += found
+            steps += operators
         return _plan(steps)
 
     def costs(self) -> list[float | None]:
@@ -138,8 +138,8 @@ class _Search:
         return sorted(self.goals, key=lambda goal: not _holds(self.start, goal))
 
     def _together(self) -> Plan | None:
-        found = self._reach(self.start, self.goals, tuple(self.goals), self.operators)
-        return None if found is None else _plan(found)
+        operators = self._reach(self.start, self.goals, tuple(self.goals), self.operators)
+        return None if operators is None else _plan(operators)
 
     def _operator(self, step: Step, fluents: frozenset[str], failure_cost_s: float) -> _Operator:
         needs = tuple(self.numbers[atom] for atom in step.preconditions if atom[0] in fluents)

@@ -254,9 +254,9 @@ class AttemptRun:
             self.put_back()
             self.place_reason = way
             return way
-        was_kept = self.drive.follow(way.transport, watch=True)
+        was_held = self.drive.follow(way.transport, watch=True)
         self.drive.end("transport")
-        if was_kept:
+        if was_held:
             self._set_down(way)
         else:  # set down, the empty hand would push about what lies there
             self.drive.open(self.plan.opening)
@@ -266,16 +266,16 @@ class AttemptRun:
         after = look()
         request = self.plan.request
         volume = request.width * max(request.length, request.width) * request.height
-        self.placed = judge_placed(was_kept, before, after, volume)
+        self.placed = judge_placed(was_held, before, after, volume)
         self._look_after()
         if self.placed.is_yes:
-            self.place_reason = "ok" if was_kept else "slip_transport"
+            self.place_reason = "ok" if was_held else "slip_transport"
             arrived = after.centre_of(new_cells(before, after))
             self._place_offset = float(np.linalg.norm(arrived - target))
         elif self.placed.answer == "unknown":
             self.place_reason = "not_judged"
         else:
-            self.place_reason = "drop_outside" if was_kept else "slip_transport"
+            self.place_reason = "drop_outside" if was_held else "slip_transport"
         return self.place_reason
 
     def _set_down(self, way: PlacePlan) -> None:

@@ -74,12 +74,12 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
     before = Promises.by(gripper_named(picks[0][0]["hand"]))
     scores = [scores_of(result, pick["promised"]) for result, pick in picks]
     held = [np.array(pick[outcome], dtype=bool) for _, pick in picks]
-    trials = np.array([len(one) for one in held])
-    every, shares = np.concatenate(held), np.array([one.mean() for one in held])
-    raw = np.repeat([one[score] for one in scores], trials)
+    trials = np.array([len(row) for row in held])
+    every, shares = np.concatenate(held), np.array([row.mean() for row in held])
+    raw = np.repeat([row[score] for row in scores], trials)
     chances = _chances(before, scores, score)
     mapped = np.repeat(chances, trials)
-    former = np.array([_FORMER[score].chance(one[score]) for one in scores])
+    former = np.array([_FORMER[score].chance(row[score]) for row in scores])
     quarters = _quarters(chances, shares)
     return {
         "n": len(every),
@@ -98,7 +98,7 @@ def promise_figures(results: Results, outcome: str, score: str) -> dict[str, Any
 
 
 def _chances(promises: Promises, scores: Sequence[Mapping[str, float]], score: str) -> FloatArray:
-    return np.array([promises.of(one)[f"{score}_chance"] for one in scores])
+    return np.array([promises.of(row)[f"{score}_chance"] for row in scores])
 
 
 def _quarters(chances: FloatArray, shares: FloatArray) -> list[dict[str, Any]]:
@@ -147,7 +147,10 @@ def _after_own_outcomes(
     if not errors:
         return {}
     means = [
-        {key: round(float(np.mean([one[key] for one in drawn])), 4) for key in ("promised", "held")}
+        {
+            key: round(float(np.mean([draw[key] for draw in drawn])), 4)
+            for key in ("promised", "held")
+        }
         for drawn in zip(*quarters, strict=True)
     ]
     return {

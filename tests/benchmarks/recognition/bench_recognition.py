@@ -148,7 +148,7 @@ def report(title: str, answers: list[tuple[View, str | None, Recognition]]) -> N
     error = expected_calibration_error(confidence, right)
     print(
         f"{title:28s} recall {score.recall:.3f} of {score.known:4d}, "
-        f"false {score.false_known} known + {score.false_unknown} of {score.unknown} unknown, "
+        f"false {score.confused} known + {score.false_unknown} of {score.unknown} unknown, "
         f"calibration error {error:.3f}; " + ", ".join(by_kind)
     )
 

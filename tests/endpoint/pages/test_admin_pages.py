@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pyoxigraph
@@ -232,3 +234,26 @@ def test_an_operator_adopts_and_refuses_proposals_on_a_page(site: Site) -> None:
     shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
     assert "Nothing waits for a decision" in shown
     assert "too general" in shown
+
+
+def test_the_page_of_a_follower_leads_to_the_proposals_of_its_writer(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site.kb.propose(
+        [pyoxigraph.Quad(*map(pyoxigraph.NamedNode, ("urn:a", "urn:p", "urn:o", "urn:g")))],
+        author="nao-1",
+        reason="left from before",
+    )
+    browser = site.signed_in(site.admin)
+    form = {"secret": secret_of(browser.get("/admin/tokens", base_url=ELSEWHERE).text)}
+    writer = SimpleNamespace(url="http://writer.lab:8765")
+    application = site.app.extensions["rtask"]
+    monkeypatch.setattr(application, "context", replace(application.context, following=writer))
+    shown = browser.get("/admin/proposals", base_url=ELSEWHERE).text
+    assert 'href="http://writer.lab:8765/admin/proposals"' in shown
+    assert "Nothing waits" not in shown
+    assert "left from before" not in shown
+    done = browser.post("/admin/proposals/1/adopt", data=form, base_url=ELSEWHERE, headers=OWN)
+    assert done.status_code == 403
+    assert "http://writer.lab:8765" in done.text
+    assert site.kb.proposals.find("proposed", None)

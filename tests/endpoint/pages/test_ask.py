@@ -71,7 +71,7 @@ def test_each_number_of_an_answer_leads_to_what_it_rests_on(client: FlaskClient)
 
 
 def test_words_that_are_near_to_no_question_get_the_three_nearest(client: FlaskClient) -> None:
-    asked = {"text": "colourless green ideas sleep furiously"}
+    asked = {"text": "pale ideas sleep furiously"}
     answered = client.get("/ask", query_string=asked).get_json()
     assert (answered["question"], answered["rows"]) == (None, [])
     assert len(answered["nearest"]) == 3

@@ -100,6 +100,7 @@ def test_neither_robots_nor_foreign_pages_judge(site: Site) -> None:
 def test_an_operator_gives_the_name_of_who_speaks(site: Site) -> None:
     boss = site.signed_in("boss")
     assert 'name="operator"' in page(boss)
+    assert "You speak as" in page(boss)  # who is signed in need not type a name
     assert 'name="operator"' not in page(site.signed_in("ann"))
     answer = judge(boss, verdict="refuse", operator="cleo")
     assert "by=cleo" in answer.headers["Location"]

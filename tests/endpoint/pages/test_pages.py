@@ -201,7 +201,7 @@ def test_a_page_names_its_twin_and_the_twin_is_json(
 
 @pytest.mark.parametrize(
     ("address", "most"),
-    [("/", 3), ("/objects", 2), ("/object?iri=urn:lab/object/1", 4), ("/robots", 1),
+    [("/", 4), ("/objects", 2), ("/object?iri=urn:lab/object/1", 4), ("/robots", 1),
      ("/resource?iri=urn:lab/object/1", 2)],
 )  # fmt: skip
 def test_no_page_loops_over_queries(
@@ -229,6 +229,8 @@ def test_the_home_page_counts_and_shows_what_is_there(client: FlaskClient) -> No
     assert (mug["attempts"], mug["successes"], mug["mean"]) == (2, 1, 0.5)
     assert (mug["views"], mug["grasps"]) == (1, 1)
     assert mug["classes"] == "mug"  # not also a cup and a container
+    benefit = model["benefit"]
+    assert benefit is None or benefit["sentence"] in client.get("/").get_data(as_text=True)
 
 
 def test_an_object_has_its_picture_and_the_blob_is_served_safely(client: FlaskClient) -> None:

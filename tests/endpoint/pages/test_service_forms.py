@@ -186,6 +186,10 @@ def _remember(forms: Forms) -> None:
     assert ask("end_step", task=ask("claim_step", **panda)["task"], result="done", **panda)
     assert ask("state_place", thing="urn:lab/thing/3", place="urn:lab/place/right")["commit"]
     assert ask("state_frame", frame="table")["commit"]
+    pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    seen = [{"object": "urn:lab/object/1", "pose": pose}]
+    (cup,) = ask("report_sightings", frame="table", seen=seen)["things"]
+    assert ask("trace_thing", name=cup)["places"]
     assert ask("locate_frame", frame="table")["known"]
     assert [one["state"] for one in ask("list_plans")["plans"]] == ["running"]
     assert ask("cancel_plan", plan=stored, reason="enough")["commit"]

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 import ontology
 import rtask
 from rtask.asking.check.findings import Finding
+from rtask.asking.check.unknown import shipped_terms
 from rtask.cli import cli
 from rtask.errors import DataError, QuerySyntaxError
 from rtask.knowledge_base import KnowledgeBase
@@ -56,6 +57,10 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
         ("SELECT ?o { ?o rt:hasGrasp kb:grasp77 }", "unknown-thing", "certain", None),
         ("SELECT ?robot { ?attempt rt:performedBy ?robot . ?atempt rt:executesGrasp ?g }",
          "missing-bridge", "likely", None),
+        ("SELECT ?grasp { { ?graps a rt:ProvenGrasp ; rt:triedIn ?a } UNION "
+         "{ ?grasp a rt:GraspCandidate ; rt:triedIn ?a } }", "used-once", "likely",
+         "SELECT ?grasp { { ?grasp a rt:ProvenGrasp ; rt:triedIn ?a } UNION "
+         "{ ?grasp a rt:GraspCandidate ; rt:triedIn ?a } }"),
         ("SELECT ?reward { ?object rt:hasGrasp ?grasp . ?grasp rt:reward ?reward }",
          "wrong-type", "likely", None),
         ("SELECT ?held (COUNT(?a) AS ?n) { ?a rt:hasOutcome/rt:success ?helt } GROUP BY ?held",
@@ -114,10 +119,29 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?held { ?record rt:statisticsOf ?grasp ; rt:successes ?held }",
         "SELECT ?next { ?experience rt:inState ?state ; rt:nextState ?next }",
         "SELECT ?plan { ?plan rt:goalText ?goal }",
+        "SELECT ?o { ?refusal rt:refusedObject ?refused ; rt:refusedWith ?hand . ?refused a ?o }",
+        "SELECT ?n { ?task rt:taskName ?n ; rt:precedes ?task2 . ?task2 a rt:Task ; rt:note ?m }",
     ],
 )
 def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, body: str) -> None:
     assert kb.check(HEAD + body) == []
+
+
+def test_a_term_newer_than_the_graph_is_not_called_a_misspelling(
+    kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    newer = {ontology.NS + "executesGrsap": "grasp"}
+    monkeypatch.setattr("rtask.asking.check.unknown.shipped_terms", lambda: newer)
+    found = only(kb, "SELECT ?a { ?a rt:executesGrsap ?g }")
+    assert (found.rule, found.severity, found.repairs) == ("unknown-term", "certain", ())
+    assert "(module grasp), but not in that of the graph" in found.words
+
+
+def test_all_shipped_terms_are_known_to_a_new_graph(kb: KnowledgeBase) -> None:
+    terms = shipped_terms()
+    assert len(terms) > 400
+    unknown = [iri for iri in terms if kb.check(HEAD + f"SELECT ?s {{ ?s ?p <{iri}> }}")]
+    assert unknown == []
 
 
 def test_a_step_along_one_property_is_not_taken_for_a_step_back() -> None:

@@ -69,6 +69,10 @@ def test_what_reads_commits_nothing_and_what_records_or_writes_commits(kb, spied
     call("search_object", nao, data=box["data"])
     call("resolve_request", nao, wanted="box", gripper_id="right_hand")
     assert call("where_is", nao, name="box")["known"]
+    pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    seen = {"object": thing, "pose": pose}
+    (other,) = call("report_sightings", nao, frame="base_footprint", seen=[seen])["things"]
+    assert call("trace_thing", nao, name=other)["places"]
     call("report_outcome", nao, object=thing, grasp=stored["grasp"], outcome={"success": True})
     call("give_feedback", TEACHER, object=thing, verdict="confirm")
     call("teach_object", TEACHER, operation="search", class_description="box", data=box["data"])

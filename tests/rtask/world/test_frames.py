@@ -191,3 +191,18 @@ def test_a_table_that_was_pushed_makes_what_stood_on_it_less_sure(lab, state):
     state("table", "map", (2.0, 0.0), 5)
     before, after = (lab.ask(cup, time_s).exemplars[0].still_there for time_s in (4, 6))
     assert after < 0.95 * before
+
+
+def test_a_robot_that_walked_sees_the_same_thing_and_others_may_confirm_it(lab, state):
+    state("base", "map", (1.0, 0.0), -100, NAO)
+    state("nao-2/base", "map", (2.0, 0.0), -100)
+    cup = lab.see(lab.cup, 0.3, 0.0, 0)
+    state("base", "map", (0.5, 0.0), 100, NAO)
+    assert lab.see(lab.cup, 0.8, 0.0, 120) == cup, "where it was, from another side"
+    assert lab.see(lab.cup, -0.7, 0.0, 200, robot="nao-2") == cup
+    state("base", "map", (9.0, 0.0), 300, NAO)
+    assert len(lab.kb.world.history(cup)) == 1
+    (place,) = lab.ask(cup, 310, frame="map").exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(1.3)
+    (place,) = lab.ask(cup, 310, frame="nao-1/base").exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(-7.7), "in its own frame, too"

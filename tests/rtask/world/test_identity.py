@@ -104,3 +104,50 @@ def test_between_two_lost_things_the_nearer_one_is_taken_and_the_doubt_is_kept()
 def test_a_thing_is_the_same_if_nothing_else_is_likely():
     gone = Candidate("urn:a", 1.0, Spread(0.01, 0.0, 0.1), is_current=True, age_s=1e6)
     assert identify([gone], 0.003).doubts == (("urn:a", pytest.approx(1 / 1.1)),)
+
+
+def test_a_thing_seen_elsewhere_before_it_was_missed_turns_out_to_be_the_same(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    carried = lab.see(lab.cup, 0.9, -0.4, 600)
+    assert carried != first
+    lab.lose(first, 900)
+    assert lab.kb.world.exemplars_of(lab.cup) == [first]
+    (place,) = lab.ask("blue cup", 950).exemplars
+    assert place.frame_from_exemplar[0, 3] == pytest.approx(0.9)
+    assert place.doubts == ()
+    before, after = lab.kb.world.history(first)
+    assert before.end == after.begin, "it is at one place at a time"
+
+
+def test_of_two_lost_things_none_is_taken_for_the_one_that_was_seen_elsewhere(lab):
+    lab.stand(lab.frame(), lab.map, 0.0, 0.0, -100)
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, -0.6, 0.1, 0)
+    third = lab.see(lab.cup, 0.9, -0.4, 600)
+    edit = lab.edit()
+    edit.lose_all([first, second], lab.noon + 900)
+    lab.commit(edit, "nao-1")
+    assert lab.kb.world.exemplars_of(lab.cup) == sorted([first, second, third])
+    assert {name for name, _ in lab.kb.world.doubts(third)} == {first, second}
+
+
+def test_a_doubt_between_two_lost_things_is_mutual_when_the_other_comes_back(lab):
+    first = lab.see(lab.cup, 0.3, 0.1, 0)
+    second = lab.see(lab.cup, -0.6, 0.1, 0)
+    edit = lab.edit()
+    edit.lose_all([first, second], lab.noon + 900)
+    lab.commit(edit, "nao-1")
+    back = lab.see(lab.cup, 0.0, 0.4, 1000)
+    other = lab.see(lab.cup, 0.9, 0.4, 1100)
+    assert {back, other} == {first, second}
+    doubts = {name: dict(lab.kb.world.doubts(name)) for name in (back, other)}
+    assert doubts == {back: {other: 0.5}, other: {back: 0.5}}, "nobody can tell which is which"
+
+
+def test_what_slipped_from_the_hand_of_one_robot_is_the_same_to_another_at_its_table(lab):
+    for robot in ("nao-1", "nao-2"):
+        lab.stand(lab.frame(robot), lab.map, 0.0, 0.0, -100)
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    lab.put(cup, "held_by", lab.hand(), 10)
+    lab.lose(cup, 20)
+    assert lab.see(lab.cup, 0.5, 0.3, 40, robot="nao-2") == cup

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.commit.commit import Request
 from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import Quad, object_term
 from rtask.world.estimates import estimated_placements
 
 DAY_S = 86_400.0
@@ -189,3 +191,14 @@ def test_frames_deeper_than_what_is_followed_leave_nearness_undecided(lab, monke
     answer = lab.ask("blue cup", 5, near="map", radius_m=3.0)
     assert (answer.exemplars, answer.things_untried) == ((), 1)
     assert answer.text.endswith("too many frames are between it and 1 of them to tell")
+
+
+def test_the_index_sees_what_was_loaded_in_bulk(lab):
+    cup = lab.see(lab.cup, 0.3, 0.1, 0)
+    assert len(lab.kb.world.history(cup)) == 1
+    edit = lab.edit("nao-2")
+    edit.see(lab.seen(lab.cup, 0.9, 0.1, 60, exemplar=cup))
+    graph = lab.kb.graphs.agent("nao-2")
+    quads = [Quad(s, p, object_term(value), graph) for s, p, value in edit.statements]
+    lab.kb.bulk_add(quads, graph, Request(lab.kb.access()))
+    assert len(lab.kb.world.history(cup)) == 2

@@ -13,8 +13,11 @@ import httpx
 import pytest
 
 import rtask
+from rtask.asking.terms import reader_of
 from rtask.errors import RtaskError, UsageError
 from rtask.extras import EXTRA_OF
+from rtask.kb.store.naming import Names, prefixed
+from rtask.rdf.terms import Literal, NamedNode, stored, written
 from simulate.demo.recorded import MARK, RECORDED, pack, unpack
 
 _MESHES = {".stl", ".dae", ".obj", ".ply", ".urdf", ".gltf", ".glb"}
@@ -56,6 +59,22 @@ def test_the_recorded_store_names_its_products_as_the_report_does(opened: Path) 
         paths = kb.query('ASK { ?s ?p ?o FILTER(REGEX(STR(?o), "^/(tmp|work|home|root)/")) }')
     assert {met["product"] for met in result["objects"]} <= named
     assert paths is False
+
+
+def test_every_printed_form_of_every_term_of_the_recorded_store_is_read_back(
+    opened: Path,
+) -> None:
+    with rtask.open(opened / "store", mode="r") as kb:
+        reader, names = reader_of(kb), Names(kb.store, kb.graphs)
+        terms = {term for quad in kb.match() for term in quad}
+        assert {type(term) for term in terms} >= {NamedNode, Literal}
+        for term in terms:
+            if isinstance(term, NamedNode):
+                for form in {written(term), term.value, prefixed(term, kb.base), names(term)}:
+                    assert reader.term(form, "subject") == term, form
+            elif isinstance(term, Literal):
+                for form in {written(term), prefixed(term, kb.base)}:
+                    assert stored(reader.term(form)) == term, form
 
 
 @pytest.mark.slow

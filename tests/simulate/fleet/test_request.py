@@ -16,6 +16,7 @@ from simulate.fleet.requests import request_rows, request_trial, summarise_reque
 from tests.commands import run_command
 
 
+@pytest.mark.deep
 @pytest.mark.slow
 def test_of_a_ball_and_a_bottle_the_bottle_is_to_drink_from() -> None:
     wanted = ("something to drink from", "--seed", "3", "--objects", "2", "--preset", "fast")

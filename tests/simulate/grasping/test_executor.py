@@ -42,7 +42,8 @@ def make(preset="faithful"):
 
 @pytest.fixture(scope="module")
 def scene():
-    world, executor = make()
+    """A Nao at its table; what ends a grasp is the same in coarse physics, in half of the time."""
+    world, executor = make("fast")
     with world:
         yield world, executor
 
@@ -62,20 +63,27 @@ def can(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "side"), [("can", -1), pytest.param("box", 1, marks=pytest.mark.deep)]
+    ("preset", "kind", "side"),
+    [
+        ("fast", "can", -1),
+        pytest.param("faithful", "can", -1, marks=pytest.mark.deep),
+        pytest.param("faithful", "box", 1, marks=pytest.mark.deep),
+    ],
 )
-def test_objects_are_grasped_held_and_placed(scene, kind, side):
-    world, executor = scene
-    spec = product(kind, 7)
-    body = world.spawn(spec, (0.15, side * 0.10))
-    world.step(0.2)
-    plan = executor.plan(request_for(spec, 0.15, side * 0.10), seed=1)
-    assert not isinstance(plan, str)
-    phases = []
-    record = executor.execute(plan, on_phase=phases.append)
-    box = world.place_boxes["left" if side > 0 else "right"]
-    position = world.object_pose(body).position
-    world.remove(body)
+def test_objects_are_grasped_held_and_placed(preset, kind, side):
+    world, executor = make(preset)
+    with world:
+        spec = product(kind, 7)
+        body = world.spawn(spec, (0.15, side * 0.10))
+        world.step(0.2)
+        plan = executor.plan(request_for(spec, 0.15, side * 0.10), seed=1)
+        assert not isinstance(plan, str)
+        phases = []
+        record = executor.execute(plan, on_phase=phases.append)
+        box = world.place_boxes["left" if side > 0 else "right"]
+        position = world.object_pose(body).position
+        joints = executor.robot.arm_joints(plan.arm)
+    assert (record.preset, record.seed) == (preset, 1)
     assert (record.reason, record.held, record.placed) == ("ok", True, True)
     assert phases == [
         "pregrasp", "approach", "close", "lift", "hold", "transport", "place", "home",
@@ -97,9 +105,7 @@ def test_objects_are_grasped_held_and_placed(scene, kind, side):
     )
     assert box.x_range[0] < position[0] < box.x_range[1]
     assert box.y_range[0] < position[1] < box.y_range[1]
-    np.testing.assert_allclose(
-        executor.robot.arm_joints(plan.arm), executor.robot.home(plan.arm), atol=0.02
-    )
+    np.testing.assert_allclose(joints, executor.robot.home(plan.arm), atol=0.02)
 
 
 @pytest.mark.slow
@@ -236,16 +242,6 @@ def test_no_box_means_no_place(can, monkeypatch):
     monkeypatch.setattr(world, "place_boxes", {})
     record = executor.execute(executor.plan(request_for(CAN, 0.15, -0.10)))
     assert (record.held, record.placed, record.place_reason) == (True, False, "place_plan")
-
-
-@pytest.mark.slow
-def test_the_fast_preset_is_named_in_its_records():
-    world, executor = make("fast")
-    with world:
-        world.spawn(CAN, (0.15, -0.10))
-        world.step(0.2)
-        record = executor.execute(executor.plan(request_for(CAN, 0.15, -0.10), seed=4))
-    assert (record.preset, record.seed) == ("fast", 4)
 
 
 _RUN = """

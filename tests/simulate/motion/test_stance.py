@@ -75,14 +75,17 @@ def describe_camera():
 
 
 @pytest.mark.slow
+def test_what_is_out_of_reach_is_reached_by_leaning(cell):
+    assert isinstance(cell.executor.plan(far_can(stances="own"), seed=1), str)
+    assert cell.executor.plan(far_can(), seed=1).stance == STANCE
+
+
+@pytest.mark.deep
+@pytest.mark.slow
 def test_what_is_out_of_reach_is_held_by_leaning_and_placed(cell):
-    executor = cell.executor
     body = cell.world.spawn(CAN, FAR)
     cell.world.step(0.3)
-    assert isinstance(executor.plan(far_can(stances="own"), seed=1), str)
-    plan = executor.plan(far_can(), seed=1)
-    assert plan.stance == STANCE
-    record = executor.execute(plan)
+    record = cell.executor.execute(cell.executor.plan(far_can(), seed=1))
     assert (record.reason, record.place_reason) == ("ok", "ok")
     assert cell.robot.stance == ""
     cell.world.remove(body)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rtask.errors import UsageError
-from simulate.study.film import Film, write_film
+from simulate.study.film.robots import Film, write_film
 from simulate.world.camera import Camera
 from simulate.world.portrait import portrait
 from simulate.world.world import World
@@ -21,7 +21,7 @@ from simulate.world.world import World
 _QUICK_FILM = """
 import functools
 from rtask.cli import main
-from simulate.study import film
+from simulate.study.film import robots as film
 
 film.Film = functools.partial(film.Film, size=(64, 36), frames_per_s=0.5)
 film.film_robot.__defaults__ = ("fast",)

@@ -8,6 +8,7 @@ const GATHER_MS = 60; // events of one burst are drawn together, all but the fir
 const SPEAK_MS = 10_000;
 const MAX_ROWS = 200;
 const SILENT = ["frame", "answered"]; // seen on the robot's card only
+const BOOKKEEPING = "wrote"; // shown when asked for
 const root = document.querySelector("[data-activity]");
 const rows = root.querySelector("[data-events]");
 const lanes = root.querySelector("[data-lanes]");
@@ -40,9 +41,20 @@ function linked(words, iri) {
   return iri ? element("a", { href: objectUrl(iri) }, words) : words;
 }
 
+/** Return what an event says in words, and what the robot measured, which is folded away. */
+function split(event) {
+  const detail = event.detail ?? "";
+  if (event.kind !== "outcome") return [detail, ""];
+  if (!/^(attempt|choice|expected) /.test(detail)) return ["", detail];
+  const end = detail.indexOf("; ");
+  return end < 0 ? [detail, ""] : [detail.slice(0, end), detail.slice(end + 2)];
+}
+
 function row(event) {
   const words = element("span", {}, element("b", {}, event.who), " ", linked(event.words, event.object));
-  if (event.detail) words.append(" ", element("small", {}, event.detail));
+  const [said, measured] = split(event);
+  if (said) words.append(" ", element("small", {}, said));
+  if (measured) words.append(element("details", {}, element("summary", {}, "what it measured"), element("small", {}, measured)));
   const made = element("li", { "data-kind": event.kind, "data-who": event.who },
     element("time", {}, clock(event.time_s)), words);
   if ("held" in event) made.append(mark(event.held));
@@ -50,7 +62,8 @@ function row(event) {
 }
 
 function shown(item) {
-  return (!who.value || item.dataset.who === who.value) && (!kind.value || item.dataset.kind === kind.value);
+  const isOfKind = { "": item.dataset.kind !== BOOKKEEPING, all: true }[kind.value] ?? item.dataset.kind === kind.value;
+  return (!who.value || item.dataset.who === who.value) && isOfKind;
 }
 
 function picture(figure, source, alternative, caption) {

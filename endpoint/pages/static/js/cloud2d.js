@@ -4,6 +4,7 @@
 const VIEWS = [["from above", 0, 1], ["from the front", 0, 2], ["from the side", 1, 2]];
 const PICK_PX = 16;
 const MAX_POINTS = 8000;
+const HAND_M = 0.007; // thickness of fingers, palm and wrist
 
 export function cloudIn2D(place, onPick) {
   const canvas = document.createElement("canvas");
@@ -14,7 +15,7 @@ export function cloudIn2D(place, onPick) {
   let selected = -1;
   let segments = []; // what was drawn: index and places on the canvas
 
-  /** Scale and offsets by which all three views fit. */
+  /** Places on the canvas at which all three views fit, and their scale, px/m. */
   function layout() {
     const width = canvas.width / VIEWS.length;
     const ends = [0, 1, 2].map((axis) => {
@@ -23,10 +24,11 @@ export function cloudIn2D(place, onPick) {
     });
     const span = Math.max(...ends.map(([low, high]) => high - low), 1e-6);
     const scale = (0.86 * Math.min(width, canvas.height)) / span;
-    return VIEWS.map(([, a, b], number) => (point) => [
+    const places = VIEWS.map(([, a, b], number) => (point) => [
       width * (number + 0.5) + scale * (point[a] - (ends[a][0] + ends[a][1]) / 2),
       canvas.height / 2 - scale * (point[b] - (ends[b][0] + ends[b][1]) / 2),
     ]);
+    return { places, scale };
   }
 
   function draw() {
@@ -37,20 +39,23 @@ export function cloudIn2D(place, onPick) {
     paint.clearRect(0, 0, canvas.width, canvas.height);
     if (!cloud) return;
     const step = Math.max(1, Math.ceil(cloud.count / MAX_POINTS));
-    const places = layout();
+    const { places, scale } = layout();
+    // Splats twice as wide as the distance of points on half of the surface of the object's box.
+    const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
+    const splat = Math.min(Math.max((2 * scale * size) / Math.sqrt((2 * cloud.count) / step), 2 * ratio), 8 * ratio);
     segments = [];
     places.forEach((at, number) => {
       for (let i = 0; i < cloud.count; i += step) {
         const [r, g, b] = [0, 1, 2].map((part) => Math.round(255 * colours[3 * i + part]));
         paint.fillStyle = `rgb(${r} ${g} ${b})`;
         const [x, y] = at(cloud.positions.subarray(3 * i, 3 * i + 3));
-        paint.fillRect(x, y, 2 * ratio, 2 * ratio);
+        paint.fillRect(x - splat / 2, y - splat / 2, splat, splat);
       }
       grasps.forEach((grasp, index) => {
         paint.strokeStyle = index === selected ? grasp.marked : grasp.colour;
-        paint.lineWidth = (index === selected ? 4 : 1.5) * ratio;
-        paint.globalAlpha = selected < 0 || index === selected ? 1 : 0.4;
-        paint.setLineDash(grasp.failed ? [5 * ratio, 4 * ratio] : []);
+        paint.lineWidth = Math.max(HAND_M * scale, (index === selected ? 4 : 2) * ratio);
+        paint.globalAlpha = selected < 0 || index === selected ? 0.9 : 0.25;
+        paint.setLineDash(grasp.failed ? [8 * ratio, 3 * ratio] : []);
         for (const line of grasp.lines) {
           const [from, to] = [at(line.slice(0, 3)), at(line.slice(3))];
           paint.beginPath();

@@ -1,7 +1,12 @@
 // A cloud with grippers in 3D, by three.js. Draws only when something changes.
 
+import { solidHand } from "./solid_hand.js";
+
 const UP = [0, 0, 1];
 const PICK_PX = 24;
+const FIELD_DEG = 40;
+const SEEN_M = 0.13; // at least so much is seen: a hand is larger than many things
+const SPLAT = 1 / Math.tan((FIELD_DEG * Math.PI) / 360); // the library's size of points leaves the field of view out
 
 /**
  * @param {object} three the bundled library
@@ -11,7 +16,7 @@ const PICK_PX = 24;
 export function cloudIn3D(three, place, onPick) {
   const renderer = new three.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   const scene = new three.Scene();
-  const camera = new three.PerspectiveCamera(40, 1, 0.005, 20);
+  const camera = new three.PerspectiveCamera(FIELD_DEG, 1, 0.005, 20);
   camera.up.set(...UP);
   const controls = new three.OrbitControls(camera, renderer.domElement);
   const grippers = new three.Group();
@@ -47,14 +52,16 @@ export function cloudIn3D(three, place, onPick) {
     // The library mixes colours as light, pictures store them as perceived.
     geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
     const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
-    points = new three.Points(geometry, new three.PointsMaterial({ size: size / 110, vertexColors: true }));
+    // Half of the box's area is about what is seen of its surface; splats twice as wide as their distance close it.
+    const splat = Math.min(Math.max((2 * size) / Math.sqrt(2 * cloud.count), size / 250), size / 40);
+    points = new three.Points(geometry, new three.PointsMaterial({ size: SPLAT * splat, vertexColors: true }));
     scene.add(points);
     redraw();
   }
 
   function lookAt(cloud, camera_) {
     const middle = cloud.high.map((value, axis) => (value + cloud.low[axis]) / 2);
-    const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
+    const size = Math.max(SEEN_M, Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis])));
     controls.target.set(...middle);
     if (camera_?.length === 3) camera.position.set(...camera_);
     else camera.position.set(middle[0] + size, middle[1] - 1.3 * size, middle[2] + 1.1 * size);
@@ -69,16 +76,15 @@ export function cloudIn3D(three, place, onPick) {
     }
     grasps.forEach((grasp, index) => {
       if (!grasp.lines.length) return;
+      const { places, colours, size } = solidHand(grasp, index === selected);
       const geometry = new three.BufferGeometry();
-      geometry.setAttribute("position", new three.Float32BufferAttribute(grasp.lines.flat(), 3));
-      const look = { color: index === selected ? grasp.marked : grasp.colour, transparent: true, opacity: selected < 0 || index === selected ? 1 : 0.35 };
-      const material = grasp.failed
-        ? new three.LineDashedMaterial({ ...look, dashSize: 0.006, gapSize: 0.004 })
-        : new three.LineBasicMaterial(look);
-      const lines = new three.LineSegments(geometry, material);
-      if (grasp.failed) lines.computeLineDistances();
-      lines.userData.index = index;
-      grippers.add(lines);
+      geometry.setAttribute("position", new three.Float32BufferAttribute(places, 3));
+      geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
+      const isFaint = selected >= 0 && index !== selected;
+      const look = isFaint ? { transparent: true, opacity: 0.12, depthWrite: false } : {};
+      const hand = new three.Points(geometry, new three.PointsMaterial({ size: SPLAT * size, vertexColors: true, ...look }));
+      hand.userData.index = index;
+      grippers.add(hand);
     });
     redraw();
   }
@@ -87,14 +93,14 @@ export function cloudIn3D(three, place, onPick) {
   function pick(event) {
     const box = renderer.domElement.getBoundingClientRect();
     let best = [PICK_PX, -1];
-    for (const lines of grippers.children) {
-      const places = lines.geometry.getAttribute("position");
+    for (const hand of grippers.children) {
+      const places = hand.geometry.getAttribute("position");
       for (let i = 0; i < places.count; i += 1) {
         const at = new three.Vector3().fromBufferAttribute(places, i).project(camera);
         const x = box.left + ((at.x + 1) / 2) * box.width;
         const y = box.top + ((1 - at.y) / 2) * box.height;
         const distance = Math.hypot(x - event.clientX, y - event.clientY);
-        if (distance < best[0]) best = [distance, lines.userData.index];
+        if (distance < best[0]) best = [distance, hand.userData.index];
       }
     }
     if (best[1] >= 0) onPick(best[1]);

@@ -7,6 +7,18 @@ import { completions } from "./completion.js";
 const CHECK_MS = 300;
 const COLOURS = { keyword: "var(--accent)", string: "var(--good)", comment: "var(--quiet)", variableName: "var(--bad)", number: "var(--good)", name: "var(--ink)" };
 
+/** Wait until an element is in sight, or nearly. */
+function inSight(place) {
+  return new Promise((resolve) => {
+    const watch = new IntersectionObserver((entries) => {
+      if (!entries.some((entry) => entry.isIntersecting)) return;
+      watch.disconnect();
+      resolve();
+    });
+    watch.observe(place);
+  });
+}
+
 class SparqlEditor extends HTMLElement {
   #view = null;
   #library = null;
@@ -18,6 +30,7 @@ class SparqlEditor extends HTMLElement {
 
   async connectedCallback() {
     if (!this.dataset.library || this.shadowRoot) return;
+    await inSight(this); // out of sight, the lines cannot be measured, and their numbers would stand elsewhere
     try {
       this.#library = await import(this.dataset.library);
     } catch {

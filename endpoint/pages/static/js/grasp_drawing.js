@@ -2,8 +2,9 @@
 
 const NS = "http://www.w3.org/2000/svg";
 const MARGIN_PX = 30;
+const JAW_PX = 14; // as in the style sheet
 const VERTEX_PX = matchMedia("(pointer: coarse)").matches ? 11 : 6;
-const SAVED = ["fill", "fill-opacity", "stroke", "stroke-width", "stroke-dasharray", "font-size", "font-family"];
+const SAVED = ["fill", "fill-opacity", "stroke", "stroke-opacity", "stroke-width", "stroke-dasharray", "font-size", "font-family"];
 
 function shape(name, attributes, words = "") {
   const made = document.createElementNS(NS, name);
@@ -139,13 +140,14 @@ export class GraspDrawing {
     return drawn;
   }
 
-  /** The pushing jaw at the contact, and the other one at the opening that the part needs. */
+  /** The pushing jaw at the contact, the other one at the opening that the part needs, and the beam between. */
   #jaws({ contact, approach, opening }, width) {
     const across = [-approach[1] * width / 2, approach[0] * width / 2];
-    return [0, opening].map((distance) => {
-      const middle = contact.map((value, axis) => value + distance * approach[axis]);
-      return this.#line(middle.map((v, axis) => v - across[axis]), middle.map((v, axis) => v + across[axis]), { class: "jaw" });
-    });
+    const out = JAW_PX / 2 / this.#scale; // the inner side of a jaw is where it touches
+    const at = (distance) => contact.map((value, axis) => value + distance * approach[axis]);
+    const jaws = [-out, opening + out].map(at).map((middle) =>
+      this.#line(middle.map((v, axis) => v - across[axis]), middle.map((v, axis) => v + across[axis]), { class: "jaw" }));
+    return [this.#line(at(-out), at(opening + out), { class: "beam" }), ...jaws];
   }
 
   /** Return the drawing as a document of its own, with the colours that it has now. */

@@ -25,7 +25,7 @@ const why = element("div", { class: "why", role: "group", "aria-label": "Why it 
 const tools = element("div", { class: "tools judging", role: "group", "aria-label": "Judge this attempt" });
 const list = element("ol", { class: "attempt-list", "aria-label": "Attempts" });
 const entries = cards.map((card, index) => {
-  const state = element("span", { class: "mark" }, stateOf(card));
+  const state = element("span", { class: lookOf(card) }, stateOf(card));
   const open = element("button", { type: "button" }, card.dataset.title, " ",
     element("small", {}, `${card.dataset.robot}, ${card.dataset.time}`), state);
   open.addEventListener("click", () => show(index));
@@ -36,6 +36,17 @@ const entries = cards.map((card, index) => {
 /** What counts of a card now, as the server drew it. */
 function stateOf(card) {
   return card.querySelector("[data-said] .mark")?.textContent.trim() ?? "";
+}
+
+/** The classes of what counts of a card, so that its entry has the same colour. */
+function lookOf(card) {
+  return card.querySelector("[data-said] .mark")?.className ?? "mark";
+}
+
+/** Draw in the list what counts of a card, or what was just said of it. */
+function mark(index, words = stateOf(cards[index]), look = lookOf(cards[index])) {
+  entries[index].state.textContent = words;
+  entries[index].state.className = look;
 }
 
 function say(words) {
@@ -81,7 +92,7 @@ function judge(held, reason = "") {
   const verdict = { card, body, index: current };
   verdict.timer = setTimeout(() => send(verdict), TAKE_BACK_MS);
   waiting.push(verdict);
-  entries[current].state.textContent = held ? "you: held" : "you: did not hold";
+  mark(current, held ? "you: held" : "you: did not hold", `mark ${held ? "good" : "bad"}`);
   say(`${card.dataset.title}: ${held ? "held" : "did not hold"}. Sent in 10 s; U takes it back.`);
   if (current < cards.length - 1) show(current + 1);
 }
@@ -90,7 +101,7 @@ function takeBack() {
   const verdict = waiting.pop();
   if (!verdict) return say("Nothing is left to take back.");
   clearTimeout(verdict.timer);
-  entries[verdict.index].state.textContent = stateOf(verdict.card);
+  mark(verdict.index);
   show(verdict.index);
   say("Taken back; nothing was sent.");
 }
@@ -117,7 +128,7 @@ function fail(card, index, problem) {
   const note = element("p", { class: "problem", role: "alert" });
   explain(note, { ...problem, detail: `Not stored: ${problem.detail}` });
   card.querySelector("[data-said]").append(note);
-  entries[index].state.textContent = "not stored";
+  mark(index, "not stored", "mark bad");
 }
 
 function askWhy() {
@@ -192,7 +203,7 @@ async function refresh() {
     if (!said || said.textContent.trim() === old.textContent.trim()) return;
     old.replaceWith(document.adoptNode(said));
     const mine = waiting.some((one) => one.card === card);
-    if (!mine) entries[index].state.textContent = stateOf(card);
+    if (!mine) mark(index);
     if (index === current) say("Somebody has just judged this attempt.");
   });
 }

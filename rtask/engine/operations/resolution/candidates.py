@@ -183,8 +183,8 @@ def _fitting(senses: Sequence[Sense]) -> str:
     for k, sense in enumerate(senses):
         path = PROPERTIES[sense.kind]
         parts.append(f"VALUES ?term{k} {{ {values(sense.terms)} }} ?object {path} ?term{k} .")
-    no_thing = "FILTER NOT EXISTS { ?object a rt:Exemplar }"
-    return f"{' '.join(parts)} ?object a rt:ManipulableObject {no_thing}"
+    without_exemplar = "FILTER NOT EXISTS { ?object a rt:Exemplar }"
+    return f"{' '.join(parts)} ?object a rt:ManipulableObject {without_exemplar}"
 
 
 def _number(row: Row, name: str) -> float | None:

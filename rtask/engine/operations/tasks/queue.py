@@ -166,8 +166,10 @@ def claim_step(context: Context, request: ClaimStep, access: Access) -> ClaimedS
     with context.writing:
         choice = claiming.claim_step(context.kb, robot, author, lease_s=request.lease)
     waiting = [
-        WaitingStep(plan=one.plan, task=one.task, text=one.text, why=one.why, stuck=one.is_stuck)
-        for one in choice.waits
+        WaitingStep(
+            plan=wait.plan, task=wait.task, text=wait.text, why=wait.why, stuck=wait.is_stuck
+        )
+        for wait in choice.waits
     ]
     if choice.step is None or choice.plan is None or choice.claim is None:
         return ClaimedStep(claimed=False, waiting=waiting)
@@ -289,15 +291,15 @@ def _robot(context: Context, name: str | None, access: Access) -> tuple[str, Acc
         if not own:
             raise UsageError("robot is missing: its name or IRI", field="robot")
         return own, access
-    found = _named(context, name)
-    if own and found != own:
+    robot = _named(context, name)
+    if own and robot != own:
         raise ForbiddenError(f"the token belongs to {access.agent!r}: it cannot act for {name!r}")
     if own:
         return own, access
     if access.agent is not None:
         raise ForbiddenError(f"{access.agent!r} is no robot: only {name!r} claims steps for itself")
-    label = found.removeprefix(f"{context.kb.base}robot/")
-    return found, context.author(access, label if "/" not in label else None)
+    label = robot.removeprefix(f"{context.kb.base}robot/")
+    return robot, context.author(access, label if "/" not in label else None)
 
 
 def _named(context: Context, name: str) -> str:

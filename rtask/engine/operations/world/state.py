@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from typing import TYPE_CHECKING
 
 from rtask.engine.operations.operation import operation
+from rtask.engine.operations.world.instants import stated_instant
 from rtask.engine.records.identity import check_agent
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Flag, Iri, Text
+from rtask.wire.types import Flag, Iri, Stamp, Text
 from rtask.world import Relation, WorldEdit
 
 if TYPE_CHECKING:
@@ -29,8 +29,12 @@ class StatePlace(Message):
     """IRI of the thing"""
     place: Text | None = None
     """IRI of the place or end effector; default: none, which must be said by lost"""
+    inside: Flag = False
+    """whether it is in the place, and not on it"""
     lost: Flag = False
     """whether it is no longer where it was, and nobody knows where"""
+    stamp: Stamp | None = None
+    """since when; default: now"""
     agent: Text | None = None
     """in whose name; default: the caller"""
 
@@ -48,7 +52,7 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     Raises
     ------
     ForbiddenError
-        A robot states it in the name of another.
+        A robot states it in the name of another, or what is in the hand of another.
     UsageError
         Neither a place nor that it is lost is given, or both.
     UnknownTermError
@@ -61,8 +65,12 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     if not context.kb.match(thing, RDF.type, RT.Exemplar):
         raise UnknownTermError(f"thing: the graph has no thing {request.thing}", field="thing")
     author = context.author(access, request.agent)
+    _check_hand(context, request.place, access)
     with context.writing:
-        added, withdrawn = moved(context, request.thing, request.place, author)
+        time_s = stated_instant(request.stamp)
+        added, withdrawn = moved(
+            context, request.thing, request.place, author, time_s, inside=request.inside
+        )
         with context.kb.transaction(access=author, note="state a place") as tx:
             for statement in withdrawn:
                 tx.remove(*statement)
@@ -71,10 +79,36 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     return StatedPlace(commit=context.commit_id(tx.commit))
 
 
+def _check_hand(context: Context, place: str | None, access: Access) -> None:
+    """Refuse a robot to say what another one holds."""
+    if access.role != "robot" or place is None:
+        return
+    owners = {quad.subject for quad in context.kb.match(None, RT.hasEndEffector, iri(place))}
+    if owners and context.agent_iri(access) not in owners:
+        raise ForbiddenError(
+            f"place: the token belongs to {access.agent!r}, and {place} is a hand of another "
+            "robot, which says itself what it holds",
+            field="place",
+        )
+
+
 def moved(
-    context: Context, thing: str, place: str | None, author: Access
+    context: Context,
+    thing: str,
+    place: str | None,
+    author: Access,
+    time_s: float | None = None,
+    *,
+    inside: bool = False,
 ) -> tuple[list[Statement], list[Statement]]:
-    """Return what to state and to withdraw if a thing is at a place from now on; None if lost.
+    """Return what to state and to withdraw if a thing is at a place from a time on; None if lost.
+
+    Parameters
+    ----------
+    time_s
+        Unix time; default: now.
+    inside
+        Whether it is in the place, and not on it.
 
     Raises
     ------
@@ -82,7 +116,7 @@ def moved(
         The graph has no such place.
     """
     edit = WorldEdit(context.world, context.home_graph(author))
-    time_s = dt.datetime.now(dt.UTC).timestamp()
+    time_s = stated_instant(None) if time_s is None else time_s
     if place is None:
         edit.lose(thing, time_s)
         return edit.drain()
@@ -90,6 +124,8 @@ def moved(
     if not (isinstance(node, NamedNode) and context.kb.match(node)):
         raise UnknownTermError(f"place: the graph has no {place}", field="place")
     agent = context.agent_iri(author).value
-    relation: Relation = "held_by" if context.kb.match(None, RT.hasEndEffector, node) else "on"
+    relation: Relation = "in" if inside else "on"
+    if context.kb.match(None, RT.hasEndEffector, node):
+        relation = "held_by"
     edit.put(thing, relation, place, time_s, agent)
     return edit.drain()

@@ -33,7 +33,7 @@ _WITHOUT = {
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
         demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,
-        simulate act-test reach, simulate act-test workspace, study attempts, study demo,
+        simulate act-test reach, simulate act-test workspace, study attempts, study day, study demo,
         study grasp-quality, study grasp-views, study grasping, study hands, study judging,
         study learn, study piles, study push-grasps, study requests, study sharing, study table4,
         study table5, study tasks, study trust, thesis all, thesis show""",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,7 +151,7 @@ def test_motions_of_a_simulation_that_outran_the_clock_do_not_mix(bench, robots,
     assert kept == [0.5] * 3  # simulated seconds stay as they were told
 
 
-def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, kb, tmp_path):
+def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, bench, kb, tmp_path):
     out = tmp_path / "set"
     assert write_lerobot(kb, episodes_of(kb), out, rate_hz=10).episodes == 2
     info = json.loads((out / "meta/info.json").read_text())
@@ -167,11 +169,19 @@ def test_a_data_set_has_the_files_and_columns_of_lerobot_3(told, kb, tmp_path):
     assert [k for k, held in enumerate(frames["next.success"]) if held] == [9]
     kept = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pydict()
     assert (kept["dataset_from_index"], kept["dataset_to_index"]) == ([0, 4], [4, 10])
-    assert kept["tasks"] == [["pick up cylinder 1 and put it into the box"]] * 2
+    ((task,), other) = kept["tasks"]
+    assert other == [task]
+    assert re.fullmatch(r"pick up cylinder 1, an? [a-z ]+ cylinder, and put it into the box", task)
     assert kept["rtask/held"] == [False, True]
     assert kept["rtask/reason"] == ["missed", "ok"]
     assert kept["rtask/evidence"] == ["", "opening .7 -> .6"]
     assert kept["stats/action/max"][1] == pytest.approx([6.0, 6.1, 6.2])
+    state = frames["observation.environment_state"]
+    names = info["features"]["observation.environment_state"]["names"]
+    assert names == [f"base_footprint/{part}" for part in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    assert all(row == state[0] for row in state[:4])
+    assert state[0][:2] == pytest.approx(bench.CAN.position, abs=0.01)
+    assert info["robot_type"] == "nao-h25-v5"
     stats = json.loads((out / "meta/stats.json").read_text())
     assert stats["observation.state"]["mean"][0] == pytest.approx((6 + 15) / 10)
     tasks = pq.read_table(out / "meta/tasks.parquet")
@@ -203,6 +213,25 @@ def test_hands_are_not_mixed_in_one_data_set(told, bench, robots, kb, tmp_path):
         write_lerobot(kb, found, tmp_path / "set", hand="foot")
     assert not list(tmp_path.iterdir())
     assert write_lerobot(kb, found, tmp_path / "set", hand="other_hand").episodes == 1
+
+
+def test_a_query_says_which_attempts_make_a_data_set(told, kb, tmp_path):
+    lost = "SELECT ?attempt { ?attempt rt:hasOutcome/rt:hasReason rt:reason_missed }"
+    (only,) = episodes_of(kb, query=lost)
+    assert (only.held, only.reason) == (False, "missed")
+    first = episodes_of(kb, query="SELECT ?a ?x { ?a a rt:GraspAttempt ; rt:performedBy ?x }")
+    assert first == episodes_of(kb)
+    assert write_lerobot(kb, [only], tmp_path / "lost").episodes == 1
+    with pytest.raises(UsageError):
+        episodes_of(kb, query="ASK { ?a ?b ?c }")
+
+
+def test_robots_of_two_types_are_not_mixed_in_one_data_set(told, kb, tmp_path):
+    found = [one for one in episodes_of(kb) if one.motion]
+    assert len({one.robot for one in found}) == 2  # of one model
+    other = replace(found[1], robot="urn:robot/two", robot_name="panda-1")
+    with pytest.raises(UsageError, match=r"robots of one type, and there are nao.*, panda-1"):
+        write_lerobot(kb, [found[0], other], tmp_path / "set")
 
 
 def test_without_recorded_joints_there_is_no_data_set(told, kb, tmp_path):

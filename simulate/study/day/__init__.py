@@ -1,0 +1,1 @@
+"""A simulated day in a lab, and questions about what robots remember of it."""

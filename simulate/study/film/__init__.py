@@ -1,0 +1,1 @@
+"""Moving pictures for documentation: robots at work, and what sharing is worth."""

@@ -1,0 +1,121 @@
+"""Robots with eyes of their own: what they report is one thing with one place, and a history."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from grasp.messages import pose_message
+from rtask.engine import Engine
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PREFIXES
+from tests.rtask.world.conftest import BASE, NOON, pose
+
+NAO = Access("nao-1", "robot")
+
+
+@pytest.fixture
+def engine(lab) -> Iterator[Engine]:
+    hands = "".join(
+        f"<{BASE}robot/{robot}> rt:hasEndEffector <{lab.hand(robot)}> . "
+        f"<{lab.hand(robot)}> a rt:EndEffector . "
+        for robot in ("nao-1", "nao-2")
+    )
+    lab.kb.update(f"{PREFIXES} INSERT DATA {{ {hands} }}")
+    with Engine(lab.kb) as made:
+        yield made
+
+
+@pytest.fixture
+def look(engine):
+    """Return what reports a look of a robot at seconds after noon: names with x and y."""
+
+    def look(time_s, *seen, robot="nao-1", **more):
+        things = [
+            {"object": name, "pose": pose_message(pose(x, y)), "sigma": 0.004, **rest}
+            for name, x, y, *given in seen
+            for rest in (given or [{}])
+        ]
+        args = {"frame": "table", "seen": things, "stamp": NOON + time_s, **more}
+        return engine.call("report_sightings", args, Access(robot, "robot"))
+
+    return look
+
+
+@pytest.fixture
+def put(engine):
+    def put(thing, place, time_s, robot="nao-1", **more):
+        args = {"thing": thing, "place": place, "stamp": NOON + time_s, **more}
+        engine.call("state_place", args, Access(robot, "robot"))
+
+    return put
+
+
+def trace(engine, name, time_s=1e6):
+    return engine.call("trace_thing", {"name": name, "stamp": NOON + time_s}, NAO)
+
+
+def test_robots_at_one_table_see_the_same_things_and_two_at_once_are_two(lab, look):
+    first = look(0, ("blue cup", 0.1, 0.0), ("blue cup", 0.4, 0.0), ("lab/2", 0.7, 0.0))
+    assert (len(set(first.things)), first.new) == (3, 3)
+    again = look(100, ("blue cup", 0.403, 0.0), ("tea box", 0.7, 0.0), robot="nao-2")
+    assert (again.things, again.new) == (first.things[1:], 0)
+    assert look(101, ("blue cup", 0.4, 0.0)).commit == "", "nothing new"
+
+
+def test_what_is_gone_is_the_same_thing_where_it_is_seen_next(lab, look, engine):
+    (box,) = look(0, ("tea box", 0.1, 0.0)).things
+    look(300, ("tea box", 0.1, 0.0))
+    moved = look(600, ("tea box", 0.8, 0.0), gone=[box])
+    assert (moved.things, moved.new) == ([box], 0)
+    _, after = trace(engine, box).places
+    assert (after.arrived_after, after.since) == (NOON + 300, NOON + 600)
+    assert after.moved_by == "", "nobody saw who moved it"
+    look(900, gone=[box])
+    assert not engine.call("where_is", {"name": box, "stamp": NOON + 901}, NAO).known
+
+
+def test_between_the_last_look_and_its_absence_a_thing_is_less_and_less_sure(lab, look, engine):
+    (box,) = look(0, ("tea box", 0.1, 0.0)).things
+    look(300, ("tea box", 0.1, 0.0))
+    look(900, gone=[box])
+    asked = [
+        engine.call("where_is", {"name": box, "stamp": NOON + s}, NAO).things[0].still_there
+        for s in (300, 450, 600, 890)
+    ]
+    assert asked == pytest.approx([1.0, 0.75, 0.5, 1 / 60], abs=0.01)
+
+
+def test_who_moved_a_thing_and_where_it_was_is_traced(lab, look, put, engine):
+    (box,) = look(0, ("tea box", 0.1, 0.0)).things
+    put(box, lab.hand("nao-2"), 100, "nao-2")
+    look(130, ("tea box", 0.9, 0.0, {"thing": box}), robot="nao-2")
+    put(box, lab.left_box, 200, inside=True)
+    traced = trace(engine, "tea box")
+    assert [place.relation for place in traced.places] == ["at", "held_by", "at", "in"]
+    assert [place.moved_by for place in traced.places] == ["", "nao-2", "nao-2", "nao-1"]
+    assert traced.places[-1].place_label == "left box"
+    assert (traced.places[0].until, traced.places[-1].until) == (NOON + 100, None)
+    held = engine.call("where_is", {"name": box, "stamp": NOON + 120}, NAO).things[0]
+    assert held.still_there == 1.0, "the robot knows when it let go of it"
+    assert len(trace(engine, "tea box", 110).places) == 2, "as of then"
+    args = {"name": "tea box", "max_places": 1}
+    assert engine.call("trace_thing", args, NAO).places_left_out == 3
+
+
+def test_reports_that_cannot_be_understood_are_refused(lab, look, engine):
+    with pytest.raises(UnknownTermError, match="no product 'spoon'"):
+        look(0, ("spoon", 0.1, 0.0))
+    with pytest.raises(UnknownTermError, match="no thing urn:x"):
+        look(0, gone=["urn:x"])
+    cup, box = look(0, ("blue cup", 0.1, 0.0), ("tea box", 0.5, 0.0)).things
+    with pytest.raises(UsageError, match="is not of tea box"):
+        look(10, ("tea box", 0.5, 0.0, {"thing": cup}))
+    look(10, ("blue cup", 0.9, 0.0), ("blue cup", 0.1, 0.0))
+    with pytest.raises(UsageError, match="2 things are called 'blue cup'; give the IRI"):
+        trace(engine, "blue cup")
+    with pytest.raises(UnknownTermError, match="no thing 'spoon'"):
+        trace(engine, "spoon")
+    assert trace(engine, box).label == "tea box"
