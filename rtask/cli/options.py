@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -44,12 +45,28 @@ __all__ = [
 
 Row = TypeVar("Row")
 _LINES = 100
+_ADDRESS = re.compile(r"[a-z+]+://")
 _NOT_SHOWN = f"{__name__}.not_shown"
+
+
+class _Folder(click.Path):
+    """A folder; an address would lose a slash, and then be looked for on the disk."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if isinstance(value, str) and _ADDRESS.match(value):
+            self.fail(
+                f"{value} is an address, and a folder is expected; commands that can ask a server "
+                "take its address by --server",
+                param,
+                ctx,
+            )
+        return super().convert(value, param, ctx)
+
 
 data_option = click.option(
     "--data",
     "-d",
-    type=click.Path(path_type=Path),
+    type=_Folder(path_type=Path),
     default=Path("rtask-data"),
     show_default=True,
     envvar="RTASK_DATA",

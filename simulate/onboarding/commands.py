@@ -315,6 +315,52 @@ def survey(
         raise click.exceptions.Exit(1)
 
 
+@robot.command("first-grasps")
+@click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE...",
+)
+@click.option("--gripper", metavar="FILE|jaw:STROKE|suction:RADIUS|three:OPENING",
+    help="Hand for the arms that show none.",
+)  # fmt: skip
+@click.option("--grasps", default=4, show_default=True, type=click.IntRange(min=1),
+    help="Products for each robot.",
+)  # fmt: skip
+@options.seed("products, places and noise")
+@options.preset
+@options.workers
+@listing_option
+@json_option
+def first_grasps_of(
+    files: tuple[Path, ...], gripper: str | None, grasps: int, seed: int, preset: str,
+    workers: int, limit: int | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Make a robot of each URDF file, let it grasp, and print a line for each as it comes.
+
+    Nothing is kept. Exit code 1 if a file becomes no robot, or one holds nothing.
+    """
+    from simulate.onboarding.first_grasps import first_grasps
+    from simulate.world.quiet import banner_on_stderr
+
+    lines, holds = RowsAsTheyCome(limit, as_json), True
+    tried = first_grasps(
+        files, gripper=gripper, grasps=grasps, preset=preset, seed=seed, workers=workers
+    )
+    while True:
+        with banner_on_stderr():
+            row = next(tried, None)
+        if row is None:
+            break
+        lines.show(row.to_json(), row.line())
+        holds = holds and row.held > 0
+    lines.end()
+    if not holds:
+        raise click.exceptions.Exit(1)
+
+
 @robot.command()
 @click.argument("name")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object with the document.")

@@ -27,7 +27,11 @@ _images = click.option(
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Photographs of 640 x 480 instead of simulated images, for Tables 2 and 3 of Gatto 2016.",
 )
-_only = click.option("--only", type=click.Choice(["gatto", "kehoe"]), help="Of one thesis alone.")
+_only = click.option(
+    "--only",
+    type=click.Choice(["gatto", "kehoe", "beyond"]),
+    help="Of one thesis alone, or what neither has.",
+)
 
 
 @click.group(invoke_without_command=True)
@@ -78,7 +82,7 @@ def list_entries(only: str | None, limit: int | None, as_json: bool) -> None:
 @options.seed("every draw")
 @_images
 @click.option("--save-plots", type=options.folder(), help="Folder to write the pictures to.")
-@options.json_flag("the figures")
+@options.json_flag("figures")
 def show(
     name: str, fast: bool, seed: int, images: Path | None, save_plots: Path | None, as_json: bool
 ) -> None:
@@ -175,7 +179,8 @@ def _print(outcome: Outcome) -> None:
     from simulate.thesis.words import cells
 
     entry = outcome.entry
-    click.echo(f"{entry.title} (section {entry.section}): {entry.shows}: {outcome.verdict}")
+    where = f" (section {entry.section})" if entry.section else ""
+    click.echo(f"{entry.title}{where}: {entry.shows}: {outcome.verdict}")
     if outcome.result is None:
         click.echo(outcome.error or entry.why)
         return

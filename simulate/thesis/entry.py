@@ -11,12 +11,14 @@ from simulate.thesis.result import Result, Setting
 
 __all__ = ["Entry", "Kind", "State", "Thesis"]
 
-Thesis = Literal["gatto", "kehoe"]
-Kind = Literal["table", "fig", "algorithm", "listing", "experiment"]
+Thesis = Literal["gatto", "kehoe", "beyond"]
+"""Whose; ``beyond`` is what neither thesis has."""
+Kind = Literal["table", "fig", "algorithm", "listing", "experiment", "capability"]
 State = Literal["compared", "shown", "done differently", "not applicable"]
 
 
 _MODULES = {
+    "beyond": "simulate.thesis.runs.beyond",
     "features": "simulate.thesis.runs.features",
     "model": "simulate.thesis.runs.model",
     "poses": "simulate.thesis.runs.poses",
@@ -37,7 +39,8 @@ class Entry:
     Parameters
     ----------
     thesis, kind, number
-        Make up the name: ``kehoe-table-3.1``; experiments without a number have a word.
+        Make up the name: ``kehoe-table-3.1``; experiments without a number have a word, and what
+        neither thesis has is named by it: ``beyond-plans``.
     section
         Of the thesis.
     shows
@@ -70,11 +73,15 @@ class Entry:
     @property
     def name(self) -> str:
         """Name by which the command takes it."""
+        if self.thesis == "beyond":
+            return f"beyond-{self.number}"
         return f"{self.thesis}-{self.kind}-{self.number}"
 
     @property
     def title(self) -> str:
         """Name for people."""
+        if self.thesis == "beyond":
+            return f"Beyond the theses, {self.number}"
         author = {"gatto": "Gatto 2016", "kehoe": "Kehoe 2014"}[self.thesis]
         kind = {"fig": "Figure"}.get(self.kind, self.kind.capitalize())
         return f"{author}, {kind} {self.number}"

@@ -80,7 +80,7 @@ def to_html(setting: Setting, machine: Mapping[str, Any], outcomes: Sequence[Out
 
 def _about(outcome: Outcome) -> str:
     entry = outcome.entry
-    words = f"Section {entry.section}, {entry.name}."
+    words = f"Section {entry.section}, {entry.name}." if entry.section else f"{entry.name}."
     if entry.run:
         words += f" {outcome.seconds:.1f} s by the clock, {outcome.cpu_s:.1f} s of the processor."
     if entry.why:

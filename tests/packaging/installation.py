@@ -123,5 +123,7 @@ def _copy_kernels(packages: Path) -> None:
     for package in PACKAGES:
         for compiled in (ROOT / package).rglob("__pycache__/*.nb[ci]"):
             target = packages / compiled.relative_to(ROOT)
+            if not target.parents[1].is_dir():  # of a package that has moved since
+                continue
             target.parent.mkdir(exist_ok=True)
             shutil.copy(compiled, target)

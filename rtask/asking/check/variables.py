@@ -24,6 +24,7 @@ def check_variables(outline: Outline) -> Iterator[Finding]:
     names = {node.value for node in bound} | {node.value for node in outline.defined}
     yield from _unbound(outline, bound, names, counts)
     yield from _once(outline, bound, counts, shown)
+    yield from _slips(outline, bound, _mentioned(bound, used), counts, shown)
     yield from _grouping(outline)
     if not any(_is_loose(group) for group in outline.body.walk()):
         yield from _bridges(outline)
@@ -58,6 +59,15 @@ def _used(outline: Outline) -> list[Node]:
         reading += [node for nodes in group.filters for node in nodes]
         reading += [node for _, nodes in group.binds for node in nodes]
     return reading
+
+
+def _mentioned(bound: list[Node], used: list[Node]) -> Counter[str]:
+    """Return in how many places of the text each variable stands.
+
+    The subject of several patterns after each other is written once.
+    """
+    places = {(node.value, node.start) for node in (*bound, *used)}
+    return Counter(name for name, _ in places)
 
 
 def _unbound(
@@ -106,6 +116,54 @@ def _once(
                 f"?{as_written(near)} is spelt much like it"
             )
             yield Finding("used-once", "likely", node.start, node.end, words, _renamed(node, near))
+
+
+def _slips(
+    outline: Outline,
+    bound: list[Node],
+    mentioned: Counter[str],
+    counts: Counter[str],
+    shown: set[str],
+) -> Iterator[Finding]:
+    """Yield the subjects of several patterns that are written once, and like a slip of another."""
+    if outline.selects_all:
+        return
+    once = {
+        node.value: node for node in bound
+        if counts[node.value] > 1 and mentioned[node.value] == 1 and node.value not in shown
+        and not node.value.startswith((" ", "_:"))
+    }  # fmt: skip
+    for name, node in once.items():
+        near = next((other for other in counts if _is_slip(name, other)), None)
+        if near is not None:
+            words = (
+                f"?{as_written(name)} is written once and is not shown; "
+                f"?{as_written(near)} is spelt much like it"
+            )
+            yield Finding("used-once", "likely", node.start, node.end, words, _renamed(node, near))
+
+
+def _is_slip(name: str, other: str) -> bool:
+    """Return whether two names differ by a letter left out or two changed with each other.
+
+    >>> _is_slip("graps", "grasp"), _is_slip("gasp", "grasp"), _is_slip("grasps", "grasp")
+    (True, True, False)
+    >>> _is_slip("task2", "task")
+    False
+    """
+    if len(name) == len(other):
+        at = [i for i, (a, b) in enumerate(zip(name, other, strict=True)) if a != b]
+        return (
+            len(at) == 2 and at[1] == at[0] + 1
+            and name[at[0]] + name[at[1]] == other[at[1]] + other[at[0]]
+        )  # fmt: skip
+    short, long = sorted((name, other), key=len)
+    if len(long) != len(short) + 1 or len(short) < 4 or long == short + "s":
+        return False
+    dropped = next(
+        (i for i, (a, b) in enumerate(zip(short, long, strict=False)) if a != b), len(short)
+    )
+    return long[:dropped] + long[dropped + 1 :] == short and long[dropped].isalpha()
 
 
 def _differs_little(name: str, other: str) -> bool:

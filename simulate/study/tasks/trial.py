@@ -18,7 +18,7 @@ from simulate.tasks.executor import Executor
 from simulate.tasks.lab import Lab, read_lab
 from simulate.world.seeds import stream
 
-__all__ = ["EVENTS", "run_trial"]
+__all__ = ["EVENTS", "lab_update", "run_trial"]
 
 _BASE = "https://example.org/kb/"
 EVENTS = ("moved", "dropped", "taken_away", "declined", "killed")
@@ -65,7 +65,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     kinds = settings["events"]
     kind = str(kinds[number % len(kinds)]) if kinds else ""
     with rtask.open(":memory:", base=_BASE) as kb, Engine(kb) as engine:
-        kb.update(_lab(rng, settings["things"]))
+        kb.update(lab_update(rng, settings["things"]))
         planner = rtask.connect(engine)
         lab = read_lab(planner.query, rng, settings["slip"])
         goal, plan = _goal(planner, rng, lab, wants_handover=rng.random() < 0.3)
@@ -84,7 +84,7 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         }  # fmt: skip
 
 
-def _lab(rng: np.random.Generator, count: int) -> str:
+def lab_update(rng: np.random.Generator, count: int) -> str:
     """Return the update that states the lab: robots, places, and things somewhere on these."""
     rows = [
         f"<{_BASE}place/{place}> a rt:SupportSurface ; rt:name '{place}' ." for place in _PLACES

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from endpoint.access.lifetimes import parse_lifetime
 from endpoint.access.tokens import CHECK_EVERY_S, TokenStore
 from rtask.errors import AuthenticationError, UsageError
 
@@ -150,3 +151,11 @@ def test_the_list_has_everything_but_the_secret() -> None:
         listed = tokens.all()
     assert listed == [made]
     assert text.split("_")[2] not in repr(listed)
+
+
+def test_a_lifetime_is_at_most_a_hundred_years() -> None:
+    longest = timedelta(hours=876_000)
+    assert parse_lifetime("2w") == timedelta(weeks=2)
+    assert parse_lifetime("876000h") == parse_lifetime("99999w") == longest
+    with pytest.raises(UsageError, match="--expires expected a lifetime"):
+        parse_lifetime("876001h", "--expires ")

@@ -57,6 +57,10 @@ def test_the_questions_of_the_ontology_raise_no_alarm(kb: KnowledgeBase) -> None
         ("SELECT ?o { ?o rt:hasGrasp kb:grasp77 }", "unknown-thing", "certain", None),
         ("SELECT ?robot { ?attempt rt:performedBy ?robot . ?atempt rt:executesGrasp ?g }",
          "missing-bridge", "likely", None),
+        ("SELECT ?grasp { { ?graps a rt:ProvenGrasp ; rt:triedIn ?a } UNION "
+         "{ ?grasp a rt:GraspCandidate ; rt:triedIn ?a } }", "used-once", "likely",
+         "SELECT ?grasp { { ?grasp a rt:ProvenGrasp ; rt:triedIn ?a } UNION "
+         "{ ?grasp a rt:GraspCandidate ; rt:triedIn ?a } }"),
         ("SELECT ?reward { ?object rt:hasGrasp ?grasp . ?grasp rt:reward ?reward }",
          "wrong-type", "likely", None),
         ("SELECT ?held (COUNT(?a) AS ?n) { ?a rt:hasOutcome/rt:success ?helt } GROUP BY ?held",
@@ -115,6 +119,8 @@ def test_an_inherited_domain_and_an_open_vocabulary_are_no_faults(kb: KnowledgeB
         "SELECT ?held { ?record rt:statisticsOf ?grasp ; rt:successes ?held }",
         "SELECT ?next { ?experience rt:inState ?state ; rt:nextState ?next }",
         "SELECT ?plan { ?plan rt:goalText ?goal }",
+        "SELECT ?o { ?refusal rt:refusedObject ?refused ; rt:refusedWith ?hand . ?refused a ?o }",
+        "SELECT ?n { ?task rt:taskName ?n ; rt:precedes ?task2 . ?task2 a rt:Task ; rt:note ?m }",
     ],
 )
 def test_a_lack_of_data_and_an_odd_name_alone_are_no_faults(kb: KnowledgeBase, body: str) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
 import ontology
+import rtask
 from rtask.asking.terms import Reader, reader_of
 from rtask.cli.options import prefixes
 from rtask.cli.query import _short
@@ -12,8 +15,23 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.store.naming import Names, prefixed
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import RDF_TYPE, Literal, NamedNode, iri, stored, written
+from simulate.demo.recorded import unpack
 
 RT = ontology.NS
+
+
+@pytest.fixture(scope="module", params=["sample", "demo"])
+def store(
+    request: pytest.FixtureRequest, kb: KnowledgeBase, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[KnowledgeBase]:
+    """Return the ontology's sample with hard names, and the store that a demo left."""
+    if request.param == "sample":
+        yield kb
+        return
+    folder = unpack(tmp_path_factory.mktemp("recorded") / "demo")["store"]
+    with rtask.open(folder, mode="r") as opened:
+        assert isinstance(opened, KnowledgeBase)
+        yield opened
 
 
 def _terms(kb: KnowledgeBase, kind: type) -> list[NamedNode | Literal]:
@@ -22,18 +40,19 @@ def _terms(kb: KnowledgeBase, kind: type) -> list[NamedNode | Literal]:
     return sorted(found, key=str)
 
 
-def test_every_printed_form_of_every_iri_of_a_store_is_read_back(kb: KnowledgeBase) -> None:
-    reader, names, known = reader_of(kb), Names(kb.store, kb.graphs), prefixes(kb.base)
-    for term in _terms(kb, NamedNode):
-        forms = {written(term), term.value, prefixed(term, kb.base), names(term)}
+def test_every_printed_form_of_every_iri_of_a_store_is_read_back(store: KnowledgeBase) -> None:
+    reader, names = reader_of(store), Names(store.store, store.graphs)
+    known = prefixes(store.base)
+    for term in _terms(store, NamedNode):
+        forms = {written(term), term.value, prefixed(term, store.base), names(term)}
         for form in {*forms, _short(term, known)}:
             assert reader.term(form, "subject") == term, form
 
 
-def test_every_printed_form_of_every_literal_of_a_store_is_read_back(kb: KnowledgeBase) -> None:
-    reader = reader_of(kb)
-    for term in _terms(kb, Literal):
-        for form in (written(term), prefixed(term, kb.base)):
+def test_every_printed_form_of_every_literal_of_a_store_is_read_back(store: KnowledgeBase) -> None:
+    reader = reader_of(store)
+    for term in _terms(store, Literal):
+        for form in (written(term), prefixed(term, store.base)):
             assert stored(reader.term(form)) == term, form
 
 

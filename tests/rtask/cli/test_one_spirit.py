@@ -99,6 +99,17 @@ def test_each_command_can_print_json() -> None:
     assert {name.split()[-1] for name in without} <= _WITHOUT_JSON
 
 
+def test_an_address_in_the_place_of_a_folder_is_refused_with_the_option_that_takes_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["query", "-d", "http://127.0.0.1:7878", "ASK {}"])
+    assert caught.value.code == 2
+    words = " ".join(capsys.readouterr().err.split())
+    assert "http://127.0.0.1:7878 is an address" in words
+    assert "--server" in words
+
+
 def test_the_json_of_each_command_is_parsed_by_a_test() -> None:
     files = [path.read_text(encoding="utf-8") for path in (_ROOT / "tests").rglob("test_*.py")]
     parsing = [text for text in files if "--json" in text and "json.loads" in text]

@@ -274,3 +274,19 @@ def write_gripper(path: Path, shape: str) -> None:
         for side, sign in (("left", 1), ("right", -1))
     )
     path.write_text(f'<robot name="two"><link name="palm"/>{fingers}</robot>', "utf-8")
+
+
+@pytest.mark.slow
+def test_first_grasps_tell_what_becomes_of_each_file_and_keep_nothing(tmp_path, folder):
+    before = sorted(folder.iterdir())
+    bad = tmp_path / "bad.urdf"
+    bad.write_text("<robot", "utf-8")
+    good = sliding_fingers("a4").write(tmp_path, "good")
+    words = ("--grasps", "1", "--preset", "fast", "--workers", "1")
+    code, rows = run("first-grasps", str(bad), str(good), *words)
+    assert "not XML" in rows[0]["error"]
+    assert (rows[1]["error"], rows[1]["joints"], rows[1]["hand"]) == ("", [4], "a4")
+    assert rows[1]["closes"]
+    assert (rows[1]["grasps"], rows[1]["held"] <= 1) == (1, True)
+    assert code == 1  # one of the files is no robot
+    assert sorted(folder.iterdir()) == before

@@ -115,6 +115,7 @@ def test_the_report_holds_figures_notes_pictures_and_reasons(tmp_path: Path) -> 
 
 
 _DEAR = {
+    *("beyond:lessons", "beyond:promises"),
     *("features:table_2", "features:table_3", "model:learners", "poses:table_4_3"),
     *("push_nodes:speed_up", "push_nodes:table_3_2", "push_pose:object_m"),
     *("recognition:confidences", "recognition:curves", "recognition:not_identified"),

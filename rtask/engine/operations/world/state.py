@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.world.instants import stated_instant
 from rtask.engine.records.identity import check_agent
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message
@@ -52,7 +52,7 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     Raises
     ------
     ForbiddenError
-        A robot states it in the name of another.
+        A robot states it in the name of another, or what is in the hand of another.
     UsageError
         Neither a place nor that it is lost is given, or both.
     UnknownTermError
@@ -65,6 +65,7 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
     if not context.kb.match(thing, RDF.type, RT.Exemplar):
         raise UnknownTermError(f"thing: the graph has no thing {request.thing}", field="thing")
     author = context.author(access, request.agent)
+    _check_hand(context, request.place, access)
     with context.writing:
         time_s = stated_instant(request.stamp)
         added, withdrawn = moved(
@@ -76,6 +77,19 @@ def state_place(context: Context, request: StatePlace, access: Access) -> Stated
             for statement in added:
                 tx.add(*statement)
     return StatedPlace(commit=context.commit_id(tx.commit))
+
+
+def _check_hand(context: Context, place: str | None, access: Access) -> None:
+    """Refuse a robot to say what another one holds."""
+    if access.role != "robot" or place is None:
+        return
+    owners = {quad.subject for quad in context.kb.match(None, RT.hasEndEffector, iri(place))}
+    if owners and context.agent_iri(access) not in owners:
+        raise ForbiddenError(
+            f"place: the token belongs to {access.agent!r}, and {place} is a hand of another "
+            "robot, which says itself what it holds",
+            field="place",
+        )
 
 
 def moved(

@@ -83,7 +83,7 @@ _OTHERS = {
         target url""",
     "choices": "action kinds names only verdict gripper_type",
     "robots and ROS": """
-        base_frame distortion eliminate frame gripper heights joints limit look name
+        base_frame distortion eliminate frame gripper heights jaws joints limit look name
         namespace naoqi on operation prefix remaps rosbridge source topic""",
 }
 """Other parameters that are texts, by what they take instead."""

@@ -14,6 +14,7 @@ from rtask.engine.operations.outcome import ReportOutcome
 from rtask.engine.operations.table import OPERATIONS
 from rtask.errors import ConflictError, ForbiddenError
 from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import RT
 from rtask.services.offered import open_host
 from rtask.wire.fields import kind_of
 from tests.rtask.engine.conftest import Robot
@@ -112,6 +113,32 @@ def test_a_robot_cannot_report_on_the_task_of_another(engine, bench, robots, mon
             "report_outcome", task_id=asked["task_id"], grasp=asked["grasps"][0], success=False,
             **report,
         )  # fmt: skip
+
+
+def test_a_robot_cannot_say_what_is_in_the_hand_of_another(engine, bench, robots):
+    one, stranger = robots("nao-1"), robots("nao-2")
+    seen = bench.sight(bench.BOX)
+    stored = one.insert(seen, name="tea box")
+    thing = stored["objects"][0]["thing"]
+    place = hand(engine, "nao-1")
+    with pytest.raises(ForbiddenError, match=r"place: .*a hand of another robot"):
+        stranger.call("state_place", thing=thing, place=place)
+    assert one.call("state_place", thing=thing, place=place)["commit"]
+    assert stranger.call("state_place", thing=thing, place=hand(engine, "nao-2"))["commit"]
+
+
+def test_a_frame_is_one_of_the_robot_itself_whatever_its_name(engine, bench, robots):
+    robots("nao-1").insert(bench.sight(bench.BOX), name="tea box")
+    (frame,) = {
+        quad.subject.value for quad in engine.kb.match(None, RT.frameId)
+        if quad.object.value == "base_footprint"
+    }  # fmt: skip
+    stranger = robots("nao-2")
+    stranger.insert({**bench.sight(bench.CAN), "frame_id": frame}, name="can")
+    made = {q.subject.value for q in engine.kb.match(None, RT.frameId) if q.object.value == frame}
+    own = engine.kb.graphs.agent_iri("nao-2").value
+    assert made
+    assert all(name.startswith(f"{own}/frame/") for name in made)
 
 
 def test_a_robot_cannot_confirm_for_a_person_who_has_a_token(engine, bench, robots):
