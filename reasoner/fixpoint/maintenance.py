@@ -223,6 +223,7 @@ class Maintainer:
         """Return the first state of a closure, from memory if another one began with the same."""
         settings, budget = self.settings, self.settings.budget
         bounds = (None,) if budget is None else (budget.derived, budget.firings)
+        # The watch of a budget belongs to one change, and would make each question a new one.
         key = (replace(settings, budget=None), *bounds)
         question = Question.of(asserted.added, self.terms, key)
         known = None if question is None else _MEMO.recall(question, self.terms)
@@ -242,6 +243,8 @@ class Maintainer:
         self, draft: Draft, derivation: Derivation, facts: tuple[Fact, ...]
     ) -> Bulk:
         """Derive the lowest stratum by joining columns: first the schema, then all."""
+        # Rules are compiled from the schema: were it not complete before the data is joined, each
+        # axiom that came late would join whole relations again.
         for fact in facts:
             if fact[1] == SAME or is_schema(fact[1], fact[2]):
                 derivation.insert(fact)

@@ -54,6 +54,7 @@ class NewFolder:
 
         if not self._folder.is_dir():
             return
+        # Without the lock, another process that opens the folder now would lose what it writes.
         try:
             lock = FolderLock(self._folder)
         except (StoreLockedError, OSError):  # another process has begun to use it

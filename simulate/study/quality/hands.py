@@ -151,6 +151,7 @@ def summarise_hands(shares: Floats) -> dict[str, Any]:
         Of `held_shares`, for each object.
     """
     without = np.isnan(shares[:, :, 0]).sum(axis=0)
+    # Left out, such objects would favour the plan that gives up sooner.
     table = np.nan_to_num(shares)
     summary: dict[str, Any] = {
         "objects": len(table),

@@ -73,7 +73,7 @@ def blank(record: Record) -> Any:
 def zero(one: Field) -> Any:
     if one.code is Code.BYTES:
         return b""
-    if one.arity is not Arity.ONE:
+    if one.arity is not Arity.SINGLE:
         return []
     if one.code is Code.HEADER:
         return SimpleNamespace(stamp=SimpleNamespace(secs=0, nsecs=0), frame_id="")
@@ -98,7 +98,7 @@ def sample(one: Field) -> tuple[Any, Any]:
         value, told = Point(1.0, 2.0, 3.0), {"x": 1.0, "y": 2.0, "z": 3.0}
     else:
         value = told = SAMPLES[one.type]
-    if one.arity is Arity.AT_MOST_ONE:
+    if one.arity is Arity.OPTIONAL:
         return [value], told
     return ([value], [told]) if one.arity is Arity.MANY else (value, told)
 
