@@ -71,8 +71,8 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
 }
 """Parameters that take a term: forms of one term, and a call with a place for it."""
 _OTHERS = {
-    "words, remarks and queries": """comment correct decline kind label message new_name note reason remark
-        query request text wanted words""",
+    "words, remarks and queries": """comment correct decline kind label message new_name note
+        query reason remark request text wanted words""",
     "names of robots and people, which are no IRIs": "agent author hand robot role",
     "names of services, datasets, versions and what belongs to them": """after arguments before
         key mapping method path paths rules services version where""",
