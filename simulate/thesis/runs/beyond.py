@@ -94,7 +94,7 @@ def rights(setting: Setting) -> Result:
     own, others = f"PREFIX my: <{_BASE}robot/nao-1/> ", f"PREFIX its: <{_BASE}robot/nao-2/> "
     refused = stored = 0
     with rtask.open(":memory:", base=_BASE) as kb:
-        kb.update(prefixes + others + "INSERT DATA { its:mug a rt:Mug . its:bowl a rt:Bowl }",
+        kb.update(prefixes + others + "INSERT DATA { its:mug a rt:Mug . its:bowl a rt:Cup }",
                   agent="nao-2")  # fmt: skip
         for number, axiom in enumerate(_AXIOMS):
             try:

@@ -113,7 +113,8 @@ def test_what_is_stored_twice_is_found_and_merged(folder, bench, capsys):
             for other in (bench.CAN, bench.PEN)
         ]
         assert len({*things, *others}) == 4
-    assert refused(capsys, "objects", "twins", "--data", where) == ""  # only the code tells of them
+    # Only the code tells that there are some; the line says where to see why.
+    assert refused(capsys, "objects", "twins", "--data", where).startswith("why: ")
     merged = json.loads(told(capsys, "objects", "twins", "--merge", "--data", where, "--json"))
     (pair,) = merged["twins"]
     assert [pair["first"], pair["second"]] == things
