@@ -19,15 +19,15 @@ __all__ = ["count_agreeing"]
 
 Points = NDArray[np.float64]
 
-_MISSED = 0.001
+_MISSED = 0.0001
 """Chance that no sample of a homography which enough agree on is drawn."""
 
 _MAX_DRAWS = 2000
-_REACHES = (2.0, 1.4, 1.0)
+_REACHES = (3.0, 2.0, 1.4, 1.0)
 """Within how many tolerances matches are fitted again, round by round; the last is repeated."""
 
 _ROUNDS = 8
-_SLACK = 2
+_SLACK = 8
 """A sample is fitted again if at most so many fewer agree than on the best before."""
 
 _MIN_TURN = 20.0
@@ -48,7 +48,7 @@ def count_agreeing(
         Places that match, of images with some hundreds of pixels a side.
     least
         What counts as enough, at least 5. The answer is exact only in this: where at least so
-        many agree, a number as high is returned with a chance of .999 for a noiseless map.
+        many agree, a number as high is returned with a chance of .9999 for a noiseless map.
     tolerance_px
         How far from its place a point may be mapped, in the target image.
 
@@ -215,6 +215,28 @@ def _agreeing(mapping: Points, source: Points, target: Points, tolerance: float)
 
 
 @nb.njit(cache=True, nogil=True)
+def _normal_equations(sums: Points, system: Points) -> None:
+    """Fill in the normal equations (8, 9) of a homography.
+
+    Each match gives two equations, of which most factors are 0 or the same: sums of xx, xy, yy, x,
+    y and 1, weighted by 1, u, v and uu + vv, are all that they hold.
+    """
+    rows = ((0, 1, 3), (1, 2, 4), (3, 4, 5))  # where the products of x, y and 1 stand in the sums
+    system[:] = 0.0
+    for i in range(3):
+        for j in range(3):
+            system[i, j] = system[3 + i, 3 + j] = sums[0, rows[i][j]]
+        for j in range(2):
+            system[i, 6 + j] = system[6 + j, i] = -sums[1, rows[i][j]]
+            system[3 + i, 6 + j] = system[6 + j, 3 + i] = -sums[2, rows[i][j]]
+        system[i, 8], system[3 + i, 8] = sums[1, rows[i][2]], sums[2, rows[i][2]]
+    for i in range(2):
+        for j in range(2):
+            system[6 + i, 6 + j] = sums[3, rows[i][j]]
+        system[6 + i, 8] = -sums[3, rows[i][2]]
+
+
+@nb.njit(cache=True, nogil=True)
 def _fit(
     mapping: Points,
     source: Points,
@@ -227,24 +249,22 @@ def _fit(
 
     ``system`` (8, 9) is scratch for the normal equations, solved by elimination.
     """
-    system[:] = 0.0
     used = 0
+    sums = np.zeros((4, 6))
     for k in range(len(source)):
         if not _agrees(mapping, source, target, k, tolerance):
             continue
         used += 1
         x, y = (source[k, 0] - _CENTRE) / _SCALE, (source[k, 1] - _CENTRE) / _SCALE
         u, v = (target[k, 0] - _CENTRE) / _SCALE, (target[k, 1] - _CENTRE) / _SCALE
-        across = (x, y, 1.0, 0.0, 0.0, 0.0, -x * u, -y * u, u)
-        down = (0.0, 0.0, 0.0, x, y, 1.0, -x * v, -y * v, v)
-        for a in range(8):
-            for b in range(a, 9):
-                system[a, b] += across[a] * across[b] + down[a] * down[b]
+        products = (x * x, x * y, y * y, x, y, 1.0)
+        weights = (1.0, u, v, u * u + v * v)
+        for a in range(4):
+            for b in range(6):
+                sums[a, b] += weights[a] * products[b]
     if used < 5:
         return False
-    for a in range(8):
-        for b in range(a):
-            system[a, b] = system[b, a]
+    _normal_equations(sums, system)
     for a in range(8):
         if system[a, a] < 1e-9:  # positive definite but for points on a line
             return False
