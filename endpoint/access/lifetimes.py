@@ -11,6 +11,7 @@ __all__ = ["parse_expiry", "parse_lifetime"]
 
 _LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
+_MOST_HOURS = 876_000
 
 
 def parse_lifetime(text: str, what: str = "") -> timedelta:
@@ -27,11 +28,14 @@ def parse_lifetime(text: str, what: str = "") -> timedelta:
         Not of that form, or longer than a hundred years.
     """
     match = _LIFETIME.fullmatch(text)
-    if not match or int(match.group(1)) > 876_000:
+    if not match:
         raise UsageError(
             f"{what}expected a lifetime in hours, days or weeks (12h, 30d, 4w), got {text!r}"
         )
-    return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
+    hours = int(match.group(1)) * _HOURS[match.group(2)]
+    if hours > _MOST_HOURS:
+        raise UsageError(f"{what}{text} is longer than a hundred years")
+    return timedelta(hours=hours)
 
 
 def parse_expiry(text: str) -> datetime | None:

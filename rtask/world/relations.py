@@ -82,12 +82,12 @@ def _reached(spots: Spots, question: PlaceQuestion) -> _Pairs:
     """Yield things that a robot reaches: on or in places that it does, or within its arm."""
     kb, within_m = spots.world.kb, question.within_m
     robots = _robots(spots) if question.other is None else [question.other]
+    bodies = {robot: spots.of(robot) for robot in robots}
     for thing in _things(spots, question.subject):
         placement = spots.world.placement_at(thing, spots.time_s)
         places = [*spots.containers(thing), *([placement.place] if placement else [])]
         spot = spots.of(thing)
-        for robot in robots:
-            body = spots.of(robot)
+        for robot, body in bodies.items():
             distance = None
             if spot is not None and body is not None and spot.root == body.root:
                 distance = float(np.linalg.norm(spot.position - body.position))

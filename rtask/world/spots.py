@@ -14,9 +14,10 @@ from rtask.world.frames import Rooted
 from rtask.world.placement import Placement
 
 if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
     from rtask.world.state import WorldState
 
-__all__ = ["Spot", "Spots"]
+__all__ = ["Spot", "Spots", "extents_of"]
 
 _MAX_NESTING = 8
 
@@ -47,6 +48,15 @@ class Spot:
     def position(self) -> NDArray[np.float64]:
         """Position (3,), m, in the root."""
         return self.root_from_node[:3, 3]
+
+
+def extents_of(kb: GraphCore, product: str) -> list[float]:
+    """Return the horizontal extents of a product, m, as far as they are stored."""
+    return [
+        float(str(python_value(quad.object)))
+        for name in (RT.extentX, RT.extentY)
+        for quad in kb.match(iri(product), name)
+    ]
 
 
 @dataclass
@@ -102,13 +112,8 @@ class Spots:
 
     def extent(self, thing: str) -> float | None:
         """Return the larger horizontal extent of a thing's product, m, or None."""
-        product = iri(self.world.product_of(thing) or thing)
-        lengths = [
-            float(str(python_value(quad.object)))
-            for name in (RT.extentX, RT.extentY)
-            for quad in self.world.kb.match(product, name)
-        ]
-        return max(lengths, default=None)
+        product = self.world.product_of(thing) or thing
+        return max(extents_of(self.world.kb, product), default=None)
 
     def _of_thing(self, thing: str, placement: Placement, depth: int) -> Spot | None:
         still = self.world.spread(placement, self.time_s).still_there * placement.confidence

@@ -203,7 +203,9 @@ def answer(
     run = select or _within_bounds(kb)
     now = now or dt.datetime.now(dt.UTC)
     if asks_for_changes(text, find_period(text, now)):
-        changed = changed_beliefs(run, past_states(kb), text, find_period(text, now), now)
+        changed = changed_beliefs(
+            run, past_states(kb, TIMEOUT_S), text, find_period(text, now), now
+        )
         return _changes(text, changed)
     reading = _read(run, text, str(getattr(kb, "base", "")), now)
     matches = matcher().matches(reading.asked)

@@ -111,7 +111,7 @@ def asks_for_changes(text: str, period: Period | None) -> bool:
 
 
 @contextmanager
-def _past_state(kb: Any, time: dt.datetime) -> Iterator[Select]:
+def _past_state(kb: Any, time: dt.datetime, timeout_s: float) -> Iterator[Select]:
     """Open the state of a graph at a time, one at a time in this process."""
     if not _COMPARING.acquire(timeout=_WAIT_S):
         raise BusyError("another earlier state is being compared; try again")
@@ -126,16 +126,19 @@ def _past_state(kb: Any, time: dt.datetime) -> Iterator[Select]:
                 limit=MAX_UNDONE,
             )
         with open_state(seq) as past:
-            yield past.select
+            yield lambda query: past.select(query, timeout_s=timeout_s)
     finally:
         _COMPARING.release()
 
 
-def past_states(kb: Any) -> Past:
-    """Return what opens earlier states of a graph, which keeps a journal in this process."""
+def past_states(kb: Any, timeout_s: float) -> Past:
+    """Return what opens earlier states of a graph, which keeps a journal in this process.
+
+    Each of their queries has a time limit of ``timeout_s``.
+    """
 
     def open_state(time: dt.datetime) -> AbstractContextManager[Select]:
-        return _past_state(kb, time)
+        return _past_state(kb, time, timeout_s)
 
     return open_state
 
@@ -156,6 +159,8 @@ def changed_beliefs(
     ------
     UnsupportedError, GoneError, TooLargeError, BusyError
         The earlier state cannot be read.
+    QueryTimeout
+        A query took too long.
     """
     start = now - _DAY if period is None or period.start is None else period.start
     end = None if period is None else period.end

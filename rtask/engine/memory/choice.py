@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
 from grasp.learning.bandit import Trial as Tried
 from grasp.learning.calibration import ScoreMap
-from grasp.learning.causes import Hidden, decisive_causes, hidden_share
 from grasp.spatial.candidate import GraspCandidate, contacts_of
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
@@ -29,6 +28,7 @@ from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import LOWERED, Option
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.experience import Evidence, Weights, gather, without_trials
+from rtask.engine.memory.hidden import hidden_causes_of, hidden_shares, tries_from_above
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Trial
 
@@ -168,9 +168,9 @@ def choose(
         policy.bandit.bandwidth,
         _all_axes(candidates, with_evidence),
     )
-    tried = _tried(scene, memory, with_evidence, weights)
-    hidden = _hidden(candidates, scene, tried)
-    causes = _causes(candidates, scene, tried, hidden < LOWERED)
+    tried = tries_from_above(memory, with_evidence, weights)
+    hidden = hidden_shares(candidates, scene.gripper, tried)
+    causes = hidden_causes_of(candidates, scene.gripper, tried, hidden < LOWERED)
     return [
         replace(
             candidates[c.index], choice=c, sources=evidence.objects[c.index], cause=causes[c.index]
@@ -220,7 +220,7 @@ def unaided(
     n = len(candidates)
     nothing = Evidence(np.zeros(n), np.zeros(n), ((),) * n)
     weights = Weights(policy, {}, scene.gripper, scene.size, dt.datetime.now(dt.UTC))
-    hidden = _hidden(candidates, scene, _tried(scene, memory, (), weights))
+    hidden = hidden_shares(candidates, scene.gripper, tries_from_above(memory, (), weights))
     order = _rank(candidates, scene, memory, policy, nothing, maps or {}, hidden)
     return replace(candidates[order[0].index], choice=order[0]) if order else None
 
@@ -246,69 +246,6 @@ def _rank(
     ]  # fmt: skip
     trials = [Tried((t.x, t.y, t.z), t.theta, t.held, _axes(t)) for t in memory.trials]
     return BetaThompson(policy.bandit, max(scene.size)).rank(arms, trials, scene.seed)
-
-
-_Tries = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Attempts from above: places along the object in units of its length, 1 for a success, weights."""
-
-
-def _tried(
-    scene: Scene, memory: Memory, evidence: Sequence[Remembered], weights: Weights
-) -> _Tries | None:
-    """Return the attempts at the object itself that say what hides in it; None if causes are off.
-
-    All are from above; a grasp in space is another way to hold the object.
-    """
-    if not weights.policy.causes:
-        return None
-    seen = [
-        (remembered.x, float(remembered.held), 1.0)
-        for remembered in memory.trials
-        if remembered.quaternion is None
-    ]
-    seen += [
-        (remembered.x, float(tally.held), tally.count * weights.trust(remembered, tally))
-        for remembered in evidence
-        if not remembered.of_class and remembered.quaternion is None
-        for tally in remembered.tallies
-    ]
-    x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
-    return x / scene.size[0], held, weight
-
-
-def _from_above_among(
-    candidates: Sequence[Option], scene: Scene
-) -> tuple[list[int], NDArray[np.float64], float]:
-    """Return which options are from above, their places, and half a finger, by the length."""
-    above = [k for k, option in enumerate(candidates) if isinstance(option.grasp, PlanarGrasp)]
-    length = scene.size[0]
-    places = np.array([candidates[k].in_object[0] for k in above], np.float64) / length
-    return above, places, scene.gripper.finger_width / 2 / length
-
-
-def _hidden(
-    candidates: Sequence[Option], scene: Scene, tried: _Tries | None
-) -> NDArray[np.float64]:
-    """Return what attempts at the object itself leave of each option's quality, (n,)."""
-    hidden = np.ones(len(candidates))
-    if tried is not None:
-        above, places, half_finger = _from_above_among(candidates, scene)
-        hidden[above] = hidden_share(places, half_finger, *tried)
-    return hidden
-
-
-def _causes(
-    candidates: Sequence[Option], scene: Scene, tried: _Tries | None, lowered: NDArray[np.bool_]
-) -> list[Hidden | None]:
-    """Return the cause that lowered each option's chance most, in metres; None where none did."""
-    causes: list[Hidden | None] = [None] * len(candidates)
-    if tried is not None:
-        above, places, half_finger = _from_above_among(candidates, scene)
-        length = scene.size[0]
-        for k, cause in zip(above, decisive_causes(places, half_finger, *tried), strict=True):
-            if cause is not None and lowered[k]:
-                causes[k] = replace(cause, start=cause.start * length, end=cause.end * length)
-    return causes
 
 
 def _opening(remembered: Remembered, hand: EndEffector) -> float:

@@ -83,7 +83,7 @@ def situations_of(kb: GraphCore, episodes: Iterable[Episode]) -> dict[str, Situa
         frame, pose = "", None
         for seen in poses.get(thing, ()):  # in the order of time
             # An attempt ends the estimates of what it may move.
-            holds = seen.time <= episode.ended and (seen.end is None or seen.end >= begun)
+            holds = seen.time <= begun and (seen.end is None or seen.end >= begun)
             if seen.robot == episode.robot and holds:
                 frame, pose = seen.frame_id, seen.pose
         made[episode.attempt] = Situation(

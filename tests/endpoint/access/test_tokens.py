@@ -156,6 +156,7 @@ def test_the_list_has_everything_but_the_secret() -> None:
 def test_a_lifetime_is_at_most_a_hundred_years() -> None:
     longest = timedelta(hours=876_000)
     assert parse_lifetime("2w") == timedelta(weeks=2)
-    assert parse_lifetime("876000h") == parse_lifetime("99999w") == longest
-    with pytest.raises(UsageError, match="--expires expected a lifetime"):
-        parse_lifetime("876001h", "--expires ")
+    assert parse_lifetime("876000h") == parse_lifetime("36500d") == longest
+    for text in ("876001h", "36501d", "5215w", "99999w"):
+        with pytest.raises(UsageError, match=f"--expires {text} is longer than a hundred years"):
+            parse_lifetime(text, "--expires ")

@@ -204,7 +204,11 @@ def frame_named(context: Context, name: str, author: Access) -> tuple[str, list[
         robot, _, frame_id = name.partition("/")
         body = iri(f"{base}robot/{quote(robot, safe='')}")
         if not context.kb.match(body, RDF.type, CORA.Robot):
-            robots = {str(python_value(quad.object)) for quad in context.kb.match(None, RT.name)}
+            robots = {
+                str(python_value(quad.object))
+                for robot in context.kb.match(None, RDF.type, CORA.Robot)
+                for quad in context.kb.match(robot.subject, RT.name)
+            }
             raise UnknownTermError(
                 f"frame: the graph has no robot {robot!r}{nearest(robot, sorted(robots))}"
             )

@@ -13,12 +13,13 @@ from rtask.engine.operations.world.instants import stated_instant
 from rtask.engine.records.identity import check_agent
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RDF, RT
-from rtask.rdf.terms import iri, python_value
+from rtask.rdf.terms import iri
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Iri, Number, Pose, Probability, Stamp, Text, Texts, Unit
 from rtask.world import WorldEdit
 from rtask.world.edit import Seen
 from rtask.world.names import find_exemplars
+from rtask.world.spots import extents_of
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -100,7 +101,7 @@ def report_sightings(
             product = _product(context, seen.object)
             if seen.thing is not None and not edit.is_of(_thing(context, seen.thing), product):
                 raise UsageError(f"thing: {seen.thing} is not of {seen.object}", field="thing")
-            extents = _extents(context, product)
+            extents = extents_of(context.kb, product)
             things.append(
                 edit.see(
                     Seen(
@@ -138,12 +139,3 @@ def _product(context: Context, name: str) -> str:
             f"{', '.join(products[:5])}", field="object",
         )  # fmt: skip
     return products[0]
-
-
-def _extents(context: Context, product: str) -> list[float]:
-    """Return the horizontal extents of a product, m."""
-    return [
-        float(str(python_value(quad.object)))
-        for name in (RT.extentX, RT.extentY)
-        for quad in context.kb.match(iri(product), name)
-    ]

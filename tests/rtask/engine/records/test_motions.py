@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +51,8 @@ def fill_store(bench, robots):
     for name, outcome in reports:
         robot = robots(name)
         answer = robot.recognise(seen)
+        if name == "nao-2":  # it knows when it began: after it had looked
+            outcome |= {"started": time.time(), "ended": time.time() + 0.5}
         robot.insert(seen, grasp=answer["grasps"][0], outcome=outcome, task_id=answer["task_id"])
 
 
