@@ -65,7 +65,7 @@ def judging(
 )
 def learn(objects: int, seed: int, orders: int, preset: str) -> Study:
     """Compare learners on the simulated outcomes of many grasps of many objects."""
-    from simulate.study.learning_report import outcome_study
+    from simulate.study.learning.report import outcome_study
 
     return outcome_study(objects, seed, preset=preset, orders=orders)
 

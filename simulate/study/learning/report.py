@@ -16,7 +16,7 @@ from simulate.grasping.record import is_counted
 from simulate.study.chart import Line, line_chart
 from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import mean_interval
-from simulate.study.learners import FAILED, LEARNERS, Learner, replay
+from simulate.study.learning.learners import FAILED, LEARNERS, Learner, replay
 
 __all__ = [
     "COLUMNS",
@@ -44,7 +44,7 @@ def outcome_study(
     """
     return Study(
         "outcomes of proposed and blind grasps",
-        "simulate.study.outcomes:outcome_trial",
+        "simulate.study.learning.outcomes:outcome_trial",
         {
             "seed": seed,
             "proposed": proposed,
