@@ -10,7 +10,7 @@ from rtask.asking.check.names import affinity, words_of
 from rtask.asking.check.repairs import Repairs
 from rtask.asking.check.syntax.outline import Edge, Node
 from rtask.asking.check.types import TYPE, Context, Demand, family
-from rtask.asking.check.usual import kinds_by_name, nouns, usual_kinds, usual_literals
+from rtask.asking.check.usual import heads, kinds_by_name, nouns, usual_kinds, usual_literals
 from rtask.asking.check.vocabulary import local
 from rtask.asking.check.wording import demanded
 
@@ -131,6 +131,8 @@ class ByNames:
         What is called ``?plan`` may be a task plan, though the questions know other plans.
         """
         step = edge.steps[0]
+        if self._kinds_of_head(demand.node.value) & (demand.bits or 0):
+            return True
         axioms = self._vocabulary.properties.get(step.node.value)
         if axioms is None or step.node.value == TYPE:
             return False
@@ -139,6 +141,11 @@ class ByNames:
         kinds = axioms.classes[1 - demand.at if step.is_inverse else demand.at]
         named = {word for iri in kinds for word in words_of(local(iri))}
         return bool(named.intersection(words_of(demand.node.value)))
+
+    def _kinds_of_head(self, variable: str) -> int:
+        """Return the bits of the classes whose names end as a variable's does."""
+        words = words_of(variable)
+        return heads(self._vocabulary).get(words[-1], 0) if words else 0
 
     def _is_literal_of_thing(self, demand: Demand) -> bool:
         """Return whether a name of a class stands for a literal that no member of it has."""

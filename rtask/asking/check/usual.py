@@ -16,7 +16,7 @@ from rtask.asking.check.syntax.reading import read_outline
 from rtask.asking.check.types import Demands, contexts, family
 from rtask.asking.check.vocabulary import Vocabulary, local
 
-__all__ = ["kinds_by_name", "nouns", "usual_kinds", "usual_literals", "usual_properties"]
+__all__ = ["heads", "kinds_by_name", "nouns", "usual_kinds", "usual_literals", "usual_properties"]
 
 
 @lru_cache(maxsize=1)
@@ -34,6 +34,20 @@ def nouns(vocabulary: Vocabulary) -> frozenset[str]:
 
 
 @lru_cache(maxsize=4)
+def heads(vocabulary: Vocabulary) -> Mapping[str, int]:
+    """Return the bits of the classes whose names end in a word: ``plan`` of a task plan.
+
+    Only the last word says what something is; ``next`` and ``seen`` in the names of classes do not.
+    """
+    bits: dict[str, int] = {}
+    for iri, below in vocabulary.below.items():
+        words = words_of(local(iri))
+        if words and len(words[-1]) > 2:
+            bits[words[-1]] = bits.get(words[-1], 0) | below
+    return MappingProxyType(bits)
+
+
+@lru_cache(maxsize=4)
 def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
     """Return the bits of the classes that variables of a name stand for in the questions.
 
@@ -42,7 +56,7 @@ def usual_kinds(vocabulary: Vocabulary) -> Mapping[str, int]:
     """
     demands = Demands(vocabulary)
     usual: dict[str, int] = {}
-    known = nouns(vocabulary)
+    known = heads(vocabulary)
     for outline in _questions():
         for context in contexts(outline.body):
             for edge in context.own:
@@ -69,9 +83,11 @@ def kinds_by_name(vocabulary: Vocabulary) -> Mapping[str, int]:
 def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
     """Return the families of the literals that variables of a name stand for in the questions.
 
-    Only names that never stand for a thing there, and that are in the name of no class.
+    Only names that never stand for a thing there, that are in the name of no class, and with
+    which the name of a property ends: what ``?seen`` stands for depends on who writes it.
     """
     demands = Demands(vocabulary)
+    named = {words[-1] for iri in vocabulary.properties if (words := words_of(local(iri)))}
     usual: dict[str, set[str]] = {}
     things = set(nouns(vocabulary))
     for outline in _questions():
@@ -87,7 +103,11 @@ def usual_literals(vocabulary: Vocabulary) -> Mapping[str, frozenset[str]]:
                         kinds = {family(kind) for kind in demand.datatypes} or {""}
                         usual.setdefault(name, set()).update(kinds)
     return MappingProxyType(
-        {name: frozenset(kinds) for name, kinds in usual.items() if name not in things}
+        {
+            name: frozenset(kinds)
+            for name, kinds in usual.items()
+            if name not in things and named.intersection(words_of(name))
+        }
     )
 
 
