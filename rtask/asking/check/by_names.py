@@ -117,7 +117,7 @@ class ByNames:
         """Return whether a name that stands for literals is that of a thing, or of other ones."""
         usual = literals.get(demand.node.value)
         if usual is None:
-            return self._is_literal_of_thing(demand)
+            return False
         if demand.is_thing:
             return True
         kinds = {family(kind) for kind in demand.datatypes}
@@ -146,17 +146,6 @@ class ByNames:
         """Return the bits of the classes whose names end as a variable's does."""
         words = words_of(variable)
         return heads(self._vocabulary).get(words[-1], 0) if words else 0
-
-    def _is_literal_of_thing(self, demand: Demand) -> bool:
-        """Return whether a name of a class stands for a literal that no member of it has."""
-        kinds = kinds_by_name(self._vocabulary).get(demand.node.value.lower(), 0)
-        iri = demand.edge.steps[0].node.value
-        axioms = self._vocabulary.properties.get(iri)
-        if not kinds or demand.is_thing is not False or axioms is None or axioms.domain is None:
-            return False
-        if affinity(demand.node.value, iri, self._vocabulary) > 0:
-            return False
-        return self._vocabulary.are_foreign(axioms.domain, kinds)
 
     def _is_turned_by_name(
         self, about: Node, value: Node, classes: tuple[list[str], list[str]]
