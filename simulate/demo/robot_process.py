@@ -33,11 +33,10 @@ from simulate.agent.scoring import Scorer
 from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.processes import RobotJob
-from simulate.fleet.assignment import spec_of
 from simulate.grasping.table_reach import arrange_for
 from simulate.robots import describe
 from simulate.world.camera import Lighting
-from simulate.world.objects import sample_products
+from simulate.world.objects import sample_products, spec_of
 from simulate.world.scene import Placement, arrange
 from simulate.world.seeds import stream
 
