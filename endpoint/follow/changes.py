@@ -30,6 +30,7 @@ from endpoint.follow.job_events import JobStream, is_followed
 from endpoint.follow.replication import RecordStream
 from endpoint.follow.socket import ChangeSocket
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response, require_method
+from endpoint.http.parameters import refuse_unknown
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
 from endpoint.routes import Route, find
@@ -195,6 +196,7 @@ class Changes:
         on, and the error says what it missed. A stale ``since`` is refused instead, because a
         program reads that answer.
         """
+        refuse_unknown((name for name, _ in request.parameters), ("since", "pattern", *NAMES))
         patterns = _patterns(request)
         resumed = request.header("last-event-id").strip()
         given = request.values("since")

@@ -23,6 +23,7 @@ from endpoint.http.messages import (
     Response,
     split_media_type,
 )
+from endpoint.http.parameters import refuse_unknown
 from endpoint.http.plan import Plan, RunningQuery
 from endpoint.routes.addresses import STORE
 from endpoint.served import ServedGraph, embedded
@@ -118,6 +119,7 @@ class GraphStore:
 
     def _target(self, request: Request, caller: Caller) -> GraphName | None:
         """Return the graph that a request names; none for the whole dataset (GSP, 4.1 and 4.2)."""
+        refuse_unknown((name for name, _ in request.parameters), ("graph", "default"))
         names = request.values("graph")
         default = any(name == "default" for name, _ in request.parameters)
         if len(names) > 1 or (names and default):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass
 from urllib.parse import unquote_to_bytes
@@ -14,6 +13,7 @@ from endpoint.http.messages import (
     Request,
     parse_fields,
 )
+from endpoint.http.parameters import refuse_unknown
 from rtask.errors import DataError
 from rtask.rdf.terms import NamedNode, iri
 
@@ -26,8 +26,6 @@ _QUERY_FIELDS = (QUERY, "default-graph-uri", "named-graph-uri", "inferred", "tim
 _UPDATE_FIELDS = (
     UPDATE, "using-graph-uri", "using-named-graph-uri", "agent", "note", "if-version",
 )  # fmt: skip
-# SPARQLWrapper and others send these beside the Accept header, which says the same and counts.
-_OF_CLIENTS = ("format", "output", "results")
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ def _from_get(request: Request) -> Operation:
     if any(name == "update" for name, _ in fields):
         raise RefusedError(400, "usage", "an update by GET is not allowed; send it by POST")
     if not any(name == "query" for name, _ in fields):
-        _refuse_unknown(fields, _QUERY_FIELDS)
+        refuse_unknown((name for name, _ in fields), _QUERY_FIELDS)
         return DescriptionRequest()
     return _query(_single(fields, "query"), fields, request)
 
@@ -204,24 +202,10 @@ def _single(fields: Fields, name: str) -> str:
     return values[0]
 
 
-def _refuse_unknown(fields: Fields, allowed: tuple[str, ...]) -> None:
-    """Refuse a parameter without a meaning here: ignored, it would seem to have had its effect."""
-    for name, _ in fields:
-        if name not in allowed and name not in _OF_CLIENTS:
-            near = difflib.get_close_matches(name, allowed, 1)
-            hint = f"did you mean `{near[0]}`? " if near else ""
-            raise RefusedError(
-                400,
-                "usage",
-                f"unknown parameter `{name[:80]}`; {hint}There are {', '.join(allowed)}",
-                parameter=name[:80],
-            )
-
-
 def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
     if len(fields) == 1 and fields[0][0] == QUERY:
         return QueryRequest(_without_nul(text, "query"), base=request.url)
-    _refuse_unknown(fields, _QUERY_FIELDS)
+    refuse_unknown((name for name, _ in fields), _QUERY_FIELDS)
     return QueryRequest(
         _without_nul(text, "query"),
         _iris(fields, "default-graph-uri"),
@@ -234,7 +218,7 @@ def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
 
 
 def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
-    _refuse_unknown(fields, _UPDATE_FIELDS)
+    refuse_unknown((name for name, _ in fields), _UPDATE_FIELDS)
     using = _iris(fields, "using-graph-uri")
     using_named = _iris(fields, "using-named-graph-uri")
     agent, note = (_short(fields, name, most) for name, most in (("agent", 64), ("note", 500)))

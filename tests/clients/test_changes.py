@@ -348,3 +348,9 @@ def test_a_follower_that_does_not_read_harms_nobody(followed: RunningServer) -> 
         events.next()
         seen = [events.next() for _ in range(20)]
     assert all(event is not None and event["event"] == "change" for event in seen)
+
+
+def test_a_parameter_that_would_select_nothing_is_refused_by_name(server: RunningServer) -> None:
+    answer = httpx.get(changes(server, subject="urn:s"))
+    assert answer.status_code == 400
+    assert answer.json()["parameter"] == "subject"

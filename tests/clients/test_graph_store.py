@@ -194,6 +194,8 @@ def test_preconditions_stop_lost_updates(client: httpx.Client, address: str) -> 
         ("/store?graph=", 400),
         ("/store?graph=urn:a&graph=urn:b", 400),
         ("/store?default&graph=urn:a", 400),
+        ("/store?graph=urn:a&as_of=1", 400),
+        ("/store?grpah=urn:a", 400),
         ("/store?graph=%3Cnot%20an%20iri%3E", 400),
     ],
 )

@@ -17,6 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from tests.conformance.shacl_core import find_suites, quiet, run
 from tests.servers import running_server
 
 HERE = Path(__file__).resolve().parent
@@ -68,6 +69,17 @@ def evaluation(url: str, cases: Path, folder: Path) -> dict[str, dict[str, Any]]
     return dict(json.loads(out.read_text(encoding="utf-8")))
 
 
+def shacl(folder: Path) -> None:
+    """Report the SHACL suites of pySHACL's source package, or say that it could not be had."""
+    quiet()
+    suites = find_suites(folder)
+    for name, place in suites.items():
+        total, failed = run(place)
+        say("", name, total - len(failed), total, ", ".join(["", *failed]).replace(",", ";", 1))
+    if not suites:
+        sys.stdout.write("SHACL: skipped, pip could not download pySHACL's source package\n")
+
+
 def main() -> None:
     """Start a server of each profile and report."""
     cases = find_cases()
@@ -83,6 +95,7 @@ def main() -> None:
             for name, found in evaluation(plain.url, cases, Path(folder)).items():
                 exact = f" by value, {found['as_written']} with literals as written"
                 say("plain", f"SPARQL 1.1 {name}", found["passed"], found["total"], exact)
+        shacl(Path(folder))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """Run cases of SHACL through RTASK: the W3C's test suite, and DASH test cases such as pySHACL's.
 
-    python shacl_core.py FOLDER [--json FILE]
+    python shacl_core.py [FOLDER] [--json FILE]
 
 FOLDER holds ``data-shapes-test-suite/tests/core`` of the W3C, or ``*.test.ttl`` files such as
-``test/resources/dash_tests/core`` of pySHACL's source package. The graph of each case is loaded
+``test/resources/dash_tests/core`` of pySHACL's source package. Without it, that package, which
+carries both, is taken from the folder that ``RTASK_SHACL_CASES`` names, or downloaded with pip in
+the version installed here; each of its suites gives one line. The graph of each case is loaded
 into a new graph without ontology or reasoner and checked by ``kb.validate()``; focus node, value,
 severity and number of results are compared, blank nodes aside. A case that passes in pySHACL alone
 and not here would be a fault of ours.
@@ -13,9 +15,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
+import os
+import subprocess
 import sys
+import tarfile
+import tempfile
+import warnings
 from collections import Counter
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -45,6 +54,13 @@ SELECT ?case ?data ?shapes ?result {
 }"""
 FAILURE = "http://www.w3.org/ns/shacl-test#Failure"
 """Result of a case whose shapes a processor must refuse."""
+
+SUITES = {
+    "SHACL core, W3C": "sht_tests/core",
+    "SHACL with SPARQL, W3C": "sht_tests/sparql",
+    "SHACL core, pySHACL's own": "dash_tests/core",
+}
+"""Folders of cases in pySHACL's source package, below ``test/resources``."""
 
 Result = tuple[str, str | None, str]
 
@@ -127,18 +143,59 @@ def run(folder: Path) -> tuple[int, dict[str, str]]:
     return len(reasons), {name: why for name, why in reasons.items() if why is not None}
 
 
+def find_suites(download_to: Path | None = None) -> dict[str, Path]:
+    """Return the folders of cases by name; empty if the package is not here and cannot be had.
+
+    Parameters
+    ----------
+    download_to
+        Where pip puts pySHACL's source package if ``RTASK_SHACL_CASES`` names no folder of it.
+    """
+    named = os.environ.get("RTASK_SHACL_CASES")
+    root = Path(named) if named else None
+    if root is None and download_to is not None:
+        wanted = f"pyshacl=={metadata.version('pyshacl')}"
+        command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"]
+        options = ["--no-binary", "pyshacl", "--dest", str(download_to), wanted]
+        subprocess.run([*command, *options], check=False, capture_output=True, timeout=300)
+        for archive in download_to.glob("*.tar.gz"):
+            with tarfile.open(archive) as packed:
+                packed.extractall(download_to, filter="data")
+            root = next(path for path in download_to.iterdir() if path.is_dir())
+    if root is None:
+        return {}
+    folders = {name: root / "test" / "resources" / below for name, below in SUITES.items()}
+    return {name: folder for name, folder in folders.items() if folder.is_dir()}
+
+
+def quiet() -> None:
+    """Keep the remarks of rdflib and pySHACL on ill-typed literals, which some cases are about."""
+    logging.getLogger("rdflib.term").setLevel(logging.CRITICAL)
+    warnings.simplefilter("ignore")
+
+
 def main() -> int:
-    """Run the cases and print the count."""
+    """Run the cases and print the count; the exit code is 1 if there are none."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    total, failed = run(options.folder.resolve())
-    sys.stdout.write(f"SHACL: {total - len(failed)} of {total}\n")
-    for name, why in failed.items():
-        sys.stdout.write(f"  {name}: {why}\n")
+    quiet()
+    counts: dict[str, dict[str, object]] = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        suites = {"SHACL": options.folder} if options.folder else find_suites(Path(scratch))
+        for name, folder in suites.items():
+            total, failed = run(folder.resolve())
+            sys.stdout.write(f"{name}: {total - len(failed)} of {total}\n")
+            for case, why in failed.items():
+                sys.stdout.write(f"  {case}: {why}\n")
+            counts[name] = {"passed": total - len(failed), "total": total, "failed": failed}
+    if not suites:
+        sys.stderr.write(
+            "no cases: pip could not download pySHACL's source package; name a FOLDER\n"
+        )
+        return 1
     if options.json:
-        counts = {"passed": total - len(failed), "total": total, "failed": failed}
         options.json.write_text(json.dumps(counts, indent=1), encoding="utf-8")
     return 0
 

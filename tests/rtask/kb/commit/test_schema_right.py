@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import random
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -177,6 +178,56 @@ def test_many_hostile_axioms_hinder_and_reclassify_nobody(kb: KnowledgeBase) -> 
         mug = NamedNode(f"{BASE}mug-{robot}")
         found = kb.match(mug, NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type"))
         assert not any("Robot" in str(quad.object) or "Hand" in str(quad.object) for quad in found)
+
+
+@pytest.mark.deep
+def test_axioms_drawn_at_random_hinder_and_reclassify_nobody() -> None:
+    draw = random.Random(33)
+    terms = (
+        *(
+            "rt:Mug",
+            "rt:ManipulableObject",
+            "rt:PlanarGrasp",
+            "rt:Robot",
+            "owl:Thing",
+            "owl:Nothing",
+        ),
+        *("rt:graspOf", "rt:name", "rt:mass", "rdf:type", "owl:sameAs", "rdfs:subClassOf"),
+        *("my:A", "my:B", "my:p", "my:q", "its:mug-a", "its:mug-b", "owl:FunctionalProperty"),
+        *("owl:SymmetricProperty", "owl:TransitiveProperty", "owl:IrreflexiveProperty"),
+    )
+    properties = (
+        *("rdfs:subClassOf", "rdfs:subPropertyOf", "rdfs:domain", "rdfs:range", "rdf:type"),
+        *("owl:disjointWith", "owl:equivalentClass", "owl:equivalentProperty", "owl:inverseOf"),
+        *("owl:sameAs", "owl:differentFrom", "owl:propertyDisjointWith", "owl:complementOf"),
+    )
+
+    def types_of_mugs(kb: KnowledgeBase) -> list[set[str]]:
+        for robot in "abcde":
+            mug = f"its:mug-{robot}"
+            grasp = f"[] rt:graspOf {mug}"
+            insert(
+                kb, f"{mug} a rt:Mug ; rt:name 'm' ; rt:mass 3e-1 . {grasp}", agent=f"robot-{robot}"
+            )
+        kind = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
+        mugs = [NamedNode(f"{BASE}robot/nao-2/mug-{robot}") for robot in "abcde"]
+        return [{str(quad.object) for quad in kb.match(mug, kind)} for mug in mugs]
+
+    refused = 0
+    with rtask.open(":memory:", base=BASE) as clean, rtask.open(":memory:", base=BASE) as hostile:
+        for _ in range(200):
+            subject, verb, value = (draw.choice(kind) for kind in (terms, properties, terms))
+            if subject.startswith("its:") and verb == "rdf:type":
+                continue  # what kind of thing a thing is, anybody may say: data, no axiom
+            axiom = f"{subject} {verb} {value}"
+            try:
+                insert(hostile, axiom)
+            except ForbiddenError:
+                refused += 1
+            except InconsistentError:
+                continue
+        assert refused > 100
+        assert types_of_mugs(hostile) == types_of_mugs(clean)
 
 
 def test_a_refused_change_is_kept_as_a_proposal_where_that_is_set(tmp_path: Path) -> None:
