@@ -134,12 +134,10 @@ def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[s
     announced.callback(watch(context.activity, context.kb, context.engine))
     # Build the closure now, not while the first robot waits for its first write.
     context.kb.warm_up()
+    _spare_collector()
     context.audit.event("start", url=url)
     try:
-        with (
-            _collector_spared(),
-            asyncio.Runner(loop_factory=settings.get_loop_factory()) as runner,
-        ):
+        with asyncio.Runner(loop_factory=settings.get_loop_factory()) as runner:
             runner.run(_run(server, asgi, listener, lambda: on_ready(url)))
     finally:
         announced.close()
@@ -149,18 +147,13 @@ def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[s
     return ended
 
 
-@contextlib.contextmanager
-def _collector_spared() -> Iterator[None]:
+def _spare_collector() -> None:
     """Let the collector of reference cycles leave alone what is there now, such as the closure.
 
-    To look at all of it takes .1 s, in which nobody is answered.
+    To look at all of it takes .1 s, in which nobody is answered; at the end of the process as well.
     """
     gc.collect()
     gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 def _allow_open_files() -> None:

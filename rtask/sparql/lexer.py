@@ -26,6 +26,7 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|.)", re.S)
 _HARMLESS = 64
 _LONG = 1_000
 _CACHED = 16_000
+_READ_AGAIN = 4_000
 
 
 def tokenise(text: str) -> list[Token]:
@@ -41,10 +42,20 @@ def tokenise(text: str) -> list[Token]:
     TooLargeError
         If the nesting is deeper or an expression longer than the store's parser can handle.
     """
+    return [*(_tokens(text) if len(text) > _READ_AGAIN else _recent_tokens(text))]
+
+
+def _tokens(text: str) -> tuple[Token, ...]:
     tokens = list(scan(text))
     _check_limits(tokens)
     tokens.append(Token("end", "", len(text), len(text)))
-    return tokens
+    return tuple(tokens)
+
+
+@lru_cache(maxsize=16)
+def _recent_tokens(text: str) -> tuple[Token, ...]:
+    """Return the tokens of a short text; on its way to the store each is read a few times."""
+    return _tokens(text)
 
 
 def _check_limits(tokens: list[Token]) -> None:

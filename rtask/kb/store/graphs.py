@@ -6,6 +6,7 @@ Other code does not spell out IRIs of graphs but uses :class:`Graphs`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from urllib.parse import quote, unquote
 
 from pyoxigraph import DefaultGraph, NamedNode
@@ -51,32 +52,32 @@ class Graphs:
 
     base: str
 
-    @property
+    @cached_property
     def inferred(self) -> NamedNode:
         """Graph of derived statements; only the reasoner writes it."""
         return self._named("inferred")
 
-    @property
+    @cached_property
     def shared(self) -> NamedNode:
         """Graph shared by all; unnamed callers write here."""
         return self._named("shared")
 
-    @property
+    @cached_property
     def meta(self) -> NamedNode:
         """Graph that catalogues the graphs; written by commits only."""
         return self._named("meta")
 
-    @property
+    @cached_property
     def provenance(self) -> NamedNode:
         """Graph with one activity for each commit; written by commits only."""
         return self._named("provenance")
 
-    @property
+    @cached_property
     def rules(self) -> NamedNode:
         """Graph of the users' rules; writing it is a right of its own."""
         return self._named("rules")
 
-    @property
+    @cached_property
     def causes(self) -> NamedNode:
         """Graph of the hidden causes that the engine infers from all outcomes."""
         return self._named("causes")
