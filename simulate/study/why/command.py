@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
-
 from simulate import options
-from simulate.study.commands import print_table
+from simulate.study.command import study_command
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
 
 __all__ = ["summary_of", "why"]
@@ -18,39 +16,34 @@ __all__ = ["summary_of", "why"]
 _COLUMNS = ("injected", "failures", "cause first", "among three", "mended", "by the same again")
 
 
-@click.command()
+@study_command("rtask-why", with_preset=False)
 @options.trials(60, "Number of failures; twelve kinds take turns.")
 @options.seed("every failure")
-@options.workers
-@options.out("rtask-why")
-@options.resume
-@options.json_flag()
-def why(trials: int, seed: int, workers: int, out: Path, resume: bool, as_json: bool) -> None:
+def why(trials: int, seed: int) -> Study:
     """Measure how often `rtask why` names the cause of an injected failure, and mends it.
 
     After some attempts of a Nao and a Panda at a table, one fails for a cause that the graph does
     not know. The change that the answer proposes is carried out under the same cause. The lab has
     no dynamics.
     """
-    from simulate.study.runner import Study, run
+    path = "simulate.study.why.trial:run_trial"
+    return Study("why", path, {"seed": seed}, trials, _describe)
 
-    study = Study("why", "simulate.study.why.trial:run_trial", {"seed": seed}, trials)
-    summary = summary_of(run(study, out, workers, resume))
-    (out / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = summary_of(results)
     rows = [[kind, *(str(row[name]) for name in _COLUMNS[1:])]
             for kind, row in summary["by_kind"].items()]  # fmt: skip
-    print_table("Injected failures", _COLUMNS, rows)
+    lines = []
     for name, words in (("right", "cause first"), ("held", "the change held"),
                         ("again", "the same again held")):  # fmt: skip
         low, high = summary[f"{name}_95"]
-        click.echo(f"{words}: {summary[name]} of {summary['failures']}, {low:.2f} to {high:.2f}")
-    click.echo(
+        lines.append(f"{words}: {summary[name]} of {summary['failures']}, {low:.2f} to {high:.2f}")
+    lines.append(
         f"processor time of a question: mean {summary['asked_s']:.2f} s, longest "
-        f"{summary['longest_s']:.2f} s\nreport  {out / 'report.json'}"
+        f"{summary['longest_s']:.2f} s"
     )
+    return Report(summary, [Table("Injected failures", _COLUMNS, rows)], lines)
 
 
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
