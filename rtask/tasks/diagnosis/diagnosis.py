@@ -112,8 +112,8 @@ def diagnose(failure: Failure) -> Diagnosis:
     changes = []
     for change in changes_of(failure):
         held = sum(
-            chance * HOLDS * one.share(change.tried)
-            for one, chance in zip(hypotheses, chances, strict=True)
+            chance * HOLDS * hypothesis.share(change.tried)
+            for hypothesis, chance in zip(hypotheses, chances, strict=True)
         )
         changes.append(change.with_chance(held))
     # The smallest that suffices; of equally small ones, the surest; without any, the surest at all.
@@ -129,12 +129,14 @@ def _posterior(
     failure: Failure, hypotheses: Sequence[Hypothesis], clues: Mapping[str, Sequence[Clue]]
 ) -> list[float]:
     logs = []
-    for one in hypotheses:
-        own = HOLDS * one.share(failure.tried)
-        total = math.log(one.prior * (1 - own) * report_chance(one.kind, failure.tried.reason))
-        total += sum(math.log(clue.factor) for clue in clues.get(one.kind, ()))
+    for hypothesis in hypotheses:
+        own = HOLDS * hypothesis.share(failure.tried)
+        total = math.log(
+            hypothesis.prior * (1 - own) * report_chance(hypothesis.kind, failure.tried.reason)
+        )
+        total += sum(math.log(clue.factor) for clue in clues.get(hypothesis.kind, ()))
         for other in failure.others:
-            held = HOLDS * one.share(other)
+            held = HOLDS * hypothesis.share(other)
             total += math.log(held if other.held else 1 - held)
         logs.append(total)
     most = max(logs)
@@ -147,8 +149,8 @@ def _causes(
     clues: Mapping[str, Sequence[Clue]],
 ) -> tuple[Cause, ...]:  # fmt: skip
     members: dict[str, list[tuple[Hypothesis, float]]] = defaultdict(list)
-    for one, chance in zip(hypotheses, chances, strict=True):
-        members[one.kind].append((one, chance))
+    for hypothesis, chance in zip(hypotheses, chances, strict=True):
+        members[hypothesis.kind].append((hypothesis, chance))
     causes = [
         Cause(
             kind, sum(chance for _, chance in parts), cause_in_words(kind, failure, parts),

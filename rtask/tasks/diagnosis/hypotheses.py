@@ -110,9 +110,9 @@ def hypotheses_of(failure: Failure) -> list[Hypothesis]:
 
 def _hidden_along(own: Try, length: float) -> list[Hypothesis]:
     result = []
-    found = hidden_hypotheses()
-    total = sum(hidden.probability for hidden in found)
-    for hidden in found:
+    hypotheses = hidden_hypotheses()
+    total = sum(hidden.probability for hidden in hypotheses)
+    for hidden in hypotheses:
         kind = "centre_of_mass" if hidden.kind == "mass" else "weak_zone"
 
         def share(tried: Try, hidden: HiddenHypothesis = hidden) -> float:

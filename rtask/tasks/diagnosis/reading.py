@@ -109,10 +109,10 @@ def read_failure(select: Select, subject: str) -> Failure:
         Nothing under this IRI was attempted or ended.
     """
     node = str(NamedNode(subject))
-    found = next(iter(select(PREFIXES + _SUBJECT % {"s": node})), None)
+    latest = next(iter(select(PREFIXES + _SUBJECT % {"s": node})), None)
     step = next(iter(select(PREFIXES + _STEP % {"s": node})), None)
-    attempt = "" if found is None else str(found.value("attempt"))
-    if step is not None and _is_of_other_step(found, step):
+    attempt = "" if latest is None else str(latest.value("attempt"))
+    if step is not None and _is_of_other_step(latest, step):
         attempt = ""  # a step that failed without an attempt, after one that held
     if not attempt and step is None:
         raise UnknownTermError(
@@ -125,12 +125,12 @@ def read_failure(select: Select, subject: str) -> Failure:
     return _around(select, subject, attempt, tried, more)
 
 
-def _is_of_other_step(found: Row | None, step: Row) -> bool:
+def _is_of_other_step(latest: Row | None, step: Row) -> bool:
     """Whether the attempt that was found is not what made the step end as it did."""
-    if found is None or step.value("result") not in ("failed", "declined"):
+    if latest is None or step.value("result") not in ("failed", "declined"):
         return False
-    return bool(found.value("ok")) or (
-        found.value("step") is not None and found.value("step") != step.value("step")
+    return bool(latest.value("ok")) or (
+        latest.value("step") is not None and latest.value("step") != step.value("step")
     )
 
 
@@ -246,12 +246,12 @@ def _placements(
     if not tried.thing or begun is None:
         return None, False, tried.place
     rows = list(select(PREFIXES + _PLACEMENTS % NamedNode(tried.thing)))
-    known = [
+    placements = [
         (time, _text(row, "at"), _text(row, "hand"))
         for row in rows if (time := _time(row.value("begin")))
     ]  # fmt: skip
-    before = [one for one in known if one[0] <= begun]
-    after = [one for one in known if one[0] > begun]
+    before = [placement for placement in placements if placement[0] <= begun]
+    after = [placement for placement in placements if placement[0] > begun]
     place = tried.place or (before[-1][1] if before else "")
     age_s = (begun - before[-1][0]).total_seconds() if before else None
     is_elsewhere = bool(after) and after[0][1] != place and not after[0][2]

@@ -184,9 +184,9 @@ def _state_out_of_order(engine: Engine, lab: Lab) -> Callable[[str, Turn], None]
         if turn.result != "failed":
             return
         graph = f"GRAPH <{_BASE}graph/shared>"
-        for one in sorted(lab.dead & {robot}):
+        for broken in sorted(lab.dead & {robot}):
             engine.kb.update(
-                f"{PREFIXES} DELETE WHERE {{ {graph} {{ <{one}> rt:hasEndEffector ?hand }} }}"
+                f"{PREFIXES} DELETE WHERE {{ {graph} {{ <{broken}> rt:hasEndEffector ?hand }} }}"
             )
         for place in sorted(lab.shut):
             engine.kb.update(
@@ -203,12 +203,12 @@ def _has_way(lab: Lab, item: str, target: str) -> bool:
     reach = {
         robot: places - lab.shut for robot, places in lab.reach.items() if robot not in lab.dead
     }
-    known = set(reach.get(hands[at], frozenset())) if at in hands else {at} - lab.shut
+    within = set(reach.get(hands[at], frozenset())) if at in hands else {at} - lab.shut
     while True:
-        more = {place for places in reach.values() if places & known for place in places} | known
-        if more == known:
-            return target in known
-        known = more
+        more = {place for places in reach.values() if places & within for place in places} | within
+        if more == within:
+            return target in within
+        within = more
 
 
 def _may(event: _Event) -> Any:
