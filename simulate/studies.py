@@ -18,6 +18,7 @@ from simulate.study.pushes.command import push_grasps
 from simulate.study.quality.command import grasp_quality
 from simulate.study.quality.hands_command import hands
 from simulate.study.tasks.command import tasks
+from simulate.study.why.command import why
 
 __all__ = ["study"]
 
@@ -33,7 +34,7 @@ def study() -> None:
 for _command in (
     attempts, day, demo, grasp_quality, grasping, hands, judging, learn, piles, push_grasps,
     requests,
-    sharing, table4, table5, tasks, trust,
+    sharing, table4, table5, tasks, trust, why,
 ):  # fmt: skip
     study.add_command(_command)
 

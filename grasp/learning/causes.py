@@ -15,7 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hidden", "decisive_causes", "hidden_causes", "hidden_share"]
+__all__ = [
+    "Hidden", "HiddenHypothesis", "decisive_causes", "hidden_causes", "hidden_hypotheses",
+    "hidden_share",
+]  # fmt: skip
 
 _NOTHING, _MASS, _ZONE = 0.6, 0.2, 0.2
 """Chances that nothing hides, that the mass lies anywhere, that a zone is weak."""
@@ -97,6 +100,46 @@ class Hidden:
     probability: float
     start: float
     end: float
+
+
+@dataclass(frozen=True)
+class HiddenHypothesis(Hidden):
+    """One hypothesis about what hides, with its chance before anything was tried."""
+
+    number: int
+
+    def share_at(self, place: float, half_finger: float) -> float:
+        """Return what it leaves of the chance of a grasp, 0..1.
+
+        Parameters
+        ----------
+        place, half_finger
+            Along the longer side from its middle, and half the finger's width, in units of its
+            length.
+
+        Examples
+        --------
+        >>> mass = next(h for h in hidden_hypotheses() if h.kind == "mass" and h.start > 0.2)
+        >>> mass.share_at(mass.start, 0.05) > 0.9 > 0.1 > mass.share_at(-0.4, 0.05)
+        True
+        """
+        return float(_allowed(np.array([place]), half_finger)[self.number, 0])
+
+
+def hidden_hypotheses() -> list[HiddenHypothesis]:
+    """Return all hypotheses that something hides, without the one that nothing does."""
+    first_zone = 1 + len(_CENTRES)
+    masses = [
+        HiddenHypothesis("mass", float(_PRIOR[1 + k]), float(centre), float(centre), 1 + k)
+        for k, centre in enumerate(_CENTRES)
+        if abs(centre) > _MIDDLE
+    ]
+    zones = []
+    for k, (end, reach) in enumerate(_ZONES.tolist()):
+        start, stop = sorted((0.5 * end, end * (0.5 - reach)))
+        number = first_zone + k
+        zones.append(HiddenHypothesis("zone", float(_PRIOR[number]), start, stop, number))
+    return masses + zones
 
 
 def hidden_causes(

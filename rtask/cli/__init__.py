@@ -67,6 +67,7 @@ _BUILT_IN = {
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
     "where": "rtask.cli.world.where:where",
+    "why": "rtask.cli.tasks.why:why",
     "worker": "rtask.cli.services.worker:worker",
 }
 

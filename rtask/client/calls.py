@@ -21,6 +21,9 @@ __all__ = [
     "Curated",
     "EndEffector",
     "EndedStep",
+    "FailureCause",
+    "FailureChange",
+    "FailureExplained",
     "Feedback",
     "GivenVerdict",
     "GoalPlan",
@@ -96,6 +99,7 @@ REPEATABLE = frozenset(
         "claim_step",
         "end_step",
         "cancel_plan",
+        "explain_failure",
         "insert_object",
         "report_outcome",
         "report_refusal",
@@ -936,6 +940,42 @@ class CancelledPlan(TypedDict):
     commit: str
 
 
+class FailureCause(TypedDict):
+    """What may have made it fail."""
+
+    kind: str
+    chance: float
+    text: str
+    evidence: list[str]
+
+
+class FailureChange(TypedDict):
+    """A single fact that could have been otherwise."""
+
+    kind: str
+    text: str
+    chance: float
+    robot: str
+    hand: str
+    grasp: str
+    along: float | None
+
+
+class FailureExplained(TypedDict):
+    """Causes with their chances, and the smallest change under which it would have held."""
+
+    subject: str
+    attempt: str
+    step: str
+    held: bool
+    reason: str
+    causes: list[FailureCause]
+    change: FailureChange | None
+    mends: bool
+    others: list[FailureChange]
+    text: str
+
+
 class Resembled(TypedDict):
     """A stored object that a new one may be."""
 
@@ -1733,6 +1773,21 @@ class Calls(ABC):
             name of the person; default: the caller
         """
         answer: CancelledPlan = self._operate("cancel_plan", locals())
+        return answer
+
+    def explain_failure(
+        self,
+        *,
+        subject: str,
+    ) -> FailureExplained:
+        """Say why an attempt or a step failed, and what would have mended it.
+
+        Parameters
+        ----------
+        subject
+            IRI of an attempt, a task, a step of a plan, or a stored plan
+        """
+        answer: FailureExplained = self._operate("explain_failure", locals())
         return answer
 
     def insert_object(

@@ -13,6 +13,7 @@ from rtask.tasks.storing import Order, store_plan
 if TYPE_CHECKING:
     from rtask.kb.commit.access import Access
     from rtask.kb.core import GraphCore
+    from rtask.tasks.diagnosis import Diagnosis
 
 __all__ = ["Tasks"]
 
@@ -68,6 +69,33 @@ a goal is such as 'every cup into the left box'
             bounds.select, self._kb.catalogue.is_ontology, goal, base=self._kb.base,
             assume_reach=assume_reach, max_states=max_states, require_time=bounds.require_time,
         )  # fmt: skip
+
+    def why(
+        self, subject: str, *, timeout_s: float = TIMEOUT_S, access: Access | None = None
+    ) -> Diagnosis:
+        """Return why an attempt, a task, a step or a plan failed, and what would have mended it.
+
+        Parameters
+        ----------
+        subject
+            Its IRI.
+        timeout_s
+            Time for all queries, s.
+        access
+            Rights of the caller, who sees what it may read; None = those of the owner.
+
+        Raises
+        ------
+        UnknownTermError
+            Nothing under this IRI was attempted or ended.
+        SearchLimit
+            The time is up.
+        """
+        from rtask.tasks.diagnosis import diagnose
+        from rtask.tasks.diagnosis.reading import read_failure
+
+        bounds = Bounds(self._kb, timeout_s, access.reads if access is not None else None)
+        return diagnose(read_failure(bounds.select, subject))
 
     def store(self, plan: TaskPlan, agent: str | None = None, order: Order | None = None) -> str:
         """Store a plan as a tree of tasks in one commit; return its IRI.

@@ -51,6 +51,10 @@ class Lab:
     on_done: Callable[[str, str, str], None] = lambda robot, action, item: None
     done: list[tuple[str, str, str]] = field(default_factory=list)
     """Actions that took effect: robot, action, thing."""
+    dead: set[str] = field(default_factory=set)
+    """Robots whose arm is out of order."""
+    shut: set[str] = field(default_factory=set)
+    """Places behind a shut door, which nobody sees or reaches."""
 
     def robot(self, iri: str) -> LabRobot:
         """Return a robot of the lab."""
@@ -91,7 +95,9 @@ class LabRobot:
     def sees(self, item: str, place: str) -> bool:
         """Look whether a thing is at a place within reach, or in an own hand."""
         at = self.lab.where.get(item)
-        return at == place and (place in self.hands or place in self.lab.reach[self.iri])
+        if at != place or place in self.lab.shut:
+            return False
+        return place in self.hands or place in self.lab.reach[self.iri]
 
     def find(self, item: str) -> str | None:
         """Look for a thing wherever the robot reaches, and in its hands."""
@@ -102,6 +108,8 @@ class LabRobot:
         """Pick a thing up; it may have gone since it was seen, or slip."""
         self.lab.on_deed(self.iri, "pick", item)
         took = _DURATION_S["pick"]
+        if self.iri in self.lab.dead:
+            return Deed(False, "hardware", took)
         if not self.sees(item, place) or self.lab.in_hand(hand) is not None:
             return Deed(False, "missed", took)
         if self.lab.rng.random() < self.lab.slip:
@@ -114,6 +122,10 @@ class LabRobot:
         """Put a held thing down."""
         self.lab.on_deed(self.iri, "put", item)
         took = _DURATION_S["put"]
+        if self.iri in self.lab.dead:
+            return Deed(False, "hardware", took)
+        if place in self.lab.shut:
+            return Deed(False, "place_plan", took)
         if self.lab.where.get(item) != hand or place not in self.lab.reach[self.iri]:
             return Deed(False, "slip_transport", took)
         self.lab.where[item] = place
@@ -124,6 +136,8 @@ class LabRobot:
         """Give a held thing into another hand that is free."""
         self.lab.on_deed(self.iri, "give", item)
         took = _DURATION_S["give"]
+        if self.iri in self.lab.dead:
+            return Deed(False, "hardware", took)
         if self.lab.where.get(item) != hand or self.lab.in_hand(target) is not None:
             return Deed(False, "slip_transport", took)
         self.lab.where[item] = target

@@ -26,6 +26,7 @@ from rtask.engine.operations.robots import register_robot
 from rtask.engine.operations.search import search_object
 from rtask.engine.operations.tasks.plan import plan_goal, store_plan
 from rtask.engine.operations.tasks.queue import cancel_plan, claim_step, end_step, list_plans
+from rtask.engine.operations.tasks.why import explain_failure
 from rtask.engine.operations.teach import teach_object
 from rtask.engine.operations.world.frames import locate_frame, state_frame
 from rtask.engine.operations.world.sightings import report_sightings
@@ -56,6 +57,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     claim_step,
     end_step,
     cancel_plan,
+    explain_failure,
     insert_object,
     report_outcome,
     report_refusal,

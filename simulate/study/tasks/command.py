@@ -16,7 +16,7 @@ from simulate.study.intervals import wilson
 
 __all__ = ["summary_of", "tasks"]
 
-_COLUMNS = ("event", "goals", "reached", "declined", "given up", "planned again")
+_COLUMNS = ("event", "goals", "possible", "reached", "declined", "given up", "planned again")
 
 
 @study_command("rtask-tasks", with_preset=False)
@@ -32,7 +32,8 @@ def tasks(trials: int, seed: int, things: int, slip: float, no_events: bool) -> 
     """Measure how often random goals are reached in a lab of two tables with two robots each.
 
     In a third of the goals a thing has to change hands. In each, one event comes between: a person
-    moves the thing, it falls, it is taken away, a person says no, or a program is killed.
+    moves the thing, it falls, it is taken away, a person says no, a program is killed, an arm fails
+    for good, or a door is shut.
     """
     from simulate.study.tasks.trial import EVENTS
 
@@ -62,12 +63,12 @@ def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Re
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the figures of a study.
 
-    Goals that a person declined, and those whose thing was taken away, are counted apart: nobody
-    could reach them.
+    Goals that a person declined, and those that no arm could reach after the event, are counted
+    apart.
     """
     possible = [
         result for result in results
-        if result["result"] != "declined" and result["event"] != "taken_away"
+        if result["result"] != "declined" and result["possible"]
     ]  # fmt: skip
     reached = sum(result["result"] == "reached" for result in possible)
     events = dict.fromkeys(result["event"] for result in results)
@@ -90,6 +91,7 @@ def _row(event: str, results: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     chosen = [result for result in results if result["event"] == event]
     ends = Counter(result["result"] for result in chosen)
     return {
-        "goals": len(chosen), "reached": ends["reached"], "declined": ends["declined"],
+        "goals": len(chosen), "possible": sum(r["possible"] for r in chosen),
+        "reached": ends["reached"], "declined": ends["declined"],
         "given up": ends["given_up"], "planned again": sum(r["repairs"] for r in chosen),
     }  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,16 +14,19 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode, iri
 from simulate.tasks.crew import Crew, Ended
-from simulate.tasks.executor import Executor
+from simulate.tasks.executor import Executor, Turn
 from simulate.tasks.lab import Lab, read_lab
 from simulate.world.seeds import stream
 
 __all__ = ["EVENTS", "lab_update", "run_trial"]
 
 _BASE = "https://example.org/kb/"
-EVENTS = ("moved", "dropped", "taken_away", "declined", "killed")
+EVENTS = (
+    "moved", "dropped", "taken_away", "declined", "killed", "dead_arm", "shut_door",
+)  # fmt: skip
 """What may come between: a person moves the thing, it falls from the hand, it is taken out of the
-lab, a person says no, a robot's program ends after it has acted."""
+lab, a person says no, a robot's program ends after it has acted, an arm fails for good, the door to
+a place is shut."""
 _STREAM = 71
 _ROBOTS = {
     "nao-1": ("Hand", 0.05, ("table-1", "left-box-1")),
@@ -32,6 +35,11 @@ _ROBOTS = {
     "panda-2": ("ParallelJawGripper", 0.08, ("table-2", "right-box-2", "shelf")),
 }
 """Kind of hand, opening, m, and places of each robot; the Pandas share a shelf."""
+_Robots = Mapping[str, tuple[str, float, tuple[str, ...]]]
+_SPARE = {"panda-3": ("ParallelJawGripper", 0.08,
+                      ("table-1", "table-2", "left-box-1", "left-box-2", "right-box-1",
+                       "right-box-2"))}  # fmt: skip
+"""A robot that can stand in for another, where something may be out of order for good."""
 _PLACES = sorted({place for _, _, places in _ROBOTS.values() for place in places})
 _KINDS = ("Cup", "Pen", "Bottle")
 
@@ -65,14 +73,17 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     kinds = settings["events"]
     kind = str(kinds[number % len(kinds)]) if kinds else ""
     with rtask.open(":memory:", base=_BASE) as kb, Engine(kb) as engine:
-        kb.update(lab_update(rng, settings["things"]))
+        spare = _SPARE if kind in ("dead_arm", "shut_door") else None
+        kb.update(lab_update(rng, settings["things"], spare))
         planner = rtask.connect(engine)
         lab = read_lab(planner.query, rng, settings["slip"])
         goal, plan = _goal(planner, rng, lab, wants_handover=rng.random() < 0.3)
         event = _Event(kind, int(rng.integers(max(1, len(plan["steps"]) // 2))), rng)
-        _inject(lab, event)
+        target = goal.split(" rt:locatedOn ")[1].strip("<>")
+        _inject(lab, event, target)
         planner.call("store_plan", goal=goal)
         ended, repairs_s = _carry_out(engine, planner, lab, event)
+        item = goal.split(" rt:locatedOn ")[0].strip("<>")
         return {
             "goal": goal, "event": kind if event.is_over else "", "result": ended.result,
             "robots": len({robot for step in plan["steps"] for robot in step["robots"]}),
@@ -81,15 +92,16 @@ def run_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
             # Less are stored where a robot ended between a grasp and its report: nobody saw it.
             "twice": max(_stored_picks(kb) - [deed[1] for deed in lab.done].count("pick"), 0),
             "repair_s": max(repairs_s, default=0.0), "says": ended.result,
+            "possible": ended.result == "reached" or _has_way(lab, item, target),
         }  # fmt: skip
 
 
-def lab_update(rng: np.random.Generator, count: int) -> str:
+def lab_update(rng: np.random.Generator, count: int, more: _Robots | None = None) -> str:
     """Return the update that states the lab: robots, places, and things somewhere on these."""
     rows = [
         f"<{_BASE}place/{place}> a rt:SupportSurface ; rt:name '{place}' ." for place in _PLACES
     ]
-    for name, (hand, opening, places) in _ROBOTS.items():
+    for name, (hand, opening, places) in {**_ROBOTS, **(more or {})}.items():
         robot = f"{_BASE}robot/{name}"
         reached = ", ".join(f"<{_BASE}place/{place}>" for place in places)
         rows.append(
@@ -127,7 +139,7 @@ def _goal(
             return goal, plan
 
 
-def _inject(lab: Lab, event: _Event) -> None:
+def _inject(lab: Lab, event: _Event, target: str) -> None:
     def before(robot: str, action: str, item: str) -> None:
         if action == "pick" and event.is_due(("moved",)):
             places = [place for place in _PLACES if f"{_BASE}place/{place}" != lab.where[item]]
@@ -136,6 +148,11 @@ def _inject(lab: Lab, event: _Event) -> None:
             del lab.where[item]
         elif action == "put" and event.is_due(("dropped",)):
             lab.drop(item, robot)
+        elif event.is_due(("dead_arm",)):
+            lab.dead.add(robot)
+        elif action == "put" and event.is_due(("shut_door",)):
+            places = sorted(lab.reach[robot] - {target}) or [target]
+            lab.shut.add(places[int(event.rng.integers(len(places)))])
 
     def after(robot: str, action: str, item: str) -> None:
         if event.is_due(("killed",)):
@@ -153,11 +170,45 @@ def _carry_out(engine: Engine, planner: Any, lab: Lab, event: _Event) -> tuple[E
             client = rtask.connect(engine, agent=robot.rpartition("/")[2])
             may = _may(event)
             robots[robot] = Executor(client, lab.robot(robot), may=may)
-        crew = Crew(planner, robots, repair_s=repairs_s)
+        crew = Crew(planner, robots, _state_out_of_order(engine, lab), repair_s=repairs_s)
         try:
             return crew.work()[0], repairs_s
         except KilledError:
             continue
+
+
+def _state_out_of_order(engine: Engine, lab: Lab) -> Callable[[str, Turn], None]:
+    """Return what lets a person withdraw from the graph what no longer holds, after a failure."""
+
+    def tell(robot: str, turn: Turn) -> None:
+        if turn.result != "failed":
+            return
+        graph = f"GRAPH <{_BASE}graph/shared>"
+        for broken in sorted(lab.dead & {robot}):
+            engine.kb.update(
+                f"{PREFIXES} DELETE WHERE {{ {graph} {{ <{broken}> rt:hasEndEffector ?hand }} }}"
+            )
+        for place in sorted(lab.shut):
+            engine.kb.update(
+                f"{PREFIXES} DELETE WHERE {{ {graph} {{ ?robot rt:reaches <{place}> }} }}"
+            )
+
+    return tell
+
+
+def _has_way(lab: Lab, item: str, target: str) -> bool:
+    """Whether the arms that work could bring a thing to a place, past shut doors."""
+    at = lab.where.get(item)
+    hands = {hand: robot for robot, own in lab.hands.items() for hand in own}
+    reach = {
+        robot: places - lab.shut for robot, places in lab.reach.items() if robot not in lab.dead
+    }
+    within = set(reach.get(hands[at], frozenset())) if at in hands else {at} - lab.shut
+    while True:
+        more = {place for places in reach.values() if places & within for place in places} | within
+        if more == within:
+            return target in within
+        within = more
 
 
 def _may(event: _Event) -> Any:

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.slow
 SETTINGS = {"seed": 5, "things": 3, "slip": 0.1}
 RESULT = {
     "goal": "g", "event": "", "result": "reached", "robots": 2, "steps": 4, "repairs": 1,
+    "possible": True,
     "deeds": 4, "lost": 0, "wrong": 0, "twice": 0, "repair_s": 0.1,
 }  # fmt: skip
 
@@ -23,7 +24,8 @@ RESULT = {
 def test_each_event_ends_as_it_can_and_nothing_is_lost_or_done_twice(event):
     result = run_trial({**SETTINGS, "events": [event]}, 0)
     ends = {"declined": "declined", "taken_away": "given_up"}
-    assert (result["event"], result["result"]) == (event, ends.get(event, "reached"))
+    expected = ends.get(event, "reached" if result["possible"] else "given_up")
+    assert (result["event"], result["result"]) == (event, expected)
     assert (result["lost"], result["wrong"], result["twice"]) == (0, 0, 0)
 
 
@@ -39,7 +41,7 @@ def test_goals_that_nobody_could_reach_are_counted_apart():
             RESULT,
             {**RESULT, "result": "given_up"},
             {**RESULT, "event": "declined", "result": "declined"},
-            {**RESULT, "event": "taken_away", "result": "given_up", "robots": 1},
+            {**RESULT, "event": "taken_away", "result": "given_up", "robots": 1, "possible": False},
         ]
     )
     assert (summary["goals"], summary["possible"], summary["reached"]) == (4, 2, 1)

@@ -25,8 +25,8 @@ _WITHOUT = {
         token revoke, undo, update, grasp train""",
     "prints a line for each file that it is given": "load",
     "prints one thing, which is of no use in part: a proof, a plan, a rule, a file, an answer": """
-        explain, plan, rules show, ontology path, robot srdf, simulate urdf, help, service show,
-        service call, ros2 dds call""",
+        explain, plan, why, rules show, ontology path, robot srdf, simulate urdf, help,
+        service show, service call, ros2 dds call""",
     "prints a line for each of its own checks": "doctor, ros doctor, ros2 doctor, robot check",
     "prints a line for each object in one picture": "recognise, segment, camera",
     "writes all statements, as a file of them": "export",
@@ -36,7 +36,7 @@ _WITHOUT = {
         simulate act-test reach, simulate act-test workspace, study attempts, study day, study demo,
         study grasp-quality, study grasp-views, study grasping, study hands, study judging,
         study learn, study piles, study push-grasps, study requests, study sharing, study table4,
-        study table5, study tasks, study trust, thesis all, thesis show""",
+        study table5, study tasks, study trust, study why, thesis all, thesis show""",
     "runs until it is interrupted, or as long as a program of the user": """
         mcp, worker, ros node, ros2 node, ros2 dds serve, service run, simulate act-serve,
         simulate ros""",

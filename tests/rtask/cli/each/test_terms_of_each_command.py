@@ -68,6 +68,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("where", "frame"): (_OTHER, "where kb:object/1 --at 2026-01-01T10:30:00Z --frame {}"),
     ("where", "name"): (_MUG, "where {} --at 2026-01-01T10:30:00Z"),
     ("where", "near"): (_PLACE, "where kb:object/1 --at 2026-01-01T10:30:00Z --near {}"),
+    ("why", "subject"): (_OTHER, "why {}"),
 }
 """Parameters that take a term: forms of one term, and a call with a place for it."""
 _OTHERS = {

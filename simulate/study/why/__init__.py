@@ -1,0 +1,1 @@
+"""How often the cause of an injected failure is found, and mended."""
