@@ -67,6 +67,7 @@ _BUILT_IN = {
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
     "where": "rtask.cli.world.where:where",
+    "world": "rtask.cli.world.export:world",
     "worker": "rtask.cli.services.worker:worker",
 }
 
@@ -77,7 +78,10 @@ _SECTIONS = {
         "ask", "plan", "tasks", "query", "search", "explain", "entails", "where", "history",
         "objects",
     ),
-    "Load and change": ("load", "update", "undo", "export", "ontology", "rules", "model"),
+    "Load and change": (
+        "load", "update", "undo", "export", "ontology", "rules", "model",
+        "world",
+    ),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),
