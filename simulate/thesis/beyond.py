@@ -53,5 +53,14 @@ ENTRIES = (
         "robots, and is planned again when something comes between: `rtask plan`, "
         "`rtask study tasks`",
     ),
+    _shown(
+        number="places",
+        shows="a common memory of where things are",
+        run="beyond:places",
+        why="Gatto's engine knows where a thing stood when it was last looked at; Kehoe names a "
+        "shared environment as work to come (6.2). Here every place has a begin, an end, a "
+        "frame and an uncertainty that grows, and a robot asks where something is, was, and who "
+        "moved it: docs/world.md, `rtask study day`",
+    ),
 )
 """In the order in which a reader meets them; the reason of each is a paragraph for the report."""

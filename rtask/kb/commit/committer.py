@@ -103,6 +103,8 @@ class Committer:
         """Store a change with the statements derived from it, or raise and store nothing."""
         makes_many = len(change.added) + len(change.removed) > MAX_LATE
         with collector_paused() if makes_many else nullcontext():
+            if makes_many and self.late is not None:
+                self.late.flush()  # now, so that what is looked up of the change stays true
             return self._commit(change, request)
 
     def _commit(self, change: Overlay, request: Request) -> Change:
@@ -229,6 +231,7 @@ class Committer:
         # Notes say nothing about the world, so those that wait do not matter here.
         with self.late.quiet() if self.late is not None else nullcontext():
             if request.trial is not None:
+                change.holders = request.trial.holders
                 adopted = self.inference.adopt(change, rules, request.trial)
                 if adopted is not None:
                     return *adopted, 0
@@ -264,7 +267,7 @@ class Committer:
             if sets_aside:
                 seq = self.last_seq + 1
                 return set_aside(change, self.inference, self.graphs, seq, rules, budget)
-            derived, staged, clashes = self.inference.try_stage(change, rules, budget)
+            derived, staged, clashes = self.inference.try_derive(gained, lost, rules, budget)
         except (TooMuchFollowsError, NeedsRebuildError):
             clashes = [None]
         if not clashes:
@@ -276,6 +279,7 @@ class Committer:
             size,
             limits,
             None if sets_aside else request.cause_ms,
+            change.holders,
         )
 
     def _store(
@@ -314,7 +318,7 @@ class Committer:
                 replace_contents(self.store, whole)
             else:
                 now = whole if late is None else _whole(change, derived, Overlay(self.store))
-                self._write(now, record.seq)
+                self._write(now, change, record.seq)
         except ReplacementError:
             raise  # the journal keeps the commit, and opening the folder again completes it
         except Exception as error:
@@ -332,7 +336,7 @@ class Committer:
         self.interrupted = False
         return self._describe(change, derived, record, request)
 
-    def _write(self, writes: Writes, seq: int) -> None:
+    def _write(self, writes: Writes, change: Overlay, seq: int) -> None:
         """Change the store, and the union in it."""
         if not (self.plain or self.store.is_view):
             # What is derived or large is copied as it is: the store ignores what it holds, and
@@ -342,7 +346,9 @@ class Committer:
             looked_up = QuadChain(*(part for part in parts if not isinstance(part, InGraph)))
             copied = [part.triples for part in whole if Graphs.is_joined(part.graph)]
             fresh = (self.graphs.provenance,)
-            union = union_change(self.store, writes.removed, looked_up, fresh, copied)
+            union = union_change(
+                self.store, writes.removed, looked_up, fresh, copied, change.holders
+            )
             copies = (InGraph(triples, DEFAULT) for triples in copied)
             writes = replace(
                 writes,

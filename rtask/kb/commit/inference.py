@@ -18,7 +18,7 @@ from rtask.kb.rules.rulebook import blamed, stored_rules
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.naming import Names
-from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.overlay import Holders, Overlay
 from rtask.kb.store.quads import Derived, InGraph
 from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
@@ -60,6 +60,8 @@ class Staged(Protocol):
 
 class Derivation(Protocol):
     """A derivation made in another process."""
+
+    holders: Holders
 
     def adopt(
         self,
@@ -255,7 +257,17 @@ class Inference:
         self, change: Overlay, rules: Sequence[Rule] | None = None, budget: Any = None
     ) -> tuple[Derived, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
-        staged = self.derive(*self.gained_and_lost(change), rules, budget)
+        return self.try_derive(*self.gained_and_lost(change), rules, budget)
+
+    def try_derive(
+        self,
+        gained: Sequence[TripleKey],
+        lost: Sequence[TripleKey],
+        rules: Sequence[Rule] | None = None,
+        budget: Any = None,
+    ) -> tuple[Derived, Staged | None, list[Any]]:
+        """Like :meth:`try_stage`, from the asserted triples that come and go."""
+        staged = self.derive(gained, lost, rules, budget)
         if staged.contradictions:
             staged.discard()
             return Derived(), None, staged.contradictions

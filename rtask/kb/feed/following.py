@@ -251,8 +251,7 @@ class Follower:
         self._store.move(path)
         if old is not None:
             self._copy.discard(Path(old))
-        for follower in self._store.followers:
-            follower(Writes(is_replacement=True))
+        self._store.tell(Writes(is_replacement=True))
         passed = [record for record, _ in self._records() if before < record.seq <= seq]
         self._advance(seq)
         self._place = self._place_of(seq)

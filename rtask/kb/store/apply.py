@@ -18,6 +18,9 @@ __all__ = ["apply"]
 
 def apply(store: GraphStore, writes: Writes) -> None:
     """Change the store in one atomic step, and tell those that follow it."""
-    store.apply(writes)
-    for follower in store.followers:
-        follower(writes)
+    try:
+        store.apply(writes)
+    except BaseException:
+        store.writes += 1  # what was looked up meanwhile may have been seen half made
+        raise
+    store.tell(writes)

@@ -22,7 +22,7 @@ from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.merged_graphs import MergedCopy, with_merged_graphs
 from rtask.kb.store.quads import InGraph, parts_of
 from rtask.kb.store.writes import Writes, as_update
-from rtask.rdf.terms import GraphName, Subject, Term, stored, triple_key
+from rtask.rdf.terms import GraphName, Subject, Term, TripleKey, stored, triple_key
 from rtask.sparql.lexer import names_dataset
 
 __all__ = ["LARGE", "EmbeddedStore", "embedded_store"]
@@ -175,6 +175,27 @@ class EmbeddedStore(GraphStore):
                 yield from quads
             else:
                 yield from _fitting(quads, subject, value, graph)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def lacking(self, quads: Iterable[Quad]) -> list[Quad]:
+        """Return those of some quads that the store does not hold."""
+        try:
+            with self.complete():
+                raw = self.raw
+                return [quad for quad in quads if quad not in raw]
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def holders(self, key: TripleKey) -> list[GraphName]:
+        """Return the graphs that hold a triple."""
+        subject, _, value = key
+        try:
+            with self.complete():
+                quads: Iterable[Quad] = self.raw.quads_for_pattern(*key, None)
+            if not (_is_named(value) and _is_named(subject)):
+                quads = _fitting(quads, subject, value, None)
+            return [quad.graph_name for quad in quads]
         except RuntimeError as error:
             raise self._failed(error) from error
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from pyoxigraph import NamedNode, Quad
 
 from rtask.kb.store.writes import Writes
-from rtask.rdf.terms import GraphName, Subject, Term
+from rtask.rdf.terms import GraphName, Subject, Term, TripleKey
 
 __all__ = ["Gate", "GraphStore"]
 
@@ -58,19 +58,22 @@ class GraphStore(ABC):
         Whether the default graph is a view of all named graphs, computed by each query instead of
         stored; see :mod:`rtask.kb.store.union`.
     followers
-        Functions that :func:`rtask.kb.store.apply.apply` calls with the changes of each commit.
+        Functions that :meth:`tell` calls with the changes of each commit.
     gate
         Completes the store before a read begins; ``None`` if it is always complete. Methods of this
         class take care of it; what reads the files begins inside :meth:`complete`.
+    writes
+        Number of changes of which :meth:`tell` told.
     """
 
-    __slots__ = ("followers", "gate", "is_stuck", "is_view")
+    __slots__ = ("followers", "gate", "is_stuck", "is_view", "writes")
 
     def __init__(self) -> None:
         self.is_stuck = False
         self.followers: list[Callable[[Writes], None]] = []
         self.is_view = False
         self.gate: Gate | None = None
+        self.writes = 0
 
     def changed(self) -> None:  # noqa: B027 - most stores copy nothing
         """Forget what is copied of the store, after a change other than by :meth:`apply`."""
@@ -127,6 +130,20 @@ class GraphStore(ABC):
         graph: GraphName | None = None,
     ) -> Iterator[Quad]:
         """Yield the quads that match; consume them in this thread."""
+
+    def tell(self, writes: Writes) -> None:
+        """Tell those that follow the store of a change, after it was made."""
+        self.writes += 1
+        for follower in list(self.followers):
+            follower(writes)
+
+    def lacking(self, quads: Iterable[Quad]) -> list[Quad]:
+        """Return those of some quads that the store does not hold."""
+        return [quad for quad in quads if quad not in self]
+
+    def holders(self, key: TripleKey) -> list[GraphName]:
+        """Return the graphs that hold a triple."""
+        return [quad.graph_name for quad in self.quads_for_pattern(*key, None)]
 
     @abstractmethod
     def count(self, graph: GraphName) -> int:

@@ -2,17 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad
 
 from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
-from rtask.rdf.terms import GraphName
+from rtask.kb.store.writes import Writes
+from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
-__all__ = ["NetChange", "Overlay", "apply_change"]
+__all__ = ["Holders", "NetChange", "Overlay", "apply_change"]
+
+
+_MAX_TAKEN = 10_000
+
+
+class Holders:
+    """Graphs of a store that hold triples, each looked up once while nothing about it changes."""
+
+    def __init__(self, store: GraphStore) -> None:
+        self._store = store
+        self._writes = store.writes
+        self._known: dict[TripleKey, Sequence[GraphName]] = {}
+
+    def of(self, key: TripleKey) -> Sequence[GraphName]:
+        """Return the graphs that hold a triple, the default graph included."""
+        before = self._store.writes
+        if self._writes != before:
+            self._writes = before
+            self._known.clear()
+        graphs = self._known.get(key)
+        if graphs is None:
+            graphs = self._store.holders(key)
+            if before == self._store.writes:
+                self._known[key] = graphs
+        return graphs
+
+    def follow(self) -> None:
+        """Keep what others' changes leave as it is; begin while nobody writes."""
+        self._store.followers.append(self._take)
+
+    def unfollow(self) -> None:
+        """Forget everything at the next change."""
+        self._store.followers.remove(self._take)
+
+    def _take(self, writes: Writes) -> None:
+        size = len(writes.removed) + len(writes.added)
+        if writes.is_replacement or size > _MAX_TAKEN or self._writes + 1 != self._store.writes:
+            return
+        for quads in (writes.removed, writes.added):
+            for quad in quads:
+                self._known.pop(triple_key(quad), None)
+        self._writes += 1
 
 
 @dataclass
@@ -28,6 +72,12 @@ class Overlay:
     added: dict[Quad, None] = field(default_factory=dict)
     created: dict[GraphName, None] = field(default_factory=dict)
     dropped: dict[GraphName, None] = field(default_factory=dict)
+    _stored: set[GraphName] = field(default_factory=set, repr=False, compare=False)
+
+    @cached_property
+    def holders(self) -> Holders:
+        """Graphs of the store that hold triples of the change."""
+        return Holders(self.store)
 
     def is_empty(self) -> bool:
         """Whether there are no changes."""
@@ -76,7 +126,11 @@ class Overlay:
 
     def create(self, graph: GraphName) -> None:
         """Create a graph if absent."""
+        if graph in self._stored:
+            return
         if self.has_graph(graph):
+            if graph not in self.created:
+                self._stored.add(graph)
             return
         if graph in self.dropped:
             del self.dropped[graph]
@@ -94,6 +148,7 @@ class Overlay:
         if graph in self.created:
             del self.created[graph]
         else:
+            self._stored.discard(graph)
             self.dropped[graph] = None
 
     def quads(self, graph: GraphName) -> Iterator[Quad]:

@@ -91,9 +91,7 @@ def replace_contents(store: GraphStore, change: Writes) -> None:
                     f"a large removal could not be completed: {error}; open the knowledge base "
                     "again"
                 ) from error
-    writes = Writes(is_replacement=True)
-    for follower in store.followers:
-        follower(writes)
+    store.tell(Writes(is_replacement=True))
 
 
 def complete_replacement(store: GraphStore, folder: Path) -> bool:

@@ -13,9 +13,9 @@ from pyoxigraph import Quad
 
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
-from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.overlay import Holders, Overlay
 from rtask.kb.store.quads import InGraph, parts_of
-from rtask.rdf.terms import DEFAULT, GraphName, Subject, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, GraphName, TripleKey, triple_key
 
 __all__ = [
     "input_change",
@@ -34,6 +34,7 @@ def union_change(
     added: Iterable[Quad],
     fresh: Collection[GraphName] = (),
     besides: Sequence[Container[TripleKey]] = (),
+    holders: Holders | None = None,
 ) -> Overlay:
     """Return the change of the default graph when these quads of named graphs change.
 
@@ -46,20 +47,25 @@ def union_change(
         than adding a duplicate.
     besides
         Triples that the union gains besides; they are not part of the result.
+    holders
+        What has been looked up of the change already.
     """
     change = Overlay(store)
-    union = _Union(store)
     is_joined = _Cached(Graphs.is_joined)
     new = {triple_key(quad): quad for quad in added if is_joined[quad.graph_name]}
     gone = {quad: None for quad in removed if is_joined[quad.graph_name]}
     store.prefetch(
         [q.subject for q in gone] + [q.subject for q in new.values() if q.graph_name not in fresh]
     )
+    looked_up = []
     for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
-        if quad.graph_name in fresh or not union.has(in_union):
+        if quad.graph_name in fresh:
             change.added[in_union] = None
-    holds = _holder(store, gone, Graphs.is_joined)
+        else:
+            looked_up.append(in_union)
+    change.added.update(dict.fromkeys(store.lacking(looked_up)))
+    holds = _holder(store, gone, is_joined.__getitem__, holders or Holders(store))
     for key in {triple_key(quad): None for quad in gone}:
         if key not in new and not any(key in more for more in besides) and not holds(key):
             change.removed[Quad(*key, DEFAULT)] = None
@@ -78,13 +84,16 @@ def input_change(
     new = {triple_key(quad): None for quad in overlay.added if inputs[quad.graph_name]}
     gone = {quad: None for quad in overlay.removed if inputs[quad.graph_name]}
     lost_keys = {triple_key(quad): None for quad in gone}
-    holds = _holder(overlay.store, gone, inputs.__getitem__)
+    holds = _holder(overlay.store, gone, inputs.__getitem__, overlay.holders)
     lost = [key for key in lost_keys if key not in new and not holds(key)]
     return list(new), lost
 
 
 def _holder(
-    store: GraphStore, gone: dict[Quad, None], counts: Callable[[GraphName], bool]
+    store: GraphStore,
+    gone: dict[Quad, None],
+    counts: Callable[[GraphName], bool],
+    holders: Holders,
 ) -> Callable[[TripleKey], bool]:
     """Return a test whether some graph that counts holds a triple when these quads are gone."""
     if len(gone) >= _LARGE:
@@ -92,7 +101,15 @@ def _holder(
         if sum(map(store.count, graphs)) <= _MAX_HELD_RATIO * len(gone):
             held = {triple_key(quad) for quad in remaining(store, gone, graphs)}
             return held.__contains__
-    return lambda key: _is_held(store, key, gone, counts)
+    losers: dict[TripleKey, list[GraphName]] = {}
+    for quad in gone:
+        losers.setdefault(triple_key(quad), []).append(quad.graph_name)
+
+    def holds(key: TripleKey) -> bool:
+        losing = losers[key]
+        return any(graph not in losing and counts(graph) for graph in holders.of(key))
+
+    return holds
 
 
 def remaining(
@@ -148,34 +165,3 @@ class _Cached(dict[GraphName, bool]):
     def __missing__(self, graph: GraphName) -> bool:
         result = self[graph] = self._test(graph)
         return result
-
-
-class _Union:
-    """Cache of the subjects in a store; most subjects of a new file are new.
-
-    Statements are grouped by subject, so one look-up covers all statements of a new subject.
-    """
-
-    def __init__(self, store: GraphStore) -> None:
-        self._store = store
-        self._mentioned: dict[object, bool] = {}
-
-    def mentions(self, subject: Subject) -> bool:
-        """Whether any graph has a statement about a subject."""
-        is_mentioned = self._mentioned.get(subject)
-        if is_mentioned is None:
-            quads = self._store.quads_for_pattern(subject, None, None, None)
-            is_mentioned = self._mentioned[subject] = next(quads, None) is not None
-        return is_mentioned
-
-    def has(self, quad: Quad) -> bool:
-        """Whether the store holds a quad."""
-        return self.mentions(quad.subject) and quad in self._store
-
-
-def _is_held(
-    store: GraphStore, key: TripleKey, gone: dict[Quad, None], counts: Callable[[GraphName], bool]
-) -> bool:
-    return any(
-        counts(quad.graph_name) and quad not in gone for quad in store.quads_for_pattern(*key, None)
-    )

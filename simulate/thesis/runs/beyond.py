@@ -13,6 +13,8 @@ from reasoner import Proof
 from rtask.errors import ForbiddenError
 from rtask.rdf.terms import prologue
 from simulate.fleet.sharing import sharing_study, sharing_trial, summarise_sharing
+from simulate.study.day.command import summary_of as summary_of_days
+from simulate.study.day.trial import run_trial as live_day
 from simulate.study.quality.promised import promise_figures
 from simulate.study.quality.report import quality_study
 from simulate.study.quality.trial import quality_trial
@@ -20,7 +22,7 @@ from simulate.study.tasks.command import summary_of
 from simulate.study.tasks.trial import EVENTS, lab_update, run_trial
 from simulate.thesis.result import Compared, Result, Setting, share_of
 
-__all__ = ["inference", "lessons", "plans", "promises", "rights"]
+__all__ = ["inference", "lessons", "places", "plans", "promises", "rights"]
 
 _BASE = "https://example.org/kb/"
 _STREAM = 91
@@ -183,5 +185,37 @@ def plans(setting: Setting) -> Result:
             f"{goals} goals for two Naos and two Pandas at two tables, without dynamics; each time "
             "one event: a thing is moved, falls or is taken away, a person says no, or a program "
             "is killed",
+        ),
+    )  # fmt: skip
+
+
+def places(setting: Setting) -> Result:
+    """Questions about a day in the lab: where, when, who moved it, which of two equal things."""
+    hours, things = setting.size(8, 1), setting.size(30, 12)
+    questions, samples = setting.size(1000, 150), setting.size(12_000, 300)
+    settings = {
+        "seed": setting.seed, "hours": float(hours), "things": things,
+        "questions": questions, "samples": samples,
+    }  # fmt: skip
+    day = summary_of_days([live_day(settings, 0)])
+    within = day["calibration"]["all"]
+    counted = {
+        verdict: sum(counts[verdict] for counts in day["verdicts"].values())
+        for verdict in ("right", "not known", "wrong")
+    }
+    return Result(
+        (
+            *(share_of(f"answers that were {verdict}", count, day["questions"])
+              for verdict, count in counted.items()),
+            share_of("things within the distance that was said with 90 %", within["within"],
+                     within["samples"]),
+            Compared("things in two places at one instant", float(day["two_places"])),
+            share_of("named things that a new robot found at first look",
+                     day["found_at_first_look"], day["looked_for"]),
+        ),
+        (
+            f"one day of {hours} h with {things} things and three robots, without dynamics; robots "
+            "and people move, lose, swap, cover and box things, and what truly happened is kept "
+            "apart and judges the answers",
         ),
     )  # fmt: skip

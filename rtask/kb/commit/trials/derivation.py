@@ -40,6 +40,7 @@ from rtask.kb.commit.trials.process import (
     StoppedError,
     TrialProcess,
 )
+from rtask.kb.store.overlay import Holders
 from rtask.rdf.terms import TripleKey
 
 __all__ = ["CAN_FORK", "MAX_TRIED", "LongDerivationError", "Trial", "TrialDerivations"]
@@ -76,6 +77,8 @@ class LongDerivationError(Exception):
     cause_ms
         How long to look for the causes of a contradiction, in ms; ``None`` if contradictory
         statements are set aside, which only the commit itself can do.
+    holders
+        What has been looked up of the change.
     """
 
     def __init__(
@@ -86,6 +89,7 @@ class LongDerivationError(Exception):
         statements: int,
         limits: ReasoningLimits,
         cause_ms: float | None,
+        holders: Holders,
     ) -> None:
         super().__init__("it is not known whether too much follows from the change")
         self.gained = gained
@@ -94,6 +98,7 @@ class LongDerivationError(Exception):
         self.statements = statements
         self.limits = limits
         self.cause_ms = cause_ms
+        self.holders = holders
 
 
 @dataclass(frozen=True)
@@ -190,6 +195,8 @@ class Trial:
     is_of_use : bool
         Whether the copy has, or may have, what follows from the change and from all that others
         committed since it was made.
+    holders : Holders
+        What has been looked up of the change, kept true from commit to commit.
     """
 
     def __init__(
@@ -205,6 +212,7 @@ class Trial:
         self._closure = closure = inference.closure()
         self._handover = handover = closure.hand_over()
         self.is_of_use = True
+        self.holders = change.holders
 
         def work(receive: Receive, send: Send) -> None:
             closure.end_handover(handover)
@@ -215,6 +223,7 @@ class Trial:
         except BaseException:
             closure.end_handover(handover)
             raise
+        self.holders.follow()
 
     def outcome(self, until: float | None) -> _Outcome:
         """Wait for what the copy finds.
@@ -283,6 +292,7 @@ class Trial:
 
     def end(self) -> None:
         """End the copy."""
+        self.holders.unfollow()
         self._closure.end_handover(self._handover)
         self._process.end()
 

@@ -1,0 +1,69 @@
+"""What was looked up of a change while others commit."""
+
+from __future__ import annotations
+
+from pyoxigraph import Quad, Store
+
+from rtask.kb.store.apply import apply
+from rtask.kb.store.embedded import EmbeddedStore
+from rtask.kb.store.overlay import Holders
+from rtask.kb.store.writes import Writes
+from rtask.rdf.terms import iri, literal, triple_key
+
+_G, _H, _I = (iri(f"urn:{name}") for name in "ghi")
+
+
+def _quad(number: int, graph: object) -> Quad:
+    return Quad(iri("urn:s"), iri("urn:p"), literal(number), graph)  # type: ignore[arg-type]
+
+
+class _CountingStore(EmbeddedStore):
+    """Counts what is looked up."""
+
+    __slots__ = ("looked_up",)
+
+    def __init__(self) -> None:
+        super().__init__(Store())
+        self.looked_up = 0
+
+    def holders(self, key: object) -> list[object]:  # type: ignore[override]
+        self.looked_up += 1
+        return super().holders(key)  # type: ignore[arg-type, return-value]
+
+
+def test_a_triple_is_looked_up_once_until_something_changes() -> None:
+    store = _CountingStore()
+    apply(store, Writes(added=[_quad(1, _G), _quad(1, _H), _quad(255, _G), _quad(256, _H)]))
+    holders = Holders(store)
+
+    for _ in range(2):
+        assert set(holders.of(triple_key(_quad(1, _G)))) == {_G, _H}
+        assert list(holders.of(triple_key(_quad(255, _G)))) == [_G]
+    assert store.looked_up == 2
+
+    apply(store, Writes(removed=[_quad(1, _H)]))
+
+    assert list(holders.of(triple_key(_quad(1, _G)))) == [_G]
+
+
+def test_what_others_leave_alone_is_kept_while_their_changes_are_followed() -> None:
+    store = _CountingStore()
+    apply(store, Writes(added=[_quad(1, _G), _quad(2, _G)]))
+    holders = Holders(store)
+    holders.follow()
+    assert [list(holders.of(triple_key(_quad(n, _G)))) for n in (1, 2)] == [[_G], [_G]]
+
+    apply(store, Writes(added=[_quad(2, _H), _quad(3, _H)], removed=[_quad(2, _G)]))
+
+    assert list(holders.of(triple_key(_quad(1, _G)))) == [_G]
+    assert store.looked_up == 2
+    assert list(holders.of(triple_key(_quad(2, _G)))) == [_H]
+    assert store.looked_up == 3
+
+    store.tell(Writes(is_replacement=True))
+    assert list(holders.of(triple_key(_quad(1, _G)))) == [_G]
+    assert store.looked_up == 4
+
+    holders.unfollow()
+    apply(store, Writes(added=[_quad(1, _I)]))
+    assert set(holders.of(triple_key(_quad(1, _G)))) == {_G, _I}
