@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode
-from rtask.world.placement import TIME, Placement, read_placement, seconds
 from rtask.world.index.tail import Entry, Tail
+from rtask.world.placement import TIME, Placement, read_placement, seconds
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
