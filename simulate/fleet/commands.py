@@ -7,12 +7,15 @@ import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import click
 
 from simulate import options
-from simulate.study.commands import print_table
+from simulate.study.command import print_table, study_command
+
+if TYPE_CHECKING:
+    from simulate.study.declaration import Study
 
 __all__ = ["fetch", "requests", "run_fleet"]
 
@@ -159,7 +162,7 @@ def _print_fetched(done: Mapping[str, Any], out: TextIO) -> None:
         click.echo(f"  {reason['code']}: {reason['text']}", out)
 
 
-@click.command()
+@study_command("rtask-requests")
 @options.trials(50, "Number of requests; the classes take turns.")
 @click.option(
     "--objects",
@@ -177,39 +180,14 @@ def _print_fetched(done: Mapping[str, Any], out: TextIO) -> None:
 )
 @options.seed()
 @options.robot
-@options.runs_trials("rtask-requests")
 def requests(
-    trials: int,
-    objects: int,
-    kinds: tuple[str, ...],
-    seed: int,
-    robot: str,
-    workers: int,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+    trials: int, objects: int, kinds: tuple[str, ...], seed: int, robot: str, preset: str
+) -> Study:
     """Measure how often a robot brings what it is asked for, by class of object.
 
     Each request is one of `rtask simulate fetch` at a table of its own; whether the right product
     arrived is the simulator's truth, beside what the robot says.
     """
-    from simulate.fleet.requests import (
-        COLUMNS,
-        request_rows,
-        request_study,
-        write_request_report,
-    )
-    from simulate.study.runner import run
+    from simulate.fleet.requests import request_study
 
-    study = request_study(trials, objects, seed, robot, preset, kinds)
-    summary = write_request_report(out, run(study, out, workers, resume), study.settings)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Requests by class", COLUMNS, request_rows(summary))
-    for kind, figures in summary["classes"].items():
-        if figures["failed"] and kind != "all":
-            click.echo(f"{kind} failed: {json.dumps(figures['failed'])}")
-    click.echo(f"report  {out / 'report.json'}")
+    return request_study(trials, objects, seed, robot, preset, kinds)

@@ -19,7 +19,6 @@ The rules by which a change is judged:
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -31,7 +30,6 @@ from numpy.typing import NDArray
 
 import rtask
 from rtask.errors import UsageError
-from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
 from simulate.demo.lessons import lessons_of
 from simulate.demo.orchestrate import Settings
@@ -39,8 +37,8 @@ from simulate.demo.processes import RobotJob
 from simulate.demo.report import attempts_to_success
 from simulate.demo.robot_process import clear_table, make_body
 from simulate.fleet.figures import objects_tried
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
-from simulate.study.runner import Study
 
 __all__ = [
     "COLUMNS",
@@ -49,7 +47,6 @@ __all__ = [
     "demo_trial",
     "demo_words",
     "summarise_demos",
-    "write_demos",
 ]
 
 COLUMNS = (
@@ -101,7 +98,7 @@ def demo_study(
             "kinds": [demo.kind_of(index) for index in range(robots)],
             "compared": list(demo.compared), "max_attempts": max_attempts, "preset": preset,
         },
-        demos,
+        demos, _describe,
     )  # fmt: skip
 
 
@@ -272,10 +269,10 @@ def demo_words(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def write_demos(
-    folder: Path, results: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Write ``report.json``; return the figures."""
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
     summary = {"settings": dict(settings), **summarise_demos(results, settings["max_attempts"])}
-    write_durably(folder / "report.json", json.dumps(summary, indent=1) + "\n")
-    return summary
+    return Report(
+        summary,
+        [Table("Robots with the graph and without", COLUMNS, demo_rows(summary))],
+        demo_words(summary),
+    )

@@ -12,12 +12,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import share
-from simulate.study.runner import Study
 
 __all__ = [
     "COLUMNS", "request_rows", "request_study", "request_trial", "summarise_requests",
-    "write_request_report",
 ]  # fmt: skip
 
 COLUMNS = (
@@ -25,8 +24,6 @@ COLUMNS = (
 )  # fmt: skip
 _TABLE_5_S = {"pen": 10.501, "ball": 15.285, "bottle": 18.235, "can": 12.101}
 """Generation and execution time of a grasp, s; the can is the cylinder of the thesis."""
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def request_study(
@@ -44,7 +41,8 @@ def request_study(
     }  # fmt: skip
     if kinds:
         settings["kinds"] = sorted(kinds)
-    return Study("requests by class", "simulate.fleet.requests:request_trial", settings, trials)
+    return Study("requests by class", "simulate.fleet.requests:request_trial", settings, trials,
+                 _describe)  # fmt: skip
 
 
 def request_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
@@ -106,11 +104,15 @@ def request_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def write_request_report(
-    folder: Path, results: Results, settings: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Write ``report.json`` with settings, figures and trials; return the figures."""
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
     summary = summarise_requests(results)
-    report = {"settings": dict(settings), **summary, "results": list(results)}
-    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", "utf-8")
-    return summary
+    return Report(
+        summary,
+        [Table("Requests by class", COLUMNS, request_rows(summary))],
+        [
+            f"{kind} failed: {json.dumps(figures['failed'])}"
+            for kind, figures in summary["classes"].items()
+            if figures["failed"] and kind != "all"
+        ],
+        {"settings": dict(settings), "results": list(results)},
+    )

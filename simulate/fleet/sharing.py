@@ -8,7 +8,6 @@ depends on real time, so a trial is determined by its seed and number alone.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -20,17 +19,16 @@ from numpy.typing import NDArray
 
 import rtask
 from rtask.errors import UsageError
-from rtask.kb.durability.settings import write_durably
 from rtask.knowledge_base import KnowledgeBase
 from simulate.demo.report import attempts_to_success
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.fleet.figures import objects_tried, recognised_products, score_identities
-from simulate.fleet.headroom import headroom_won
+from simulate.fleet.headroom import headroom_won, headroom_words
 from simulate.fleet.member import Member
 from simulate.robots import describe
 from simulate.study.chart import Line, line_chart
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap
-from simulate.study.runner import Study
 from simulate.world.seeds import mix_seed
 
 __all__ = [
@@ -40,7 +38,6 @@ __all__ = [
     "sharing_study",
     "sharing_trial",
     "summarise_sharing",
-    "write_sharing_report",
 ]
 
 COLUMNS = (
@@ -95,7 +92,7 @@ def sharing_study(
             "prior": prior, "preset": preset, "max_attempts": MAX_ATTEMPTS,
             "products": products, "kinds": list(kinds), "look_alikes": look_alikes,
         },
-        fleets,
+        fleets, _describe,
     )  # fmt: skip
 
 
@@ -313,12 +310,8 @@ def show(measure: Mapping[str, Any], form: str = ".2f") -> str:
     return f"{measure['mean']:{form}} [{low:{form}}, {high:{form}}]"
 
 
-def write_sharing_report(
-    folder: Path, results: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Write ``report.json`` and ``sharing.png``; return the figures."""
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
     summary = {"settings": dict(settings), **summarise_sharing(results, settings["max_attempts"])}
-    write_durably(folder / "report.json", json.dumps(summary, indent=1) + "\n")
     lines = []
     for what in ("common", "own"):
         for condition in _CONDITIONS:
@@ -342,4 +335,24 @@ def write_sharing_report(
             folder / "sharing.png", f"{len(results)} fleets, 95 % intervals over products",
             "robot", "attempts to first success", lines,
         )  # fmt: skip
-    return summary
+    return Report(
+        summary,
+        [Table("Attempts to first success", COLUMNS, sharing_rows(summary))],
+        _words(summary),
+        pictures=["sharing.png"] if lines else [],
+    )
+
+
+def _words(summary: Mapping[str, Any]) -> list[str]:
+    """Return what sharing was worth, a measure a line."""
+    lines = [
+        f"shared less not shared, {what}, {measure.replace('_', ' ')}: {show(value, '+.2f')}, "
+        f"{value['n']} encounters"
+        for what, gain in summary["shared_less_not_shared"].items()
+        for measure, value in gain.items()
+    ]
+    for condition, value in summary["last_less_first"].items():
+        lines.append(f"last less first, {condition}: {show(value, '+.2f')}")
+    for condition, value in summary["headroom"].items():
+        lines.append(f"headroom won by the last robot, {condition}: {headroom_words(value)}")
+    return lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -11,55 +12,33 @@ from click.core import ParameterSource
 from rtask.errors import UsageError
 from rtask.kb.durability.settings import write_durably
 from simulate import options
-from simulate.study.commands import print_table
+from simulate.study.command import print_table, study_command
+
+if TYPE_CHECKING:
+    from simulate.study.declaration import Study
 
 __all__ = ["attempts", "demo", "sharing", "trust"]
 
 
-@click.command()
+@study_command("rtask-attempts", what="counts", with_preset=False)
 @click.option("-n", "--count", default=60, show_default=True, help="Number of products.")
 @options.products(default="hard")
 @click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
 @click.option("--grasps", default=24, show_default=True, help="Grasps of each product.")
 @click.option("--tries", default=3, show_default=True, help="Tries of each grasp.")
 @options.seed("products and noise")
-@options.workers
-@options.resume
-@options.out("rtask-attempts")
-@options.json_flag("counts")
-def attempts(
-    count: int,
-    products: str,
-    gripper: str,
-    grasps: int,
-    tries: int,
-    seed: int,
-    workers: int,
-    resume: bool,
-    out: Path,
-    as_json: bool,
-) -> None:
+def attempts(count: int, products: str, gripper: str, grasps: int, tries: int, seed: int) -> Study:
     """Try many grasps of many products with a hand without an arm.
 
     The table of attempts in the output folder, attempts.json, is what `rtask study sharing
     --from-attempts` replays fleets from.
     """
-    from simulate.study.attempt_table import attempt_study, write_attempts
-    from simulate.study.runner import run
+    from simulate.study.attempt_table import attempt_study
 
-    study = attempt_study(count, products, gripper, grasps, tries, seed)
-    results = run(study, out, workers, resume)
-    write_attempts(out / "attempts.json", results, study.settings)
-    made = sum(len(arm["held"]) for product in results for arm in product["arms"])
-    held = sum(sum(arm["held"]) for product in results for arm in product["arms"])
-    if as_json:
-        counts = {"products": len(results), "attempts": made, "held": held}
-        click.echo(json.dumps({**counts, "path": str(out / "attempts.json")}))
-        return
-    click.echo(f"{made} attempts at {len(results)} products, {held} held: {out / 'attempts.json'}")
+    return attempt_study(count, products, gripper, grasps, tries, seed)
 
 
-@click.command()
+@study_command("rtask-sharing")
 @click.option("--fleets", default=5, show_default=True, help="Fleets, each with its own products.")
 @click.option("--robots", default=3, show_default=True, help="Robots per fleet.")
 @options.objects_per_robot
@@ -78,7 +57,6 @@ def attempts(
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="Replay fleets of two robots from this table instead; see `rtask study attempts`.",
 )
-@options.runs_trials("rtask-sharing")
 def sharing(
     fleets: int,
     robots: int,
@@ -90,53 +68,26 @@ def sharing(
     kinds: tuple[str, ...],
     look_alikes: bool,
     from_attempts: Path | None,
-    workers: int,
     preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+) -> Study | None:
     """Measure the effect of sharing: fleets with one graph, and with one graph per robot.
 
     Half of each robot's objects are known to the robots before it; the other half are new to all.
     """
-    from simulate.fleet.headroom import headroom_words
-    from simulate.fleet.sharing import (
-        COLUMNS,
-        sharing_rows,
-        sharing_study,
-        show,
-        write_sharing_report,
-    )
-    from simulate.study.runner import run
+    from simulate.fleet.sharing import sharing_study
 
     if from_attempts is not None:
         _refuse_given(
             "robots", "objects", "prior", "products", "kinds", "look_alikes", "workers", "preset",
             "resume",
         )  # fmt: skip
-        _replay(from_attempts, fleets, on_table, seed, out, as_json)
-        return
-    study = sharing_study(
+        running = click.get_current_context().params
+        _replay(from_attempts, fleets, on_table, seed, running["out"], running["as_json"])
+        return None
+    return sharing_study(
         fleets, robots, objects, on_table, seed, prior, preset, products=products, kinds=kinds,
         look_alikes=look_alikes,
     )  # fmt: skip
-    summary = write_sharing_report(out, run(study, out, workers, resume), study.settings)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Attempts to first success", COLUMNS, sharing_rows(summary))
-    for what, gain in summary["shared_less_not_shared"].items():
-        for measure, value in gain.items():
-            click.echo(
-                f"shared less not shared, {what}, {measure.replace('_', ' ')}: "
-                f"{show(value, '+.2f')}, {value['n']} encounters"
-            )
-    for condition, value in summary["last_less_first"].items():
-        click.echo(f"last less first, {condition}: {show(value, '+.2f')}")
-    for condition, value in summary["headroom"].items():
-        click.echo(f"headroom won by the last robot, {condition}: {headroom_words(value)}")
-    click.echo(f"report  {out / 'report.json'}, {out / 'sharing.png'}")
 
 
 def _refuse_given(*names: str) -> None:
@@ -179,7 +130,7 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     click.echo(f"report  {out / 'replay.json'}")
 
 
-@click.command()
+@study_command("rtask-demos")
 @click.option("-n", "--demos", default=10, show_default=True, help="Demos, with consecutive seeds.")
 @options.robots_of_demo()
 @options.objects_of_demo()
@@ -192,7 +143,6 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     multiple=True,
     help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
 )
-@options.runs_trials("rtask-demos")
 def demo(
     demos: int,
     robots: int | None,
@@ -201,32 +151,19 @@ def demo(
     seed: int,
     products: str,
     kinds: tuple[str, ...],
-    workers: int,
     preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+) -> Study:
     """Measure how often a demo shows what sharing is worth.
 
     Runs `rtask demo` on many seeds without its processes: the second robot and the last of each
     work with the graph and without.
     """
     from simulate.demo.orchestrate import objects_on_table, robots_in_all
-    from simulate.fleet.demos import COLUMNS, demo_rows, demo_study, demo_words, write_demos
-    from simulate.study.runner import run
+    from simulate.fleet.demos import demo_study
 
     number = objects_on_table(products, objects)
     count = robots_in_all(products, kinds, robots)
-    study = demo_study(demos, count, number, seed, products, kinds, max_attempts, preset)
-    summary = write_demos(out, run(study, out, workers, resume), study.settings)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Robots with the graph and without", COLUMNS, demo_rows(summary))
-    for line in demo_words(summary):
-        click.echo(line)
-    click.echo(f"report  {out / 'report.json'}")
+    return demo_study(demos, count, number, seed, products, kinds, max_attempts, preset)
 
 
 @click.command()

@@ -17,7 +17,8 @@ from simulate.onboarding.touching import SelfContacts
 from simulate.onboarding.workplace import reach_share
 from simulate.robots import Arm, RobotDescription, describe
 from simulate.robots.other_hands import STAND_OFF_M
-from simulate.study.runner import Study, run
+from simulate.study.declaration import Study
+from simulate.study.runner import run
 from simulate.world.objects import ObjectSpec
 
 __all__ = ["Finding", "check_closing", "check_grasps", "check_robot_body"]

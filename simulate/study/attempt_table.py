@@ -18,14 +18,13 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.planar import PlanarGrasp, propose_planar
 from rtask.errors import UsageError
-from rtask.kb.durability.settings import write_durably
 from simulate.grasping.floating.execution import execute
-from simulate.study.runner import Study
+from simulate.study.declaration import Report, Results, Study
 from simulate.world.objects import PRODUCTS, ObjectSpec, sample_products
 from simulate.world.seeds import stream
 from simulate.world.world import World
 
-__all__ = ["attempt_study", "attempt_trial", "read_attempts", "write_attempts"]
+__all__ = ["attempt_study", "attempt_trial", "read_attempts"]
 
 _DRAW, _NOISE = 60, 61
 _NOISE_M, _NOISE_Z_M, _NOISE_RAD = 0.002, 0.001, float(np.deg2rad(3.0))
@@ -59,7 +58,7 @@ def attempt_study(
             "seed": seed, "products": products, "hand": hand, "grasps": grasps, "tries": tries,
             "count": count,
         },
-        count,
+        count, _describe,
     )  # fmt: skip
 
 
@@ -130,14 +129,16 @@ def _try(
         world.remove(body)
 
 
-def write_attempts(
-    path: Path, results: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
-) -> None:
-    """Write a table of attempts as JSON."""
-    rows = [{k: v for k, v in result.items() if k != "says"} for result in results]
-    data = {"format": _FORMAT, "settings": dict(settings), "products": rows}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_durably(path, json.dumps(data) + "\n")
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    products = [{k: v for k, v in result.items() if k != "says"} for result in results]
+    made = sum(len(arm["held"]) for product in results for arm in product["arms"])
+    held = sum(sum(arm["held"]) for product in results for arm in product["arms"])
+    return Report(
+        {"products": len(results), "attempts": made, "held": held},
+        lines=[f"{made} attempts at {len(results)} products, {held} held"],
+        more={"format": _FORMAT, "settings": dict(settings), "products": products},
+        file="attempts.json",
+    )
 
 
 def read_attempts(path: Path) -> dict[str, Any]:

@@ -4,61 +4,32 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from simulate import options
+from simulate.study.command import print_table, study_command
+
+if TYPE_CHECKING:
+    from simulate.study.declaration import Study
 
 __all__ = ["grasping", "judging", "learn", "print_table", "table4", "table5"]
 
 
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table of results."""
-    from simulate.demo.console import Console
-
-    Console().table(title, columns, rows)
-
-
-@click.command()
+@study_command("rtask-grasping")
 @options.trials(100, "Number of objects; kinds alternate.")
 @options.seed("every trial")
 @click.option("--attempts", default=3, show_default=True, help="Attempts per object.")
 @options.robot
-@options.runs_trials("rtask-grasping")
-def grasping(
-    trials: int,
-    seed: int,
-    workers: int,
-    attempts: int,
-    robot: str,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+def grasping(trials: int, seed: int, attempts: int, robot: str, preset: str) -> Study:
     """Measure how often objects are held and placed, with perception in the loop."""
-    from simulate.study.grasping_report import (
-        COLUMNS,
-        grasping_rows,
-        grasping_study,
-        write_grasping_report,
-    )
-    from simulate.study.runner import run
+    from simulate.study.grasping_report import grasping_study
 
-    results = run(grasping_study(trials, seed, attempts, preset, robot), out, workers, resume)
-    summary = write_grasping_report(out, results, seed)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Grasping with perception in the loop", COLUMNS, grasping_rows(summary))
-    for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed"):
-        click.echo(f"{what.replace('_', ' ')}: {json.dumps(summary[what])}")
-    click.echo(f"report  {out / 'report.json'}, {out / 'held.png'}")
+    return grasping_study(trials, seed, attempts, preset, robot)
 
 
-@click.command()
+@study_command("rtask-judging")
 @options.trials(150, "Number of attempts, of which kinds alternate, or of boxes.")
 @options.seed("every trial")
 @options.robot
@@ -70,45 +41,21 @@ def grasping(
     type=click.FloatRange(0, 1),
     help="Share of attempts with slippery or heavy objects and inexact grasps.",
 )
-@options.runs_trials("rtask-judging")
 def judging(
-    trials: int,
-    seed: int,
-    workers: int,
-    robot: str,
-    products: str,
-    difficult: float,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+    trials: int, seed: int, robot: str, products: str, difficult: float, preset: str
+) -> Study:
     """Measure how often a robot's own judgement of its grasps agrees with ground truth.
 
     In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail.
     With --products hard, each trial fills a box with four products whose best grasp cannot be seen,
     each held anywhere along its length.
     """
-    from simulate.study.judging import (
-        COLUMNS,
-        judging_rows,
-        judging_study,
-        write_judging_report,
-    )
-    from simulate.study.runner import run
+    from simulate.study.judging import judging_study
 
-    study = judging_study(trials, seed, robot, preset, difficult, products)
-    results = run(study, out, workers, resume)
-    summary = write_judging_report(out, results, seed)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Own judgement against ground truth", COLUMNS, judging_rows(robot, summary))
-    click.echo(f"attempts that held nothing: {summary['not_held']['hits']}")
-    click.echo(f"report  {out / 'report.json'}")
+    return judging_study(trials, seed, robot, preset, difficult, products)
 
 
-@click.command()
+@study_command("rtask-learning")
 @click.option(
     "--objects", default=100, show_default=True, help="Number of objects; kinds alternate."
 )
@@ -116,34 +63,11 @@ def judging(
 @click.option(
     "--orders", default=20, show_default=True, help="Number of orders in which learners see them."
 )
-@options.runs_trials("rtask-learning")
-def learn(
-    objects: int,
-    seed: int,
-    workers: int,
-    orders: int,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+def learn(objects: int, seed: int, orders: int, preset: str) -> Study:
     """Compare learners on the simulated outcomes of many grasps of many objects."""
-    from simulate.study.learning_report import (
-        COLUMNS,
-        learning_rows,
-        outcome_study,
-        write_learning_report,
-    )
-    from simulate.study.runner import run
+    from simulate.study.learning.report import outcome_study
 
-    results = run(outcome_study(objects, seed, preset=preset), out, workers, resume)
-    summary = write_learning_report(out, results, seed, orders)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    print_table("Attempts to first success", COLUMNS, learning_rows(summary))
-    click.echo(f"grasps that hold, over all choices: {json.dumps(summary['grasps'])}")
-    click.echo(f"report and charts  {out}")
+    return outcome_study(objects, seed, preset=preset, orders=orders)
 
 
 @click.command()

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from simulate.grasping.record import phase_of
 from simulate.study.chart import Bar, bar_chart
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import mean_interval, share
-from simulate.study.runner import Study
 
 __all__ = [
     "COLUMNS",
     "grasping_rows",
     "grasping_study",
     "summarise_grasping",
-    "write_grasping_report",
 ]
 
 COLUMNS = ("group", "objects", "in reach", "held at first", "held", "placed of held", "attempts")
 _ERRORS = ("centre_mm", "length_mm", "width_mm", "height_mm")
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def grasping_study(
@@ -40,6 +37,7 @@ def grasping_study(
         "simulate.study.grasping:grasping_trial",
         {"seed": seed, "max_attempts": max_attempts, "preset": preset, "robot": robot},
         trials,
+        _describe,
     )
 
 
@@ -125,15 +123,21 @@ def show_share(part: Mapping[str, Any]) -> str:
     )
 
 
-def write_grasping_report(folder: Path, results: Results, seed: int) -> dict[str, Any]:
-    """Write ``report.json`` and ``held.png``; return the figures."""
-    summary = {"seed": seed, "trials": len(results), **summarise_grasping(results)}
-    text = json.dumps({**summary, "results": results}, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = {"seed": settings["seed"], "trials": len(results), **summarise_grasping(results)}
     bars = [
         Bar(name, what.replace("_", " "), group[what]["share"] or 0.0, *group[what]["interval95"])
         for name, group in summary["groups"].items()
         for what in ("held_first", "held", "placed_of_held")
     ]
     bar_chart(folder / "held.png", "Grasping with perception in the loop", "share", bars)
-    return summary
+    return Report(
+        summary,
+        [Table("Grasping with perception in the loop", COLUMNS, grasping_rows(summary))],
+        [
+            f"{what.replace('_', ' ')}: {json.dumps(summary[what])}"
+            for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed")
+        ],
+        {"results": list(results)},
+        pictures=["held.png"],
+    )

@@ -7,7 +7,6 @@ grasp errors vary widely, so that many of them fail.
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections import Counter
@@ -22,8 +21,8 @@ from simulate.agent.scoring import watch_attempts
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.robots import describe
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import share
-from simulate.study.runner import Study
 from simulate.world.camera import Lighting
 from simulate.world.hidden import HiddenKind
 from simulate.world.objects import KINDS, Kind, ObjectSpec, product
@@ -38,7 +37,6 @@ __all__ = [
     "judging_study",
     "judging_trial",
     "summarise_judging",
-    "write_judging_report",
 ]
 
 COLUMNS = ("robot", "question", "attempts", "true", "right", "false yes", "false no", "unknown")
@@ -52,8 +50,6 @@ _HIDDEN: tuple[HiddenKind, ...] = ("bar", "flask", "carton")
 _IN_A_BOX = 4
 _OFF_MIDDLE = 0.36
 """Of a product's length, the farthest from its middle that it is held."""
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def judging_study(
@@ -77,9 +73,9 @@ def judging_study(
     name = "own judgement against the truth"
     settings: dict[str, Any] = {"seed": seed, "robot": robot, "preset": preset}
     if products == "hard":
-        return Study(name, "simulate.study.judging:filling_trial", settings, trials)
+        return Study(name, "simulate.study.judging:filling_trial", settings, trials, _describe)
     settings["difficult"] = difficult
-    return Study(name, "simulate.study.judging:judging_trial", settings, trials)
+    return Study(name, "simulate.study.judging:judging_trial", settings, trials, _describe)
 
 
 def filling_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
@@ -283,9 +279,12 @@ def _percent(part: Mapping[str, Any]) -> str:
     return f"{part['hits']}/{part['n']} [{100 * low:.1f}, {100 * high:.1f}] %"
 
 
-def write_judging_report(folder: Path, results: Results, seed: int) -> dict[str, Any]:
-    """Write ``report.json``; return the figures."""
-    summary = {"seed": seed, **summarise_judging(results)}
-    text = json.dumps({**summary, "results": list(results)}, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    return summary
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = {"seed": settings["seed"], **summarise_judging(results)}
+    return Report(
+        summary,
+        [Table("Own judgement against ground truth", COLUMNS,
+               judging_rows(settings["robot"], summary))],
+        [f"attempts that held nothing: {summary['not_held']['hits']}"],
+        {"results": list(results)},
+    )  # fmt: skip

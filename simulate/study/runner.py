@@ -4,39 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 from rtask.errors import RtaskError, UsageError
+from simulate.study.declaration import Study
 from simulate.study.journal import Journal
 from simulate.study.workers import run_trials
 
 __all__ = ["Progress", "Study", "run"]
-
-
-@dataclass(frozen=True)
-class Study:
-    """An experiment.
-
-    Parameters
-    ----------
-    name
-        Goes into the journal.
-    trial
-        Function to run, as ``module:function``; see :func:`simulate.study.workers.run_trials`.
-    settings
-        Settings on which trials depend, JSON-able, including ``seed``.
-    trials
-        Number of trials.
-    """
-
-    name: str
-    trial: str
-    settings: Mapping[str, Any]
-    trials: int
 
 
 class Progress:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from grasp.workers import Processes
+from simulate.study.declaration import trial_named
 
 __all__ = ["run_trials"]
 
@@ -20,11 +20,7 @@ class _Trial:
     settings: Mapping[str, Any]
 
     def __call__(self, number: int) -> dict[str, Any]:
-        module, _, name = self.name.partition(":")
-        result: dict[str, Any] = getattr(importlib.import_module(module), name)(
-            self.settings, number
-        )
-        return result
+        return trial_named(self.name)(self.settings, number)
 
 
 def run_trials(

@@ -55,7 +55,7 @@ def list_entries(only: str | None, limit: int | None, as_json: bool) -> None:
     compared: a run prints our figures beside the thesis's; shown: a run shows ours, the thesis
     gives no figure; done differently, not applicable: no run, and the list says why.
     """
-    from simulate.study.commands import print_table
+    from simulate.study.command import print_table
     from simulate.thesis.registry import ENTRIES
 
     every = [entry for entry in ENTRIES if only in (None, entry.thesis)]
@@ -175,7 +175,7 @@ def _results_alone() -> Iterator[None]:
 
 
 def _print(outcome: Outcome) -> None:
-    from simulate.study.commands import print_table
+    from simulate.study.command import print_table
     from simulate.thesis.words import cells
 
     entry = outcome.entry

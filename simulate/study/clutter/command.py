@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from simulate import options
+from simulate.study.command import study_command
+
+if TYPE_CHECKING:
+    from simulate.study.declaration import Study
 
 __all__ = ["piles"]
 
 
-@click.command()
+@study_command("rtask-piles")
 @options.trials(50, "Number of piles or tables.")
 @click.option("--objects", default=None, type=click.IntRange(1, 20),
               help="Things in each; 6 in a pile, 10 on a table to clear.")  # fmt: skip
@@ -25,7 +28,6 @@ __all__ = ["piles"]
               help="Hand of the Panda instead of its jaws, m; the piles are the same.")  # fmt: skip
 @click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
 @options.seed("things, piles, light, noise and choices")
-@options.runs_trials("rtask-piles")
 def piles(
     trials: int,
     objects: int | None,
@@ -35,12 +37,8 @@ def piles(
     hand: str,
     pictures: bool,
     seed: int,
-    workers: int,
     preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+) -> Study:
     """Measure how a Panda picks from piles of things that touch and lie on each other.
 
     Generated things are dropped and pushed together; the robot sees them through its noisy camera,
@@ -58,34 +56,10 @@ def piles(
         from simulate.robots import describe
 
         describe("panda", hand=hand)  # raises before a folder is made
-    from simulate.study.clutter.report import (
-        COLUMNS,
-        clear_study,
-        clutter_rows,
-        pile_study,
-        summarise_piles,
-        summarise_tables,
-        write_clutter_report,
-    )
-    from simulate.study.commands import print_table
-    from simulate.study.runner import run
+    from simulate.study.clutter.report import clear_study, pile_study
 
-    study = (
-        clear_study(trials, objects or 10, seed, preset, agent, pushes, hand)
-        if clear
-        else pile_study(
-            trials, objects or 6, seed, preset, str(out / "piles") if pictures else "", hand
-        )
-    )
-    results = run(study, out, workers, resume)
-    summary = summarise_tables(results) if clear else summarise_piles(results)
-    summary = write_clutter_report(out, summary, results, seed)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    title = "Cluttered tables cleared" if clear else "First picks from piles"
-    print_table(title, COLUMNS, clutter_rows(summary))
-    for name, part in summary.items():
-        if name != "shares":
-            click.echo(f"{name}: {json.dumps(part)}")
-    click.echo(f"report  {out / 'report.json'}")
+    if clear:
+        return clear_study(trials, objects or 10, seed, preset, agent, pushes, hand)
+    folder = click.get_current_context().params["out"]
+    drawn = str(folder / "piles") if pictures else ""
+    return pile_study(trials, objects or 6, seed, preset, drawn, hand)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import bootstrap, share
-from simulate.study.runner import Study
 
 __all__ = [
     "COLUMNS",
@@ -20,12 +20,9 @@ __all__ = [
     "pile_study",
     "summarise_piles",
     "summarise_tables",
-    "write_clutter_report",
 ]
 
 COLUMNS = ("figure", "share", "of", "95 % interval")
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def pile_study(
@@ -41,7 +38,7 @@ def pile_study(
     if pictures:
         settings["pictures"] = pictures
     return Study("first picks from piles", "simulate.study.clutter.trial:pile_trial", settings,
-                 trials)  # fmt: skip
+                 trials, _describe_piles)  # fmt: skip
 
 
 def clear_study(
@@ -62,7 +59,7 @@ def clear_study(
     if not pushes:
         settings["pushes"] = False
     return Study("cluttered tables cleared", "simulate.study.clutter.trial:clear_trial", settings,
-                 trials)  # fmt: skip
+                 trials, _describe_tables)  # fmt: skip
 
 
 def summarise_piles(results: Results) -> dict[str, Any]:
@@ -128,11 +125,21 @@ def clutter_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def write_clutter_report(
-    folder: Path, summary: Mapping[str, Any], results: Results, seed: int
-) -> dict[str, Any]:
-    """Write ``report.json``; return the figures with the seed."""
-    whole = {"seed": seed, **summary}
-    text = json.dumps({**whole, "results": list(results)}, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    return whole
+def _describe_piles(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    return _report("First picks from piles", summarise_piles(results), results, settings)
+
+
+def _describe_tables(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    return _report("Cluttered tables cleared", summarise_tables(results), results, settings)
+
+
+def _report(
+    title: str, summary: Mapping[str, Any], results: Results, settings: Mapping[str, Any]
+) -> Report:
+    whole = {"seed": settings["seed"], **summary}
+    return Report(
+        whole,
+        [Table(title, COLUMNS, clutter_rows(summary))],
+        [f"{name}: {json.dumps(part)}" for name, part in whole.items() if name != "shares"],
+        {"results": list(results)},
+    )

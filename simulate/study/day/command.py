@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 import click
 
 from simulate import options
-from simulate.study.commands import print_table
+from simulate.study.command import study_command
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
 
 __all__ = ["day", "summary_of"]
@@ -19,10 +19,9 @@ __all__ = ["day", "summary_of"]
 _VERDICTS = ("right", "not known", "wrong")
 
 
-@click.command()
+@study_command("rtask-day", with_preset=False)
 @options.trials(1, "Number of days.")
 @options.seed("every day")
-@options.workers
 @click.option("--hours", type=click.FloatRange(0.1, 24), default=8.0, show_default=True,
               help="Length of a day.")  # fmt: skip
 @click.option("--things", "items", type=click.IntRange(4, 60), default=30, show_default=True,
@@ -31,54 +30,43 @@ _VERDICTS = ("right", "not known", "wrong")
               help="Questions about each day.")  # fmt: skip
 @click.option("--samples", type=click.IntRange(min=0), default=12_000, show_default=True,
               help="How often the graph is asked meanwhile how sure it is.")  # fmt: skip
-@options.out("rtask-day")
-@options.resume
-@options.json_flag()
-def day(
-    trials: int,
-    seed: int,
-    workers: int,
-    hours: float,
-    items: int,
-    questions: int,
-    samples: int,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+def day(trials: int, seed: int, hours: float, items: int, questions: int, samples: int) -> Study:
     """Let three robots live a day at two tables, and ask what they remember of it.
 
     Robots and people move, lose, swap, cover and box things. Robots report what they see and do by
     the public operations; what truly happened is kept apart, and judges the answers.
     """
-    from simulate.study.runner import Study, run
-
     settings = {
         "seed": seed, "hours": hours, "things": items, "questions": questions, "samples": samples,
     }  # fmt: skip
-    study = Study("day", "simulate.study.day.trial:run_trial", settings, trials)
-    summary = summary_of(run(study, out, workers, resume))
-    (out / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    rows = [[kind, *(str(counts[verdict]) for verdict in _VERDICTS)]
-            for kind, counts in summary["verdicts"].items()]  # fmt: skip
-    print_table("Questions about the day", ("question", *_VERDICTS), rows)
-    rows = [[kind, str(each["samples"]), f"{each['share']:.3f}",
-             "{:.3f} to {:.3f}".format(*each["share_95"])]
-            for kind, each in summary["calibration"].items()]  # fmt: skip
-    print_table("Within the distance said with 90 %", ("place", "asked", "within", "95 %"), rows)
-    click.echo(
-        f"right {summary['right']:.4f}, not known {summary['not known']:.4f}, wrong "
-        f"{summary['wrong']:.4f} of {summary['questions']}; right or not known "
-        f"{summary['right'] + summary['not known']:.4f}\n"
-        f"two places at one instant {summary['two_places']}; taken for another thing "
-        f"{summary['taken_for_another']}; things {summary['things']}, in the graph "
-        f"{summary['things_in_graph']}\n"
-        f"a robot that arrived found {summary['found_at_first_look']} of {summary['looked_for']} "
-        f"at first look\nreport  {out / 'report.json'}"
-    )
+    return Study("day", "simulate.study.day.trial:run_trial", settings, trials, _describe)
+
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = summary_of(results)
+    asked = [[kind, *(str(counts[verdict]) for verdict in _VERDICTS)]
+             for kind, counts in summary["verdicts"].items()]  # fmt: skip
+    within = [[kind, str(each["samples"]), f"{each['share']:.3f}",
+               "{:.3f} to {:.3f}".format(*each["share_95"])]
+              for kind, each in summary["calibration"].items()]  # fmt: skip
+    return Report(
+        summary,
+        [
+            Table("Questions about the day", ("question", *_VERDICTS), asked),
+            Table("Within the distance said with 90 %", ("place", "asked", "within", "95 %"),
+                  within),
+        ],
+        [
+            f"right {summary['right']:.4f}, not known {summary['not known']:.4f}, wrong "
+            f"{summary['wrong']:.4f} of {summary['questions']}; right or not known "
+            f"{summary['right'] + summary['not known']:.4f}",
+            f"two places at one instant {summary['two_places']}; taken for another thing "
+            f"{summary['taken_for_another']}; things {summary['things']}, in the graph "
+            f"{summary['things_in_graph']}",
+            f"a robot that arrived found {summary['found_at_first_look']} of "
+            f"{summary['looked_for']} at first look",
+        ],
+    )  # fmt: skip
 
 
 def summary_of(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import share
+from simulate.study.pushes.picture import draw_pushes
 from simulate.study.pushes.plug import PUBLISHED, chosen
 from simulate.study.pushes.trial import planned
-from simulate.study.runner import Study
 
-__all__ = ["COLUMNS", "push_rows", "push_study", "summarise_pushes", "write_push_report"]
+__all__ = ["COLUMNS", "push_rows", "push_study", "summarise_pushes"]
 
 COLUMNS = (
     "grasp", "thesis Q*", "closed", "ours Q*", "plug held", "and flat", "printed held", "and flat",
     "95 % interval",
 )  # fmt: skip
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def push_study(trials: int, prints: int, seed: int, preset: str) -> Study:
@@ -31,7 +29,7 @@ def push_study(trials: int, prints: int, seed: int, preset: str) -> Study:
         "seed": seed, "preset": preset, "trials": trials, "prints": prints
     }  # fmt: skip
     return Study("push grasps of Object M", "simulate.study.pushes.trial:push_trial", settings,
-                 len(PUBLISHED) * (trials + prints))  # fmt: skip
+                 len(PUBLISHED) * (trials + prints), _describe)  # fmt: skip
 
 
 def summarise_pushes(results: Results, seed: int, preset: str) -> dict[str, Any]:
@@ -87,11 +85,13 @@ def _count(count: Mapping[str, Any]) -> str:
     return f"{count['hits']} of {count['n']}"
 
 
-def write_push_report(
-    folder: Path, summary: Mapping[str, Any], results: Results, seed: int
-) -> dict[str, Any]:
-    """Write ``report.json``; return the figures with the seed."""
-    whole = {"seed": seed, **summary}
-    text = json.dumps({**whole, "results": list(results)}, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    return whole
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    seed, preset = int(settings["seed"]), str(settings["preset"])
+    summary = {"seed": seed, **summarise_pushes(results, seed, preset)}
+    draw_pushes(folder / "grasps.png", seed, preset)
+    return Report(
+        summary,
+        [Table("Push grasps of Object M, carried out", COLUMNS, push_rows(summary))],
+        more={"results": list(results)},
+        pictures=["grasps.png"],
+    )

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import mean_interval
 from simulate.study.quality.promised import coverage_of, promise_figures
 from simulate.study.quality.ranks import OUTCOMES, rank_correlations
 from simulate.study.quality.trial import HANDS, RULES
-from simulate.study.runner import Study
+from simulate.study.quality.words import quality_words
 
-__all__ = ["COLUMNS", "quality_rows", "quality_study", "summarise_quality", "write_quality_report"]
+__all__ = ["COLUMNS", "quality_rows", "quality_study", "summarise_quality"]
 
 COLUMNS = ("hand, outcome", "objects", *RULES, "planned - confidence", "planned - sampler")
-
-Results = Sequence[Mapping[str, Any]]
 
 
 def quality_study(
@@ -43,7 +41,7 @@ def quality_study(
         settings["alone"] = True
     return Study(
         "picks of grasps", "simulate.study.quality.trial:quality_trial", settings,
-        objects * len(HANDS),
+        objects * len(HANDS), _describe,
     )  # fmt: skip
 
 
@@ -143,9 +141,11 @@ def _difference(part: Mapping[str, Any]) -> str:
     return f"{part['mean']:+.3f} [{low:+.3f}, {high:+.3f}] n {part['n']}"
 
 
-def write_quality_report(folder: Path, results: Results, seed: int) -> dict[str, Any]:
-    """Write ``report.json``; return the figures."""
-    summary = {"seed": seed, **summarise_quality(results)}
-    text = json.dumps({**summary, "results": list(results)}, indent=1)
-    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    return summary
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = {"seed": settings["seed"], **summarise_quality(results)}
+    return Report(
+        summary,
+        [Table("First grasps by physics", COLUMNS, quality_rows(summary))],
+        quality_words(summary),
+        {"results": list(results)},
+    )

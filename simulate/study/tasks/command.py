@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 import click
 
 from simulate import options
-from simulate.study.commands import print_table
+from simulate.study.command import study_command
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import wilson
 
 __all__ = ["summary_of", "tasks"]
@@ -19,56 +19,43 @@ __all__ = ["summary_of", "tasks"]
 _COLUMNS = ("event", "goals", "reached", "declined", "given up", "planned again")
 
 
-@click.command()
+@study_command("rtask-tasks", with_preset=False)
 @options.trials(20, "Number of goals; events take turns.")
 @options.seed("every goal")
-@options.workers
 @click.option("--things", default=6, show_default=True, help="Things in the lab.")
 @click.option(
     "--slip", type=click.FloatRange(0, 1), default=0.1, show_default=True,
     help="Chance that a thing slips from the hand.",
 )  # fmt: skip
 @click.option("--no-events", is_flag=True, help="Let nothing come between.")
-@options.out("rtask-tasks")
-@options.resume
-@options.json_flag()
-def tasks(
-    trials: int,
-    seed: int,
-    workers: int,
-    things: int,
-    slip: float,
-    no_events: bool,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
+def tasks(trials: int, seed: int, things: int, slip: float, no_events: bool) -> Study:
     """Measure how often random goals are reached in a lab of two tables with two robots each.
 
     In a third of the goals a thing has to change hands. In each, one event comes between: a person
     moves the thing, it falls, it is taken away, a person says no, or a program is killed.
     """
-    from simulate.study.runner import Study, run
     from simulate.study.tasks.trial import EVENTS
 
     events = [] if no_events else list(EVENTS)
     settings = {"seed": seed, "things": things, "slip": slip, "events": events}
-    study = Study("tasks", "simulate.study.tasks.trial:run_trial", settings, trials)
-    summary = summary_of(run(study, out, workers, resume))
-    (out / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
+    return Study("tasks", "simulate.study.tasks.trial:run_trial", settings, trials, _describe)
+
+
+def _describe(results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    summary = summary_of(results)
     rows = [[name or "none", *(str(row[column]) for column in _COLUMNS[1:])]
             for name, row in summary["by_event"].items()]  # fmt: skip
-    print_table("Random goals", _COLUMNS, rows)
     low, high = summary["reached_95"]
-    click.echo(
-        f"reached {summary['reached']} of {summary['possible']} that could be, "
-        f"{low:.2f} to {high:.2f}; {summary['handovers']} took several robots\n"
-        f"lost from memory {summary['lost']}, at another place than remembered "
-        f"{summary['wrong']}, stored twice {summary['twice']}; slowest repair "
-        f"{summary['slowest_repair_s']:.2f} s of processor time\nreport  {out / 'report.json'}"
+    return Report(
+        summary,
+        [Table("Random goals", _COLUMNS, rows)],
+        [
+            f"reached {summary['reached']} of {summary['possible']} that could be, "
+            f"{low:.2f} to {high:.2f}; {summary['handovers']} took several robots",
+            f"lost from memory {summary['lost']}, at another place than remembered "
+            f"{summary['wrong']}, stored twice {summary['twice']}; slowest repair "
+            f"{summary['slowest_repair_s']:.2f} s of processor time",
+        ],
     )
 
 

@@ -12,12 +12,11 @@ import rtask
 from reasoner import Proof
 from rtask.errors import ForbiddenError
 from rtask.rdf.terms import prologue
-from simulate.fleet.sharing import sharing_study, sharing_trial, summarise_sharing
+from simulate.fleet.sharing import sharing_study, summarise_sharing
 from simulate.study.day.command import summary_of as summary_of_days
 from simulate.study.day.trial import run_trial as live_day
 from simulate.study.quality.promised import promise_figures
 from simulate.study.quality.report import quality_study
-from simulate.study.quality.trial import quality_trial
 from simulate.study.tasks.command import summary_of
 from simulate.study.tasks.trial import EVENTS, lab_update, run_trial
 from simulate.thesis.result import Compared, Result, Setting, share_of
@@ -128,8 +127,9 @@ def lessons(setting: Setting) -> Result:
     fleets, things = setting.size(5, 1), setting.size(20, 4)
     study = sharing_study(fleets, 2, things, 4, setting.seed, True, "fast", "fragile",
                           ("nao", "panda"))  # fmt: skip
-    results = [sharing_trial(study.settings, number) for number in range(fleets)]
-    gain = summarise_sharing(results, study.settings["max_attempts"])["shared_less_not_shared"]
+    gain = summarise_sharing(study.in_process(), study.settings["max_attempts"])[
+        "shared_less_not_shared"
+    ]
     change = gain["common"]["attempts"]
     interval = change["interval95"] and tuple(change["interval95"])
     return Result(
@@ -148,7 +148,7 @@ def promises(setting: Setting) -> Result:
     """Chance promised of a first grasp, beside the share that held, by quarters of the promise."""
     objects, draws = setting.size(90, 16), 4
     study = quality_study(objects, draws, setting.seed, alone=True)
-    results = [quality_trial(study.settings, number) for number in range(study.trials)]
+    results = study.in_process()
     rows = []
     for hand in dict.fromkeys(str(result["hand"]) for result in results):
         figures = promise_figures([r for r in results if r["hand"] == hand], "held", "lift")

@@ -18,7 +18,6 @@ from simulate.study.grasping_report import (
     COLUMNS,
     grasping_rows,
     grasping_study,
-    write_grasping_report,
 )
 from simulate.study.runner import run
 
@@ -37,7 +36,7 @@ def main() -> None:
         out = options.out or Path(folder)
         study = grasping_study(options.n, options.seed)
         results = run(study, out, options.processes, resume=True)
-        summary = write_grasping_report(out, results, options.seed)
+        summary = study.describe(results, study.settings, out).figures
     widths = (10, 8, 24, 24, 24, 24, 9)
     for row in (COLUMNS, *grasping_rows(summary)):
         print("".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +18,6 @@ from simulate.fleet.demos import (
     demo_trial,
     demo_words,
     summarise_demos,
-    write_demos,
 )
 
 NOTE = "INSERT DATA { GRAPH <%s> { <urn:%s> a <urn:Robot> } }"
@@ -130,8 +128,10 @@ def test_attempts_are_paired_by_product_and_what_only_one_tried_is_left_out(
     )  # fmt: skip
     assert len(demo_rows(summary)[1]) == len(COLUMNS)
     assert "+0.75 [-1.50, +3.00] over 4 products" in demo_words(summary)[0]
-    written = write_demos(tmp_path, [better, worse], {"max_attempts": 6, "seed": 7})
-    assert json.loads((tmp_path / "report.json").read_text()) == written
+    study = demo_study(2, 3, 2, 7, "fragile", (), 6, "fast")
+    report = study.describe([better, worse], study.settings, tmp_path)
+    assert report.figures["change"] == summary["change"]
+    assert report.lines == demo_words(summary)
 
 
 def test_demos_without_a_common_product_say_so() -> None:

@@ -17,7 +17,6 @@ from simulate.fleet.sharing import (
     sharing_study,
     sharing_trial,
     summarise_sharing,
-    write_sharing_report,
 )
 
 NOTE = "INSERT DATA { GRAPH <%s> { <urn:%s> a <urn:Robot> } }"
@@ -130,8 +129,10 @@ def test_shared_is_compared_with_not_shared_robot_by_robot_and_product_by_produc
     assert (row["graph"], row["robot"], row["recognised"]) == ("shared", 2, 3)
     assert summary["robots"][2]["false_identities"] == 3  # it took a can for a pen
     assert {len(row) for row in sharing_rows(summary)} == {len(COLUMNS)}
-    written = write_sharing_report(tmp_path, results, {"max_attempts": 6})
-    assert json.loads((tmp_path / "report.json").read_text()) == json.loads(json.dumps(written))
+    study = sharing_study(3, 3, 4, 2, seed=5, prior=False, preset="fast")
+    report = study.describe(results, study.settings, tmp_path)
+    assert report.figures["robots"] == summary["robots"]
+    assert "shared less not shared, common, attempts: -1.00" in report.lines[0]
     assert (tmp_path / "sharing.png").read_bytes().startswith(b"\x89PNG")
 
 

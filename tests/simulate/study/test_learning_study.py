@@ -15,8 +15,8 @@ from click.testing import CliRunner
 from simulate.grasping.record import UNREACHABLE
 from simulate.study.commands import learn
 from simulate.study.journal import Journal
-from simulate.study.learners import FAILED, LEARNERS, replay
-from simulate.study.learning_report import (
+from simulate.study.learning.learners import FAILED, LEARNERS, replay
+from simulate.study.learning.report import (
     COLUMNS,
     learning_rows,
     outcome_study,

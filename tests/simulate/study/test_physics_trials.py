@@ -18,8 +18,8 @@ from simulate.study.grasping_report import (
     grasping_study,
     summarise_grasping,
 )
-from simulate.study.learning_report import outcome_study
-from simulate.study.outcomes import outcome_trial
+from simulate.study.learning.outcomes import outcome_trial
+from simulate.study.learning.report import outcome_study
 
 
 @pytest.mark.slow

@@ -17,9 +17,10 @@ from typing import Any
 import pytest
 
 from rtask.errors import RtaskError, UsageError
+from simulate.study.declaration import Study
 from simulate.study.intervals import mean_interval, wilson
 from simulate.study.journal import Journal
-from simulate.study.runner import Study, run
+from simulate.study.runner import run
 
 
 def draw(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
@@ -124,7 +125,8 @@ def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_ke
 def test_killed_outright_it_leaves_no_process_and_goes_on_later(tmp_path: Path) -> None:
     program = (
         "import sys; from pathlib import Path; \n"
-        "from simulate.study.runner import Study, run\n"
+        "from simulate.study.declaration import Study\n"
+        "from simulate.study.runner import run\n"
         "if __name__ == '__main__':\n"
         "    run(Study('s', 'test_runner:slow', {'seed': 0}, 4), Path(sys.argv[1]), 2)\n"
     )

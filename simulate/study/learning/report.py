@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,37 +12,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.env import MAX_ATTEMPTS
-from rtask.kb.durability.settings import write_durably
 from simulate.grasping.record import is_counted
 from simulate.study.chart import Line, line_chart
+from simulate.study.declaration import Report, Results, Study, Table
 from simulate.study.intervals import mean_interval
-from simulate.study.learners import FAILED, LEARNERS, Learner, replay
-from simulate.study.runner import Study
+from simulate.study.learning.learners import FAILED, LEARNERS, Learner, replay
 
 __all__ = [
     "COLUMNS",
     "learning_rows",
     "outcome_study",
     "summarise_learning",
-    "write_learning_report",
 ]
 
 COLUMNS = ("grasps", "learner", "attempts", "first try", "first half", "second half", "difference")
 _WINDOW = 10
 
-Results = Sequence[Mapping[str, Any]]
-
 
 def outcome_study(
-    objects: int, seed: int, proposed: int = 3, blind: int = 6, preset: str = "faithful"
+    objects: int,
+    seed: int,
+    proposed: int = 3,
+    blind: int = 6,
+    preset: str = "faithful",
+    orders: int = 20,
 ) -> Study:
     """Return the study of the outcomes of proposed and blind grasps of each object.
 
-    If none of a source holds, more are tried, up to a learner's maximum number of attempts.
+    If none of a source holds, more are tried, up to a learner's maximum number of attempts. In the
+    report, learners meet the objects in a number of ``orders``.
     """
     return Study(
         "outcomes of proposed and blind grasps",
-        "simulate.study.outcomes:outcome_trial",
+        "simulate.study.learning.outcomes:outcome_trial",
         {
             "seed": seed,
             "proposed": proposed,
@@ -50,6 +53,7 @@ def outcome_study(
             "preset": preset,
         },
         objects,
+        partial(_describe, orders),
     )
 
 
@@ -229,11 +233,11 @@ def _show(mean: Mapping[str, Any]) -> str:
     return f"{mean['mean']:.2f} [{low:.2f}, {high:.2f}]"
 
 
-def write_learning_report(folder: Path, results: Results, seed: int, seeds: int) -> dict[str, Any]:
-    """Write ``report.json`` and two charts for each kind of grasps; return the figures."""
-    figures, curves = summarise_learning(results, [seed + k for k in range(seeds)])
+def _describe(orders: int, results: Results, settings: Mapping[str, Any], folder: Path) -> Report:
+    seed = int(settings["seed"])
+    figures, curves = summarise_learning(results, [seed + k for k in range(orders)])
     summary = {"seed": seed, "objects": len(results), **figures}
-    write_durably(folder / "report.json", json.dumps(summary, indent=1) + "\n")
+    pictures = []
     for source, title in (("geometry", "Grasps proposed by geometry"), ("blind", "Blind grasps")):
         lines = [
             _line(name.partition(": ")[2], curve)
@@ -241,20 +245,27 @@ def write_learning_report(folder: Path, results: Results, seed: int, seeds: int)
             if name.startswith(source) and len(curve) >= _WINDOW
         ]
         if lines:
+            pictures.append(f"{source}.png")
             line_chart(
-                folder / f"{source}.png", title, "objects met",
-                f"attempts to first success, mean of {seeds} orders", lines,
+                folder / pictures[-1], title, "objects met",
+                f"attempts to first success, mean of {orders} orders", lines,
             )  # fmt: skip
         kinds = [
             _kind_line(learner) for learner in summary["learners"]
             if learner["grasps"] == source and len(learner["by_kind_seen"]) > 1
         ]  # fmt: skip
         if kinds:
+            pictures.append(f"{source}-kinds.png")
             line_chart(
-                folder / f"{source}-kinds.png", title,
+                folder / pictures[-1], title,
                 "objects of the kind met before", "first tries that held", kinds,
             )  # fmt: skip
-    return summary
+    return Report(
+        summary,
+        [Table("Attempts to first success", COLUMNS, learning_rows(summary))],
+        [f"grasps that hold, over all choices: {json.dumps(summary['grasps'])}"],
+        pictures=pictures,
+    )
 
 
 def _line(name: str, curve: NDArray[np.float64]) -> Line:

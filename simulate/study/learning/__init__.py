@@ -1,0 +1,1 @@
+"""Learners of grasps, compared on simulated outcomes."""
