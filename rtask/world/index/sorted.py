@@ -10,7 +10,7 @@ import itertools
 import math
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -308,20 +308,14 @@ class PlacementIndex:
         kept = np.ones(len(self._nodes), bool)
         kept[list(self._gone)] = False
         nodes = [*itertools.compress(self._nodes, kept), *(entry.node for entry in entries)]
-        columns = (self._subjects, self._begins, self._ends, self._frames, self._positions)
-        added = (
-            [entry.subject for entry in entries], [entry.begin for entry in entries],
-            [entry.end for entry in entries], [entry.frame for entry in entries],
-            [(entry.x, entry.y, entry.z) for entry in entries],
-        )  # fmt: skip
-        joined = [
-            np.concatenate([old[kept], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
-            for old, new in zip(columns, added, strict=True)
-        ]
-        order = _order(joined[0], joined[1], nodes)
-        self._subjects, self._begins, self._ends, self._frames, self._positions = (
-            column[order] for column in joined
-        )
+        subjects = _joined(self._subjects, kept, [entry.subject for entry in entries])
+        begins = _joined(self._begins, kept, [entry.begin for entry in entries])
+        ends = _joined(self._ends, kept, [entry.end for entry in entries])
+        frames = _joined(self._frames, kept, [entry.frame for entry in entries])
+        positions = _joined(self._positions, kept, [(e.x, e.y, e.z) for e in entries])
+        order = _order(subjects, begins, nodes)
+        self._subjects, self._begins, self._ends = subjects[order], begins[order], ends[order]
+        self._frames, self._positions = frames[order], positions[order]
         self._nodes = [nodes[k] for k in order.tolist()]
         self._row_of: dict[str, int] = {node: k for k, node in enumerate(self._nodes)}
         self._by_begin: NDArray[np.intp] = np.argsort(self._begins, kind="stable")
@@ -331,6 +325,11 @@ class PlacementIndex:
 
     def _number(self, name: str) -> int:
         return self._numbers.setdefault(name, len(self._numbers))
+
+
+def _joined(old: NDArray[Any], kept: NDArray[np.bool_], new: Sequence[object]) -> NDArray[Any]:
+    """Return the rows of a column that are kept, and new ones."""
+    return np.concatenate([old[kept], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
 
 
 def _order(
