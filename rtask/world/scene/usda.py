@@ -94,6 +94,8 @@ def _attributes(node: SceneNode) -> Iterator[str]:
 
 
 def _shape(node: SceneNode) -> list[str]:
+    if node.kind == "robot":
+        return []
     colour = f"color3f[] primvars:displayColor = [{_tuple(_COLOURS[node.kind])}]"
     if node.kind == "frame":
         axes = np.array([[np.zeros(3), end] for end in AXIS_M * np.eye(3)])

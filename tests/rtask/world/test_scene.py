@@ -111,6 +111,14 @@ def test_trimesh_finds_things_and_grasps_of_the_glb_at_their_places(lab: Lab, sc
     assert np.allclose(cup.bounds[:, 1], [0.0, 0.1], atol=1e-6)
 
 
+def test_usd_text_has_each_node_with_its_iri(scene: Scene) -> None:
+    text = usda(scene)
+    assert {node.kind for node in scene.nodes} == {"frame", "robot", "thing", "grasp"}
+    for node in scene.nodes:
+        assert f'rtask:iri = "{node.iri}"' in text
+    assert text.count("def Mesh") == 2
+
+
 def test_usd_text_is_read_by_the_library_of_pixar(lab: Lab, scene: Scene, tmp_path: Any) -> None:
     pxr = pytest.importorskip("pxr", reason="needs usd-core")
     from pxr import Usd, UsdGeom
