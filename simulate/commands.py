@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
 
 import click
+from click.core import ParameterSource
 
-from rtask.errors import MissingExtraError, RobotError
+from rtask.errors import MissingExtraError, RobotError, UsageError
 from rtask.extras import missing_libraries, needs_extra
 from simulate import options
 from simulate.act.commands import act_serve, act_test
@@ -55,7 +57,9 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 @click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
-@click.option("--attempts", default=6, show_default=True, help="Attempts per object.")
+@click.option(
+    "--attempts", default=6, show_default=True, help="Attempts per object; with --proof 3."
+)
 @click.option(
     "--min-grasp",
     default=Thresholds.grasp,
@@ -71,6 +75,17 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
 @click.option("--details", is_flag=True, help="Also print tables of what each robot did.")
 @click.option("--queries", is_flag=True, help="Also print SPARQL queries and their live answers.")
+@click.option(
+    "--proof",
+    is_flag=True,
+    help="One carton, three robots: alone, with the graph, with lessons of another product; then "
+    "the teacher is withdrawn, and comes back.",
+)
+@click.option(
+    "--weak",
+    type=click.Choice(["left", "right"]),
+    help="With --proof: end of the carton that breaks.  [default: asked on a terminal, else left]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 def demo(
     seed: int,
@@ -90,6 +105,8 @@ def demo(
     port: int,
     details: bool,
     queries: bool,
+    proof: bool,
+    weak: Literal["left", "right"] | None,
     as_json: bool,
 ) -> None:
     """Watch a robot learn to grasp, and other robots benefit from it.
@@ -99,9 +116,13 @@ def demo(
     sharing gained in this run, and a report with pictures; --details and --queries print tables and
     SPARQL queries on the live store as well. --recorded shows pages, report and pictures of an
     earlier run in seconds.
+
+    --proof takes --weak, --seed, --robot, --attempts, --data, --port, --stay and --json, and no
+    other options.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
+    _check_proof(proof)
     if recorded:
         from simulate.demo.recorded import show
 
@@ -112,6 +133,11 @@ def demo(
         raise MissingExtraError(
             f"{needed}; `rtask demo --recorded` shows a recorded run without it", extra="simulate"
         )
+    if proof:
+        source = click.get_current_context().get_parameter_source("attempts")
+        given = attempts if source is ParameterSource.COMMANDLINE else None
+        _prove(weak, seed, kinds, given, data, port, stay, as_json)
+        return
     from simulate.demo.console import Console
     from simulate.demo.orchestrate import Demo, Settings, objects_on_table, robots_in_all
 
@@ -129,6 +155,53 @@ def demo(
         from simulate.demo.recorded import pack
 
         pack(data, record)
+    if as_json:
+        click.echo(json.dumps(result))
+
+
+_OF_PROOF = frozenset(
+    {"proof", "weak", "seed", "kinds", "attempts", "data", "port", "stay", "as_json"}
+)
+
+
+def _check_proof(proof: bool) -> None:
+    """Refuse options that do not concern a proof, and --weak without one."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+            continue
+        if proof and name not in _OF_PROOF:
+            raise UsageError(f"{parameter.opts[0]} does not concern --proof")
+        if not proof and name == "weak":
+            raise UsageError("--weak is for --proof")
+
+
+def _prove(
+    weak: Literal["left", "right"] | None,
+    seed: int,
+    kinds: tuple[str, ...],
+    attempts: int | None,
+    data: Path | None,
+    port: int,
+    stay: bool,
+    as_json: bool,
+) -> None:
+    """Run ``rtask demo --proof``."""
+    from simulate.demo.console import Console
+    from simulate.demo.proof import Proof, ProofSettings
+
+    if len(kinds) > 1:
+        raise UsageError("--proof takes one --robot: the three differ in what they know alone")
+    end: str = weak or "left"
+    if weak is None and sys.stdin.isatty():
+        ends = click.Choice(["left", "right"])
+        end = click.prompt("Which end of the carton is to be weak", type=ends, err=True)
+    settings = ProofSettings(
+        data or Path("rtask-proof"), "right" if end == "right" else "left", seed,
+        kinds[0] if kinds else "nao", attempts or ProofSettings.max_attempts, port,
+    )  # fmt: skip
+    result = Proof(settings, Console(results=not as_json)).run(stay)
     if as_json:
         click.echo(json.dumps(result))
 

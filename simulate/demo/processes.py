@@ -87,6 +87,10 @@ class RobotJob:
         Kind of robot: a name of :func:`simulate.robots.known_robots`.
     min_grasp, cautious
         Of :class:`simulate.agent.decisions.Thresholds`.
+    only, mirrored, turned
+        Name of the one product on the table, instead of those of ``products``; whether its secret
+        is at the other end than the catalogue has it; and whether it lies turned by half a turn.
+        Empty = those of ``products``.
     """
 
     name: str
@@ -104,6 +108,9 @@ class RobotJob:
     min_grasp: float = Thresholds.grasp
     cautious: bool = Thresholds.cautious
     small_pictures: bool = False
+    only: str = ""
+    mirrored: bool = False
+    turned: bool = False
 
     @property
     def thresholds(self) -> Thresholds:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import sys
 import tempfile
@@ -16,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,27 +36,37 @@ from simulate.demo.processes import RobotJob
 from simulate.grasping.table_reach import arrange_for
 from simulate.robots import describe
 from simulate.world.camera import Lighting
-from simulate.world.objects import sample_products
-from simulate.world.scene import arrange
+from simulate.world.objects import sample_products, spec_of
+from simulate.world.scene import Placement, arrange
 from simulate.world.seeds import stream
 
-__all__ = ["EventWriter", "clear_table", "main", "make_body"]
+__all__ = ["EventWriter", "clear_table", "lay_table", "main", "make_body"]
 
 # Streams of random numbers, one per purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 
-def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
-    """Create the body of a robot at its table.
+def lay_table(job: RobotJob) -> list[Placement]:
+    """Return the products of a robot's table with their places.
 
     Products with a secret stand where the robot reaches both of their ends; plain ones anywhere.
     """
-    products = sample_products(job.products, stream(job.seed, _PRODUCTS), job.objects)
+    if job.only:
+        products = [spec_of(job.only, job.mirrored)]
+    else:
+        products = sample_products(job.products, stream(job.seed, _PRODUCTS), job.objects)
     robot, rng = describe(job.robot), stream(job.seed, _TABLE, job.index)
     if job.products == "plain":
         placements = arrange(products, rng, workplace=robot.workplace)
     else:
         placements = arrange_for(robot, products, rng)
+    if job.turned:
+        placements = [replace(placed, yaw=placed.yaw + math.pi) for placed in placements]
+    return placements
+
+
+def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
+    """Create the body of a robot at its table."""
     conditions = Conditions(
         robot=job.robot,
         preset=job.preset,
@@ -64,7 +76,7 @@ def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
         pictures=Path(job.pictures) if job.pictures else None,
         small_pictures=job.small_pictures,
     )
-    return SimulatedBody(placements, assets, conditions)
+    return SimulatedBody(lay_table(job), assets, conditions)
 
 
 class EventWriter:

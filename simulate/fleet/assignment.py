@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any, cast
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from rtask.errors import UsageError
-from simulate.world.objects import Kind, ObjectSpec, product, sample_products
+from simulate.world.objects import sample_products
 from simulate.world.seeds import stream
 
-__all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
+__all__ = ["FleetPlan", "MemberJob", "plan_fleet"]
 
 _PRODUCTS, _ORDER = 30, 31
 MAX_ROBOTS, MAX_ON_TABLE = 16, 8
@@ -127,17 +127,3 @@ def plan_fleet(
     rows = [tuple(names[i : i + half]) for i in range(0, len(names), half)]
     groups = [tuple(rows[i : i + tables]) for i in range(0, len(rows), tables)]
     return FleetPlan(groups[0], tuple(groups[1:]))
-
-
-def spec_of(name: str, look_alike: bool = False) -> ObjectSpec:
-    """Return the product of a name, or one that looks the same and has its secret the other way.
-
-    >>> spec_of("can-17").kind
-    'can'
-    >>> bar, other = spec_of("bar-3"), spec_of("bar-3", look_alike=True)
-    >>> bar.texture_seed == other.texture_seed, bar.secret == other.secret
-    (True, False)
-    """
-    kind, _, number = name.partition("-")
-    spec = product(cast(Kind, kind), int(number))
-    return replace(spec, secret=spec.secret.mirrored()) if look_alike else spec

@@ -27,9 +27,10 @@ from simulate.agent.scoring import Scorer
 from simulate.agent.servers import BlindServer, OutboxServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.robot_process import EventWriter
-from simulate.fleet.assignment import MemberJob, spec_of
+from simulate.fleet.assignment import MemberJob
 from simulate.robots import describe
 from simulate.world.camera import Lighting
+from simulate.world.objects import spec_of
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -31,6 +31,7 @@ __all__ = [
     "product",
     "sample_objects",
     "sample_products",
+    "spec_of",
     "write_assets",
 ]
 
@@ -250,6 +251,20 @@ def product(kind: Kind, number: int) -> ObjectSpec:
     mass = round(float(rng.uniform(*_MASSES[kind])), 4)
     rolling = 0.00005 if kind == "box" else 0.0004
     return ObjectSpec(kind, dims, mass, seed, f"{kind}-{number}", Friction(rolling=rolling))
+
+
+def spec_of(name: str, look_alike: bool = False) -> ObjectSpec:
+    """Return the product of a name, or one that looks the same and has its secret the other way.
+
+    >>> spec_of("can-17").kind
+    'can'
+    >>> bar, other = spec_of("bar-3"), spec_of("bar-3", look_alike=True)
+    >>> bar.texture_seed == other.texture_seed, bar.secret == other.secret
+    (True, False)
+    """
+    kind, _, number = name.partition("-")
+    spec = product(cast(Kind, kind), int(number))
+    return replace(spec, secret=spec.secret.mirrored()) if look_alike else spec
 
 
 def _unknown(kind: str) -> str:

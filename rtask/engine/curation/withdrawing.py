@@ -91,7 +91,7 @@ def withdraw(context: Context, name: str, author: Access) -> Withdrawal:
         left = [g for g in doubtful if edit.after(None, RT.hasGrasp, g)]
         contributor.recount(before, after)
         contributor.restate_votes(after, verdicts)
-        contributor.rebelieve(triples, left, after, author)
+        contributor.rebelieve(triples, doubtful, after, author)
         contributor.regrow(triples)
         edit.state(triples, context.home_graph(author))
         commit = edit.commit(context, f"withdraw {name}", author)
@@ -125,9 +125,17 @@ class _Contributor:
             raise UnknownTermError(f"contributor: {name!r} has told nothing{hint}")
 
     def nodes(self, kind: str) -> set[NamedNode]:
-        """Return the contributor's own nodes of one kind, not those that it only wrote about."""
+        """Return the contributor's own nodes of one kind, not those that it only wrote about.
+
+        Nor what belongs to one of them, such as the pictures of an attempt.
+        """
         start = f"{self.context.kb.base}{kind}/"
-        return {node for node in self.about if node.value.startswith(start) and self._made(node)}
+        return {
+            node
+            for node in self.about
+            if node.value.startswith(start) and "/" not in node.value[len(start) :]
+            if self._made(node)
+        }
 
     def _made(self, node: NamedNode) -> bool:
         return any(quad.predicate == RDF.type for quad in self.about[node])
@@ -228,7 +236,8 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
     def _is_used(self, node: NamedNode) -> bool:
         """Whether a statement of somebody else that stays is about a node.
 
-        A view is not used by those who recognised something by it: what they recognised is.
+        A view is not used by those who recognised something by it: what they recognised is. Nor is
+        a grasp by a belief in it, which was computed from what robots told, whoever stated it.
         """
         edit = self.edit
         if self._is_replaceable(node):
@@ -237,7 +246,17 @@ SELECT DISTINCT ?feedback ?outcome ?grasp WHERE {{
             quad.graph_name not in (self.graph, self.context.kb.graphs.causes)
             and quad not in edit.removed
             and not self._is_ontology(quad.graph_name)
+            and not self._is_belief(quad)
             for quad in (*edit.match(node), *edit.match(None, None, node))
+        )
+
+    def _is_belief(self, quad: Quad) -> bool:
+        """Whether a statement links a grasp to a belief in it."""
+        value = quad.object
+        return (
+            quad.predicate == RT.hasEvaluation
+            and isinstance(value, NamedNode)
+            and bool(self.edit.match(value, RT.beliefAlpha))
         )
 
     def _is_ontology(self, graph: GraphName) -> bool:

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from rtask.errors import UsageError
-from simulate.fleet.assignment import spec_of
 from simulate.fleet.study_commands import attempts
 from simulate.study.attempt_table import attempt_study, attempt_trial, read_attempts
 from simulate.world.hidden import HIDDEN_KINDS
-from simulate.world.objects import PRODUCTS, product, sample_products
+from simulate.world.objects import PRODUCTS, product, sample_products, spec_of
 from simulate.world.world import World
 
 

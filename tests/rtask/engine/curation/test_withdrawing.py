@@ -102,6 +102,25 @@ def test_an_object_that_others_have_grasped_stays_with_what_it_needs(bench, engi
     assert not engine.kb.validate()
 
 
+def test_after_its_pupil_and_the_teacher_have_gone_nobody_knows_the_object(bench, engine, robots):
+    teacher, pupil = robots("nao-1"), robots("nao-2")
+    picture = {"data": bench.png(), "phase": "held"}
+    thing = teacher.insert(bench.sight(bench.BOX))["objects"][0]["object"]
+    outcome = {**bench.held(), "images": [picture, picture]}
+    grasp = report(teacher, thing, outcome)["grasp"]
+    report(pupil, thing, bench.missed())
+    # The belief in the grasp, without the pupil, is stated in the graph of the person.
+    withdraw(engine, "nao-2")
+    before = set(engine.kb.match())
+    done = withdraw(engine, "nao-1")
+    assert (done["attempts"], done["objects"], done["kept"]) == (1, 1, 0)
+    assert not engine.kb.match(iri(thing))
+    assert belief(engine, grasp) == []
+    engine.call("curate_object", {"operation": "undo", "commit": done["commit"]}, ANN)
+    assert {q for q in before if q.subject == iri(grasp)} <= set(engine.kb.match())
+    assert len(belief(engine, grasp)) == 1
+
+
 def test_its_views_go_where_others_have_seen_the_object(bench, engine, robots):
     one, two = robots("nao-1"), robots("nao-2")
     mine = one.insert(bench.sight(bench.BOX))["objects"][0]
