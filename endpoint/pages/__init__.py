@@ -19,7 +19,7 @@ from endpoint.pages import (
     signin,
     teach,
 )
-from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench
+from endpoint.pages.graph import ask, classes, proof, resource, terms, workbench, world
 from endpoint.pages.render import blueprint
 from endpoint.pages.services import datasets, forms, jobs, pipeline, setup, tools
 from endpoint.pages.tasks import plan
@@ -54,4 +54,5 @@ __all__ = [
     "terms",
     "tools",
     "workbench",
+    "world",
 ]

@@ -10,10 +10,11 @@ from endpoint.pages.render import Model, embedded_graph
 from rtask.engine.stored import stored_models
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
+from rtask.world.scene.nodes import grasp_lines
 
 __all__ = ["belief_over", "clouds_of", "curve", "gripper_lines", "has_viewer"]
 
-_FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
+_DEFAULT_OPENING_M = 0.05
 _VIEWER = Path(__file__).parent / "static" / "vendor" / "clouds.js"
 _CURVE_PX = (340, 130)
 _LEFT_PX, _TOP_PX, _BOTTOM_PX = 42, 8, 20
@@ -71,14 +72,8 @@ def gripper_lines(grasp: Model) -> list[list[float]]:
         object_from_gripper = matrix_from_pose(
             np.array(at, np.float64), np.array(turned, np.float64)
         )
-    half = float(grasp.get("opening") or grasp.get("contact_width") or _DEFAULT_OPENING_M) / 2
-    ends: list[Any] = [
-        [(half, 0, -_FINGER_M), (half, 0, 0)],
-        [(-half, 0, -_FINGER_M), (-half, 0, 0)],
-        [(half, 0, -_FINGER_M), (-half, 0, -_FINGER_M)],
-        [(0, 0, -_FINGER_M), (0, 0, -_FINGER_M - _STEM_M)],
-    ]
-    moved = np.array(ends) @ object_from_gripper[:3, :3].T + object_from_gripper[:3, 3]
+    opening = float(grasp.get("opening") or grasp.get("contact_width") or _DEFAULT_OPENING_M)
+    moved = grasp_lines(opening) @ object_from_gripper[:3, :3].T + object_from_gripper[:3, 3]
     return [[round(float(value), 5) for value in line.ravel()] for line in moved]
 
 

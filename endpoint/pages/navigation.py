@@ -22,6 +22,7 @@ SECTIONS = (
     Section("/feedback", "Outcomes"),
     Section("/objects", "Objects", ("/object", "/teach", "/curation")),
     Section("/robots", "Robots", ("/robot", "/setup", "/plan")),
+    Section("/world", "World"),
     Section("/learning", "Learning"),
     Section("/classes", "Classes", ("/terms", "/resource", "/explain")),
     Section("/sparql", "SPARQL", ("/ask",)),

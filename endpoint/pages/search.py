@@ -39,6 +39,7 @@ _PAGES = (
     ("/classes", "Classes", "ontology tree kinds"),
     ("/robots", "Robots", ""),
     ("/feedback", "Outcomes", "feedback attempts judge verdicts"),
+    ("/world", "The world", "where things places tables rooms frames map scene gltf usd"),
     ("/plan", "Plan", "tasks goal robots steps assign"),
     ("/learning", "Learning", "success curves beliefs experience shared alone"),
     ("/services", "Services", "algorithms methods forms call"),

@@ -68,6 +68,7 @@ _BUILT_IN = {
     "verify": "rtask.cli.maintenance:verify",
     "where": "rtask.cli.world.where:where",
     "why": "rtask.cli.tasks.why:why",
+    "world": "rtask.cli.world.export:world",
     "worker": "rtask.cli.services.worker:worker",
 }
 
@@ -78,7 +79,10 @@ _SECTIONS = {
         "ask", "plan", "tasks", "query", "search", "explain", "entails", "where", "history",
         "objects",
     ),
-    "Load and change": ("load", "update", "undo", "export", "ontology", "rules", "model"),
+    "Load and change": (
+        "load", "update", "undo", "export", "ontology", "rules", "model",
+        "world",
+    ),
     "Teach and recognise": ("teach", "recognise", "segment", "camera"),
     "Grasp and learn": ("grasp", "learn"),
     "Judge": ("feedback", "contributors", "episodes"),

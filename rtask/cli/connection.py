@@ -20,6 +20,7 @@ __all__ = [
     "open_graph",
     "open_to_change",
     "open_to_read",
+    "read_address",
     "reasoner_of",
 ]
 
@@ -100,6 +101,40 @@ def connection(
         rtask.connect(kb, agent=agent) as client,
     ):
         yield client
+
+
+def read_address(
+    server: str,
+    path: str,
+    parameters: dict[str, str],
+    headers: dict[str, str] | None = None,
+    timeout_s: float = 60.0,
+) -> bytes:
+    """Return what a server has at an address; its token is read from RTASK_TOKEN.
+
+    Raises
+    ------
+    RemoteUnavailableError
+        Nobody answers there.
+    RtaskError
+        The server's refusal.
+    """
+    import httpx
+
+    from rtask.client.calling.messages import addresses
+    from rtask.client.failures import failure_of
+    from rtask.errors import RemoteUnavailableError
+    from rtask.wire.address import authorization
+
+    address, _ = addresses(server)
+    sent = {**(headers or {}), **authorization(os.environ.get("RTASK_TOKEN"))}
+    try:
+        answer = httpx.get(f"{address}{path}", params=parameters, headers=sent, timeout=timeout_s)
+    except httpx.TransportError as error:
+        raise RemoteUnavailableError(f"{address} does not answer ({error})") from error
+    if not answer.is_success:
+        raise failure_of(answer)
+    return answer.content
 
 
 def reasoner_of(server: str) -> ReasonerClient:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import open_graph, open_to_read
+from rtask.cli.connection import open_graph, open_to_read, read_address
 from rtask.cli.options import (
     agent_option,
     data_option,
@@ -200,35 +199,17 @@ def export(
 
 def _export_from_server(server: str, target: str, form: str | None, graphs: tuple[str, ...]) -> int:
     """Write graphs by the Graph Store HTTP Protocol; return the number of bytes."""
-    import httpx
-
-    from rtask.client.calling.messages import addresses
-    from rtask.client.failures import failure_of
-    from rtask.errors import RemoteUnavailableError
     from rtask.rdf.formats import find_format
-    from rtask.wire.address import authorization
 
     if len(graphs) > 1:
         raise UsageError("a server exports one graph, or all: give --graph at most once")
     rdf = find_format(form or Path(target).suffix.lstrip(".") or "trig").rdf
     if rdf is None:
         raise UsageError(f"{form or target}: this format can only be read; use turtle or trig")
-    address, _ = addresses(server)
-    token = os.environ.get("RTASK_TOKEN")
-    headers = {"Accept": rdf.media_type, **authorization(token)}
-    try:
-        answer = httpx.get(
-            f"{address}/store",
-            params={"graph": graphs[0]} if graphs else None,
-            headers=headers,
-            timeout=600.0,
-        )
-    except httpx.TransportError as error:
-        raise RemoteUnavailableError(f"{address} does not answer ({error})") from error
-    if not answer.is_success:
-        raise failure_of(answer)
+    asked = {"graph": graphs[0]} if graphs else {}
+    content = read_address(server, "/store", asked, {"Accept": rdf.media_type}, timeout_s=600.0)
     if target == "-":
-        sys.stdout.buffer.write(answer.content)
+        sys.stdout.buffer.write(content)
     else:
-        Path(target).write_bytes(answer.content)
-    return len(answer.content)
+        Path(target).write_bytes(content)
+    return len(content)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import threading
+import time
 import weakref
 from typing import TYPE_CHECKING, Any
 
 from rtask.sparql.place_service import PlaceQuestion, PlaceRow
 from rtask.world.asking import answer
 from rtask.world.relations import related
+from rtask.world.scene import Scene, read_scene
+from rtask.world.scene.grasps import DEFAULT_GRASPS
 from rtask.world.state import WorldState
 from rtask.world.whereabouts import Question, Whereis
 
@@ -52,6 +55,38 @@ class World(WorldState):
     def related(self, question: PlaceQuestion) -> list[PlaceRow]:
         """Return the pairs between which a spatial relation holds; see :func:`related`."""
         return related(self, question)
+
+    def scene(
+        self, at: float | None = None, frame: str | None = None, max_grasps: int = DEFAULT_GRASPS
+    ) -> Scene:
+        """Return what is where in one tree of frames, to be drawn or written for other programs.
+
+        Parameters
+        ----------
+        at
+            Unix time, s; default: now.
+        frame
+            Name or IRI of any frame of the tree; default: the tree in which most things are.
+        max_grasps
+            Grasps of a thing, those that held most often first.
+
+        Raises
+        ------
+        UnknownTermError, UsageError
+            There is no such frame, or several have the name.
+        TooLargeError
+            There are more things or frames than one scene may have.
+
+        Examples
+        --------
+        >>> import rtask
+        >>> from rtask.world.scene import glb, usda
+        >>> with rtask.open(":memory:", ontologies=False) as kb:
+        ...     scene = kb.world.scene()
+        >>> scene.nodes, len(glb(scene)) > 0, usda(scene).startswith("#usda 1.0")
+        ((), True, True)
+        """
+        return read_scene(self, time.time() if at is None else at, frame, max_grasps)
 
 
 _worlds: weakref.WeakKeyDictionary[GraphCore, World] = weakref.WeakKeyDictionary()

@@ -33,7 +33,7 @@ PATHS = (
     "/ask?text=which+mugs+are+there", "/terms", "/terms?term=rt:Mug",
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries",
     "/admin/proposals", "/openapi",
-    "/plan", "/plan?goal=every+mug+into+the+box",
+    "/world", "/world?at=2026-01-01T12:30:00Z", "/plan", "/plan?goal=every+mug+into+the+box",
 )  # fmt: skip
 SOME_PATHS = ("/sparql", f"/object?iri={OBJECT}", "/feedback")
 MIN_CONTRAST = 4.5

@@ -149,10 +149,9 @@ def test_a_graph_without_things_answers_from_what_robots_estimated(lab):
 
 
 def test_the_index_follows_commits_and_can_be_rebuilt(lab, monkeypatch):
-    from rtask.world import index
-    from rtask.world.index import PlacementIndex
+    from rtask.world.index import PlacementIndex, sorted
 
-    monkeypatch.setattr(index, "_MAX_TAIL", 3)
+    monkeypatch.setattr(sorted, "_MIN_TAIL", 3)
     cup = lab.see(lab.cup, 0.3, 0.1, 0)
     for k in range(1, 9):
         lab.lose(cup, 100 * k)

@@ -31,7 +31,7 @@ _CALLS = {
     "service benchmark": "b.toml", "service call": "a/b c", "service save": "f.json",
     "service show": "a/b", "tasks cancel": "urn:t --reason x", "teach": "x p.png",
     "token expire": "x 1d", "token revoke": "x", "undo": "1", "update": "INSERT{}WHERE{}",
-    "where": "mug", "why": "urn:t",
+    "where": "mug", "why": "urn:t", "world export": "scene.glb",
 }  # fmt: skip
 """Arguments of a call that is right where there is a graph."""
 _RUNNING = {

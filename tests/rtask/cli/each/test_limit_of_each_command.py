@@ -29,7 +29,7 @@ _WITHOUT = {
         service show, service call, ros2 dds call""",
     "prints a line for each of its own checks": "doctor, ros doctor, ros2 doctor, robot check",
     "prints a line for each object in one picture": "recognise, segment, camera",
-    "writes all statements, as a file of them": "export",
+    "writes all of it, as a file": "export, world export",
     "is bounded by LIMIT in the query": "query",
     "tabulates the trials that its options ask for": """
         demo, simulate tasks, learn benchmark, service benchmark, simulate act-test place,

@@ -67,6 +67,7 @@ _TERMS: dict[tuple[str, str], tuple[tuple[str, ...], str]] = {
     ("token create", "rights"): (_GRAPH, "token create --role reader --right read:{}"),
     ("where", "frame"): (_OTHER, "where kb:object/1 --at 2026-01-01T10:30:00Z --frame {}"),
     ("where", "name"): (_MUG, "where {} --at 2026-01-01T10:30:00Z"),
+    ("world export", "frame"): (_OTHER, "world export scene.glb --frame {}"),
     ("where", "near"): (_PLACE, "where kb:object/1 --at 2026-01-01T10:30:00Z --near {}"),
     ("why", "subject"): (_OTHER, "why {}"),
 }

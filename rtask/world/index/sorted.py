@@ -7,24 +7,27 @@ graph, and follows its commits. Placements since the last sorting lie in a short
 from __future__ import annotations
 
 import itertools
+import math
 import threading
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode
+from rtask.world.index.tail import Entry, Tail
 from rtask.world.placement import TIME, Placement, read_placement, seconds
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
     from rtask.kb.core import GraphCore
 
-__all__ = ["PlacementIndex"]
+__all__ = ["Moments", "PlacementIndex"]
 
-_MAX_TAIL = 1024
+_MIN_TAIL, _TAIL_RATIO = 1024, 256
+"""Placements that lie in the tail until it is sorted in, at least, and as a share of all."""
 _NEVER = float("inf")
 _WATCHED = frozenset({RT.placementOf, RT.placementPose, TIME.hasBeginning, TIME.hasEnd})
 _ALL = """
@@ -40,17 +43,12 @@ WHERE {
 } GROUP BY ?placement ?subject ?begin"""
 
 
-class _Entry(NamedTuple):
-    """A placement in the index; frame -1 stands for no pose."""
+class Moments(NamedTuple):
+    """Unix times, s, of the first placement, and of the changes before and after an instant."""
 
-    subject: int
-    begin: float
-    node: str
-    end: float
-    frame: int
-    x: float
-    y: float
-    z: float
+    first_s: float
+    before_s: float | None
+    after_s: float | None
 
 
 class PlacementIndex:
@@ -84,21 +82,21 @@ class PlacementIndex:
         last = self._last(subject, time_s)
         return None if last is None else last.node
 
-    def _last(self, subject: str, time_s: float) -> _Entry | None:
+    def _last(self, subject: str, time_s: float) -> Entry | None:
         with self._lock:
             self._catch_up()
             number = self._numbers.get(subject)
             if number is None:
                 return None
-            best: _Entry | None = None
+            best: Entry | None = None
             low, high = self._range(number)
             k = low + int(np.searchsorted(self._begins[low:high], time_s, side="right")) - 1
             while k >= low and k in self._gone:
                 k -= 1
             if k >= low:
                 best = self._entry(k)
-            for entry in self._tail.values():
-                if entry.subject == number and entry.begin <= time_s:
+            for entry in self._tail.of_subject(number):
+                if entry.begin <= time_s:
                     best = entry if best is None else max(best, entry)
             return best
 
@@ -112,7 +110,7 @@ class PlacementIndex:
             first = low + int(np.searchsorted(self._begins[low:high], last.begin, side="left"))
             rows = (self._entry(k) for k in range(first, high) if k not in self._gone)
             begun = itertools.takewhile(lambda entry: entry.begin == last.begin, rows)
-            for entry in (*begun, *self._tail.values()):
+            for entry in (*begun, *self._tail.of_subject(last.subject)):
                 is_same = (entry.subject, entry.begin) == (last.subject, last.begin)
                 if is_same and entry.node != last.node and time_s < entry.end:
                     return entry.node
@@ -131,8 +129,8 @@ class PlacementIndex:
             )
             begins = [float(self._begins[k]) for k in range(first, end) if k not in self._gone]
             begins += [
-                entry.begin for entry in self._tail.values()
-                if entry.subject == number and since_s < entry.begin <= until_s
+                entry.begin for entry in self._tail.of_subject(number)
+                if since_s < entry.begin <= until_s
             ]  # fmt: skip
             return sorted(begins)
 
@@ -145,7 +143,7 @@ class PlacementIndex:
                 return []
             low, high = self._range(number)
             entries = [self._entry(k) for k in range(low, high) if k not in self._gone]
-            entries += [entry for entry in self._tail.values() if entry.subject == number]
+            entries += self._tail.of_subject(number)
             return [entry.node for entry in sorted(entries)]
 
     def open(self, subject: str) -> list[str]:
@@ -159,8 +157,7 @@ class PlacementIndex:
             rows = low + np.flatnonzero(np.isinf(self._ends[low:high]))
             entries = [self._entry(int(k)) for k in rows if int(k) not in self._gone]
             entries += [
-                entry for entry in self._tail.values()
-                if entry.subject == number and np.isinf(entry.end)
+                entry for entry in self._tail.of_subject(number) if math.isinf(entry.end)
             ]  # fmt: skip
             return [entry.node for entry in sorted(entries)]
 
@@ -172,6 +169,27 @@ class PlacementIndex:
             numbers = {int(self._subjects[k]) for k in rows if int(k) not in self._gone}
             numbers |= {e.subject for e in self._tail.values() if e.begin <= time_s < e.end}
             return {name for name, number in self._numbers.items() if number in numbers}
+
+    def moments(self, time_s: float) -> Moments | None:
+        """Return when the first thing came somewhere, and when anything changed about a time.
+
+        None if nothing has a place.
+        """
+        with self._lock:
+            self._catch_up()
+            kept = np.ones(len(self._nodes), bool)
+            kept[list(self._gone)] = False
+            tail = [moment for e in self._tail.values() for moment in (e.begin, e.end)]
+            times = np.concatenate([self._begins[kept], self._ends[kept], np.array(tail)])
+            times = times[np.isfinite(times)]
+            if not len(times):
+                return None
+            before, after = times[times < time_s], times[times > time_s]
+            return Moments(
+                float(times.min()),
+                float(before.max()) if len(before) else None,
+                float(after.min()) if len(after) else None,
+            )
 
     def subjects(self) -> list[str]:
         """Return the things and frames that have placements."""
@@ -200,19 +218,20 @@ class PlacementIndex:
                 rows = rows[(self._frames[rows] == frame) & (self._subjects[rows] != subject)]
                 near = np.linalg.norm(self._positions[rows] - here, axis=1) <= radius_m
                 events += sum(int(k) not in self._gone for k in rows[near])
-            for entry in self._tail.values():
-                if entry.frame == frame and entry.subject != subject:
-                    distance = float(np.linalg.norm(np.array([entry.x, entry.y, entry.z]) - here))
-                    moments = (entry.begin, entry.end) if distance <= radius_m else ()
-                    events += sum(since_s < moment <= until_s for moment in moments)
+            spot = here.tolist()
+            for entry in self._tail.in_frame(frame):
+                moments = (since_s < entry.begin <= until_s) + (since_s < entry.end <= until_s)
+                is_other = moments and entry.subject != subject
+                if is_other and math.dist((entry.x, entry.y, entry.z), spot) <= radius_m:
+                    events += moments
             return events
 
     def _range(self, number: int) -> tuple[int, int]:
         low, high = np.searchsorted(self._subjects, [number, number + 1])
         return int(low), int(high)
 
-    def _entry(self, k: int) -> _Entry:
-        return _Entry(
+    def _entry(self, k: int) -> Entry:
+        return Entry(
             int(self._subjects[k]), float(self._begins[k]), self._nodes[k], float(self._ends[k]),
             int(self._frames[k]), *(float(number) for number in self._positions[k]),
         )  # fmt: skip
@@ -237,14 +256,14 @@ class PlacementIndex:
         touched, self._touched = self._touched, set()
         for node in touched:
             self._renew(node)
-        if len(self._tail) > _MAX_TAIL or len(self._gone) > _MAX_TAIL:
-            self._sort(self._entries())
+        if len(self._tail) > max(_MIN_TAIL, len(self._nodes) // _TAIL_RATIO):
+            self._sort(self._tail.values())
 
     def _renew(self, node: str) -> None:
         k = self._row_of.pop(node, None)
         if k is not None:
             self._gone.add(k)
-        self._tail.pop(node, None)
+        self._tail.remove(node)
         placement = read_placement(self._kb, node)
         if placement is None:
             return
@@ -254,7 +273,7 @@ class PlacementIndex:
             frame = self._number(placement.frame)
             position = (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]))
         subject = self._number(placement.subject)
-        self._tail[node] = _Entry(subject, placement.begin, node, end, frame, *position)
+        self._tail.add(Entry(subject, placement.begin, node, end, frame, *position))
 
     def _fill(self) -> None:
         self._clear()
@@ -262,7 +281,7 @@ class PlacementIndex:
         for row in self._kb.select(PREFIXES + _ALL):
             has_pose = row["frame"] is not None
             entries.append(
-                _Entry(
+                Entry(
                     self._number(str(row.value("subject"))),
                     seconds(row.value("begin")),
                     str(row.value("placement")),
@@ -273,31 +292,56 @@ class PlacementIndex:
             )
         self._sort(entries)
 
-    def _entries(self) -> Iterator[_Entry]:
-        for k in range(len(self._nodes)):
-            if k not in self._gone:
-                yield self._entry(k)
-        yield from self._tail.values()
-
     def _clear(self) -> None:
         self._numbers: dict[str, int] = {}
+        self._nodes: list[str] = []
+        self._subjects: NDArray[np.int32] = np.empty(0, np.int32)
+        self._begins: NDArray[np.float64] = np.empty(0, np.float64)
+        self._ends: NDArray[np.float64] = np.empty(0, np.float64)
+        self._frames: NDArray[np.int32] = np.empty(0, np.int32)
+        self._positions: NDArray[np.float32] = np.empty((0, 3), np.float32)
+        self._gone: set[int] = set()
         self._sort(())
 
-    def _sort(self, entries: Iterable[_Entry]) -> None:
-        ordered = sorted(entries)
-        self._nodes: list[str] = [entry.node for entry in ordered]
+    def _sort(self, entries: Sequence[Entry]) -> None:
+        """Sort placements in, and leave out the rows that are gone."""
+        kept = np.ones(len(self._nodes), bool)
+        kept[list(self._gone)] = False
+        nodes = [*itertools.compress(self._nodes, kept), *(entry.node for entry in entries)]
+        subjects = _joined(self._subjects, kept, [entry.subject for entry in entries])
+        begins = _joined(self._begins, kept, [entry.begin for entry in entries])
+        ends = _joined(self._ends, kept, [entry.end for entry in entries])
+        frames = _joined(self._frames, kept, [entry.frame for entry in entries])
+        positions = _joined(self._positions, kept, [(e.x, e.y, e.z) for e in entries])
+        order = _order(subjects, begins, nodes)
+        self._subjects, self._begins, self._ends = subjects[order], begins[order], ends[order]
+        self._frames, self._positions = frames[order], positions[order]
+        self._nodes = [nodes[k] for k in order.tolist()]
         self._row_of: dict[str, int] = {node: k for k, node in enumerate(self._nodes)}
-        self._subjects: NDArray[np.int32] = np.array([e.subject for e in ordered], np.int32)
-        self._begins: NDArray[np.float64] = np.array([e.begin for e in ordered], np.float64)
-        self._ends: NDArray[np.float64] = np.array([e.end for e in ordered], np.float64)
-        self._frames: NDArray[np.int32] = np.array([e.frame for e in ordered], np.int32)
-        self._positions: NDArray[np.float32] = np.array(
-            [(e.x, e.y, e.z) for e in ordered], np.float32
-        ).reshape(-1, 3)
         self._by_begin: NDArray[np.intp] = np.argsort(self._begins, kind="stable")
         self._by_end: NDArray[np.intp] = np.argsort(self._ends, kind="stable")
-        self._tail: dict[str, _Entry] = {}
-        self._gone: set[int] = set()
+        self._tail = Tail()
+        self._gone = set()
 
     def _number(self, name: str) -> int:
         return self._numbers.setdefault(name, len(self._numbers))
+
+
+def _joined(old: NDArray[Any], kept: NDArray[np.bool_], new: Sequence[object]) -> NDArray[Any]:
+    """Return the rows of a column that are kept, and new ones."""
+    return np.concatenate([old[kept], np.array(new, old.dtype).reshape(-1, *old.shape[1:])])
+
+
+def _order(
+    subjects: NDArray[np.int32], begins: NDArray[np.float64], nodes: Sequence[str]
+) -> NDArray[np.intp]:
+    """Return the order by subject, then begin, then node."""
+    order = np.lexsort((begins, subjects))
+    subjects, begins = subjects[order], begins[order]
+    is_tied = (subjects[1:] == subjects[:-1]) & (begins[1:] == begins[:-1])
+    first = 0
+    for last in (*(np.flatnonzero(~is_tied) + 1).tolist(), len(order)) if is_tied.any() else ():
+        if last - first > 1:
+            order[first:last] = sorted(order[first:last].tolist(), key=nodes.__getitem__)
+        first = last
+    return order

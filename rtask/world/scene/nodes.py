@@ -1,0 +1,120 @@
+"""A scene as a tree of nodes, before it is written in any format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["AXIS_M", "Fact", "Kind", "Scene", "SceneNode", "Unplaced", "box_corners", "grasp_lines"]
+
+Kind: TypeAlias = Literal["frame", "robot", "thing", "grasp"]
+Fact: TypeAlias = str | float
+
+AXIS_M = 0.1
+"""Length of the axes that are drawn for a frame, m."""
+_FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SceneNode:
+    """A frame, robot, thing or grasp.
+
+    Parameters
+    ----------
+    iri, label
+        What it is in the graph, and its name for people.
+    parent
+        Number of the node above it in the scene; None for the root.
+    parent_from_node : (4, 4) float64, m
+    size_m
+        Extents of a thing's box along x, y and z; None if not all are known. The origin is the
+        centre of its footprint, at the height of its support.
+    opening_m
+        Of the jaws of a grasp.
+    facts
+        What else is known, by the names under which formats store it.
+    """
+
+    kind: Kind
+    iri: str
+    label: str
+    parent: int | None
+    parent_from_node: NDArray[np.float64]
+    size_m: tuple[float, float, float] | None = None
+    opening_m: float = _DEFAULT_OPENING_M
+    facts: dict[str, Fact] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Unplaced:
+    """A thing or frame that is not in the scene, and why, in words."""
+
+    iri: str
+    label: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is where in one tree of frames at an instant.
+
+    Parameters
+    ----------
+    time_s
+        Unix time.
+    nodes
+        Each one after its parent; the first is the root of the tree. Empty if the graph has no
+        frames.
+    other_roots
+        IRIs of the roots of the other trees, and how many things are in each. They cannot be
+        drawn in the same space, for nobody knows how they stand to this one.
+    unplaced
+        Things that have a place without a pose, and frames that contradict each other.
+    """
+
+    time_s: float
+    nodes: tuple[SceneNode, ...]
+    other_roots: tuple[tuple[str, int], ...] = ()
+    unplaced: tuple[Unplaced, ...] = ()
+
+    @property
+    def root(self) -> str:
+        """IRI of the frame in which the scene is, or ""."""
+        return self.nodes[0].iri if self.nodes else ""
+
+    def root_from_nodes(self) -> list[NDArray[np.float64]]:
+        """Return the pose (4, 4), m, of each node in the root."""
+        poses: list[NDArray[np.float64]] = []
+        for node in self.nodes:
+            above = np.eye(4) if node.parent is None else poses[node.parent]
+            poses.append(above @ node.parent_from_node)
+        return poses
+
+
+def grasp_lines(opening_m: float) -> NDArray[np.float64]:
+    """Return the lines (4, 2, 3), m, that draw a gripper in the frame of its grasp.
+
+    Two fingers along z that close along x, the palm between them, and a stem.
+    """
+    half = opening_m / 2
+    return np.array([
+        [(half, 0, -_FINGER_M), (half, 0, 0)],
+        [(-half, 0, -_FINGER_M), (-half, 0, 0)],
+        [(half, 0, -_FINGER_M), (-half, 0, -_FINGER_M)],
+        [(0, 0, -_FINGER_M), (0, 0, -_FINGER_M - _STEM_M)],
+    ])  # fmt: skip
+
+
+def box_corners(size_m: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Return the corners (8, 3), m, of a thing's box in its frame, x changing slowest.
+
+    >>> box_corners((0.2, 0.1, 0.3))[[0, 7]].tolist()
+    [[-0.1, -0.05, 0.0], [0.1, 0.05, 0.3]]
+    """
+    x, y, z = size_m
+    return np.array(
+        [(a * x / 2, b * y / 2, c * z) for a in (-1, 1) for b in (-1, 1) for c in (0, 1)]
+    )
