@@ -20,6 +20,7 @@ from rtask.kb.commit.trials import derivation
 from rtask.kb.commit.trials.derivation import CAN_FORK
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
+from tests.clocks import PassedBySleeping
 
 PREFIXES = (
     "PREFIX rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> "
@@ -93,17 +94,17 @@ def test_a_derivation_is_ended_when_the_server_stops_and_small_commits_are_store
 def test_the_guard_ends_what_takes_too_long_or_too_much_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, memory = [0.0], [100]
-    monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
+    clock, memory = PassedBySleeping(), [100]
+    monkeypatch.setattr(budget, "time", clock)
     monkeypatch.setattr(budget, "resident_bytes", lambda: memory[0])
     guard = Guard(ReasoningLimits(seconds=2.0, memory_bytes=1_000), threading.Event())
     guard()
-    clock[0], memory[0] = 1.0, 1_000
+    clock.now_s, memory[0] = 1.0, 1_000
     guard()
-    clock[0], memory[0] = 1.5, 1_200
+    clock.now_s, memory[0] = 1.5, 1_200
     with pytest.raises(BusyError, match="MiB"):
         guard()
-    clock[0], memory[0] = 2.5, 100
+    clock.now_s, memory[0] = 2.5, 100
     with pytest.raises(BusyError, match="not derived within 2 s"):
         guard()
 
