@@ -45,6 +45,12 @@ def test_the_bootstrap_of_a_mean_has_the_width_of_its_standard_error() -> None:
     assert high == pytest.approx(values.mean() + half, abs=0.15 * half)
 
 
+def test_the_interval_is_of_percentiles_so_that_no_end_lies_outside_what_was_drawn() -> None:
+    values = np.random.default_rng(4).exponential(1.0, 40)
+    low, high = bootstrap(lambda i: float(values[i].max()), 40)
+    assert low < high == values.max()
+
+
 def test_the_bootstrap_draws_all_indices_anew_as_often_as_asked_and_by_its_seed() -> None:
     seen: list[np.ndarray] = []
 
